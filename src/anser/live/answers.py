@@ -1,11 +1,10 @@
 """Answers of the page: a plan, or the reasons for its refusal, as plain data with the positions where they bind."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from anser.config.errors import Problem, ScenarioError
 from anser.live.controls import new_tables, sliders
@@ -15,14 +14,16 @@ from anser.missions.plans import plan
 from anser.missions.refusal import Refusal
 from anser.numerics.arrays import first_rows
 from anser.planning.holds.hold_paths import PlannedHolds
-from anser.planning.limits import LIMITS
+from anser.planning.limits import LIMITS, Limit
 from anser.report.flight_margins import Margin
 from anser.report.labels import printed_unit
+from anser.results.documents import finite_or_none
+from anser.results.plan_record import ClosestApproach, PlanSamples, limit_columns
 from anser.scenario.schema import Scenario
 
 _SAMPLES_MAX = 160  # samples of a track on the page
 _HOLD_SAMPLES = 60
-_TRACK_VARIABLES = ("north_m", "east_m", "altitude_m", "airspeed_m_s", "bank_deg")
+_COORDINATES = {"north_m": "north", "east_m": "east", "altitude_m": "altitude"}
 
 Position = dict[str, float]
 Answer = dict[str, Any]
@@ -94,94 +95,110 @@ def _record_values(
     scenario: Scenario, record: RecordedPlan, holds: PlannedHolds | None, is_proven: bool
 ) -> dict[str, Any]:
     """Return the entries of an answer that follow from the record of a plan."""
-    dataset, summary = record.dataset, record.summary
-    last_s = summary["arrival"]["last_s"]
+    samples = record.samples
+    arrivals_s = samples.arrival_times_s
+    last_s = finite_or_none(np.max(arrivals_s))
+    columns = list(limit_columns(samples, record.details))
+    names = [aircraft.name for aircraft in scenario.aircraft]
+    nearest = np.argmin(np.where(np.isfinite(samples.keep_out_margin_m), samples.keep_out_margin_m, np.inf), axis=0)
     return {
-        "first_s": summary["arrival"]["first_s"],
+        "first_s": finite_or_none(np.min(arrivals_s)),
         "last_s": last_s,
         "aircraft": [
-            _aircraft_entry(dataset, entry, k, is_proven) | {"hold": _hold_track(holds, k)}
-            for k, entry in enumerate(summary["aircraft"])
+            _aircraft_entry(scenario, record, k, is_proven)
+            | {"limits": list(_limit_entries(columns, k)), "hold": _hold_track(holds, k)}
+            for k in range(len(names))
         ],
-        "separation": _separation_entry(dataset, summary),
+        "separation": _separation_entry(scenario, samples),
         "keep_outs": [
-            {"name": entry["name"], "aircraft": entry["aircraft"], "clearance_m": entry["room_m"]}
-            for entry in summary["keep_outs"]
+            {
+                "name": keep_out.name,
+                "aircraft": names[nearest[j]],
+                "clearance_m": finite_or_none(samples.keep_out_margin_m[nearest[j], j]),
+            }
+            for j, keep_out in enumerate(scenario.keep_out)
         ],
         "goals": _goal_tracks(scenario, last_s if last_s is not None else scenario.timing.duration_s),
     }
 
 
-def _aircraft_entry(dataset: xr.Dataset, entry: Mapping[str, Any], k: int, is_proven: bool) -> dict[str, Any]:
-    rows = np.flatnonzero(np.isfinite(dataset["north_m"].values[:, k]))
+def _aircraft_entry(scenario: Scenario, record: RecordedPlan, k: int, is_proven: bool) -> Answer:
+    samples, details, aircraft = record.samples, record.details, scenario.aircraft[k]
+    rows = np.flatnonzero(np.isfinite(samples.history["north"][:, k]))
     rows = rows[np.unique(np.linspace(0, rows.size - 1, min(rows.size, _SAMPLES_MAX)).round().astype(int))]
-    track = {name: _rounded(dataset[name].values[rows, k]) for name in _TRACK_VARIABLES}
-    track["time_s"] = _rounded(dataset["time"].values[rows])
+    track = {name: _rounded(samples.history[key][rows, k]) for name, key in _COORDINATES.items()}
+    lengths_m = samples.extremes.length if details.lengths_m is None else details.lengths_m
     return {
-        "name": entry["name"],
-        "goal": entry["goal"],
-        "arrival_s": entry["arrival_s"],
-        "path": entry["path"],
-        "length_m": entry["length_m"],
-        "speed_mean_m_s": entry["speed_mean_m_s"],
+        "name": aircraft.name,
+        "goal": aircraft.goal,
+        "arrival_s": finite_or_none(samples.arrival_times_s[k]),
+        "path": details.paths[k],
+        "length_m": finite_or_none(lengths_m[k]),
+        "speed_mean_m_s": finite_or_none(samples.extremes.speed_mean[k]),
         "proven": is_proven,
-        "track": track,
-        "rendezvous": {name: track[name][-1] for name in _TRACK_VARIABLES[:3]},
-        "limits": [_limit_entry(limit) for limit in entry["limits"]],
+        "track": track
+        | {
+            "time_s": _rounded(samples.time_s[rows]),
+            "bank_deg": _rounded(np.degrees(samples.history["bank"][rows, k])),
+        },
+        "rendezvous": {name: coordinates[-1] for name, coordinates in track.items()},
     }
 
 
-_LIMITS_BY_NAME = {limit.name: limit for limit in LIMITS}
+def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: int) -> Iterable[Answer]:
+    """Yield the limits of aircraft number `k`, each with the planned extreme and the proven bound, if there is one."""
+    for limit, values in columns:
+        limit_value, planned = values["limit_"][k], values[""][k]
+        if not np.isfinite(limit_value):
+            continue
+        bound = values.get("bound_", values[""])[k]
+        is_met = bool(bound >= limit_value if limit.is_lower_bound else bound <= limit_value)
+        margin = Margin(
+            limit.description,
+            "limit",
+            limit.suffix,
+            limit_value,
+            finite_or_none(bound),
+            not limit.is_lower_bound,
+            is_met,
+        )
+        yield {
+            "label": limit.description,
+            "unit": printed_unit(limit.unit),
+            "limit": float(limit_value),
+            "planned": finite_or_none(planned),
+            "bound": margin.value,
+            "utilization": finite_or_none(margin.utilization),
+        }
 
 
-def _limit_entry(entry: Mapping[str, Any]) -> dict[str, Any]:
-    limit = _LIMITS_BY_NAME[entry["name"]]
-    value = entry.get("bound", entry["planned"])
-    margin = Margin(
-        limit.description,
-        "limit",
-        limit.suffix,
-        entry["limit"],
-        value,
-        not limit.is_lower_bound,
-        entry["margin"] >= 0.0,
-    )
-    utilization = margin.utilization
-    return {
-        "name": entry["name"],
-        "key": f"limits.{limit.scenario_key}",
-        "label": limit.description,
-        "unit": printed_unit(limit.unit),
-        "limit": entry["limit"],
-        "planned": entry["planned"],
-        "bound": value,
-        "margin": entry["margin"],
-        "utilization": None if utilization is None or not np.isfinite(utilization) else utilization,
-    }
-
-
-def _separation_entry(dataset: xr.Dataset, summary: Mapping[str, Any]) -> dict[str, Any] | None:
+def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None:
     """Return the closest pair by required separation, else by distance; None for a single aircraft."""
-    entry = summary["separation"] or summary["least_distance"]
-    if entry["pair"] is None or entry["time_s"] is None:
+    required_m = None if scenario.separation.required_m is None else scenario.separation.required_m[0]
+    closest = _closest_approach(samples)
+    least_m, time_s = closest.minimum_m, closest.minimum_time_s
+    if not np.isfinite(least_m):
         return None
-    required_m = entry.get("horizontal_asked_m")
     return {
         "required_m": required_m,
-        "least_m": entry["value_m"],
-        "time_s": entry["time_s"],
-        "pair": entry["pair"],
-        "positions": [_position_at(dataset, name, entry["time_s"]) for name in entry["pair"]],
-        "utilization": required_m / entry["value_m"] if required_m and entry["value_m"] else None,
+        "least_m": least_m,
+        "time_s": time_s,
+        "pair": [scenario.aircraft[k].name for k in closest.minimum_pair],
+        "positions": [_position_at(samples, k, time_s) for k in closest.minimum_pair],
+        "utilization": required_m / least_m if required_m and least_m else None,
     }
 
 
-def _position_at(dataset: xr.Dataset, name: str, time_s: float) -> Position:
-    """Return the position of an aircraft at a time, linear between the samples."""
-    k = dataset["aircraft"].values.tolist().index(name)
+def _closest_approach(samples: PlanSamples) -> ClosestApproach:
+    """Return the closest approach by required separation, else by distance."""
+    return samples.closest_by_distance if samples.closest_by_separation is None else samples.closest_by_separation
+
+
+def _position_at(samples: PlanSamples, k: int, time_s: float) -> Position:
+    """Return the position of aircraft number `k` at a time, linear between the samples."""
     return {
-        key: round(float(np.interp(time_s, dataset["time"].values, dataset[key].values[:, k])), 3)
-        for key in _TRACK_VARIABLES[:3]
+        name: round(float(np.interp(time_s, samples.time_s, samples.history[key][:, k])), 3)
+        for name, key in _COORDINATES.items()
     }
 
 
@@ -232,23 +249,23 @@ def _binding_positions(
     Two aircraft: both at their closest approach. One aircraft: where its path demands most of the binding limit,
     otherwise its rendezvous.
     """
-    dataset = record.dataset
+    samples = record.samples
+    indices = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}
     if len(names) == 2:
-        pair = record.summary["separation"] or record.summary["least_distance"]
-        time_s = pair["time_s"] if pair["pair"] is not None and set(pair["pair"]) == set(names) else None
+        closest, pair = _closest_approach(samples), {indices[name] for name in names}
+        time_s = closest.minimum_time_s if set(closest.minimum_pair) == pair else None
         for name in names:
-            arrival_s = float(dataset["arrival_time_s"].sel(aircraft=name))
-            yield _position_at(dataset, name, arrival_s if time_s is None else time_s)
+            k = indices[name]
+            yield _position_at(samples, k, float(samples.arrival_times_s[k]) if time_s is None else time_s)
         return
     for name in names:
-        k = dataset["aircraft"].values.tolist().index(name)
+        k = indices[name]
         limit = next((limit for limit in LIMITS if f"limits.{limit.scenario_key}" in keys), None)
-        row = int(np.flatnonzero(np.isfinite(dataset["north_m"].values[:, k]))[-1])
+        row = int(np.flatnonzero(np.isfinite(samples.history["north"][:, k]))[-1])
         if limit is not None:
-            variable = f"{limit.variable}_{limit.suffix}" if limit.suffix else limit.variable
-            extremes = limit.extreme(dataset[variable].values[None, :, k], 0)
+            extremes = limit.extreme(samples.history[limit.variable][None, :, k], 0)
             row = int(np.nanargmax(-extremes if limit.is_lower_bound else extremes))
-        yield {key: round(float(dataset[key].values[row, k]), 3) for key in _TRACK_VARIABLES[:3]}
+        yield {axis: round(float(samples.history[key][row, k]), 3) for axis, key in _COORDINATES.items()}
 
 
 def _rounded(values: np.ndarray) -> list[float]:

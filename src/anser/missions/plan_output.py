@@ -1,5 +1,6 @@
 """Output of a plan: dataset, summary, figure and table."""
 
+import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, Path
 from anser.planning.published.coordination import PLAN_MESSAGES
 from anser.report.plan_figures import draw_plan
 from anser.results.plan_outputs import plan_summary, write_trajectories
-from anser.results.plan_record import PlanDetails, plan_dataset
+from anser.results.plan_record import PlanDetails, PlanSamples, plan_dataset
 from anser.results.summary import write_summary
 from anser.scenario.build_aircraft import push_over_limit, resolve_fleet
 from anser.scenario.schema import Scenario
@@ -31,10 +32,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordedPlan:
-    """Samples of a plan over time, with its summary."""
+    """Samples of a plan over time, with the planner's report on it."""
 
-    dataset: xr.Dataset  # dataset from `anser.results.plan_record`
-    summary: dict[str, Any]  # content of `plan.json`
+    samples: PlanSamples
+    details: PlanDetails
+
+    @functools.cached_property
+    def dataset(self) -> xr.Dataset:
+        """Samples and details as a dataset from `anser.results.plan_record`."""
+        return plan_dataset(self.samples, self.details)
+
+    @functools.cached_property
+    def summary(self) -> dict[str, Any]:
+        """Content of `plan.json`."""
+        return plan_summary(self.dataset)
 
     def write_into(self, folder: Path) -> None:
         """Write `plan.json`, `trajectories.csv`, `plan.svg` and `plan.png` into an existing folder.
@@ -157,8 +168,7 @@ def _record(
     samples = sample_plan(
         paths, 0.0, arrivals, gravity, goals, times, scenario.separation.required_m, scenario.keep_out, limits
     )
-    dataset = plan_dataset(samples, details)
-    return RecordedPlan(dataset, plan_summary(dataset))
+    return RecordedPlan(samples, details)
 
 
 def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:

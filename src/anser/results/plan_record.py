@@ -1,13 +1,13 @@
 """Record of a plan: samples of the paths, extremes, closest approaches and the planner's report, as a dataset."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from anser.planning.limits import LIMITS
+from anser.planning.limits import LIMITS, Limit
 from anser.results.documents import version_attributes
 from anser.results.variable_labels import catalogue_attributes, record_coordinates, to_dataset_units, unit_attributes
 from anser.scenario.schema import Scenario
@@ -176,14 +176,9 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
     ):
         if values is not None:
             data[name] = ("aircraft", values, unit_attributes(unit, long_name))
-    planned = {**extremes.values, "level_off_min": np.nan if details.level_off_m is None else details.level_off_m}
-    for limit in LIMITS:
-        columns = {"": planned[limit.key], "limit_": details.limits.get(limit.key, np.nan)}
-        if details.bounds is not None and limit.key in details.bounds:
-            columns["bound_"] = details.bounds[limit.key]
-        labels_by_prefix = {"": "planned", "limit_": "limit", "bound_": "proven bound"}
-        for prefix, values in columns.items():
-            column = np.broadcast_to(np.asarray(values, dtype=float) * limit.factor, len(fleet)).copy()
+    labels_by_prefix = {"": "planned", "limit_": "limit", "bound_": "proven bound"}
+    for limit, columns in limit_columns(samples, details):
+        for prefix, column in columns.items():
             labels = unit_attributes(limit.unit, f"{limit.description.capitalize()}, {labels_by_prefix[prefix]}")
             data[f"{prefix}{limit.name}"] = ("aircraft", column, labels)
     for name, values, long_name in (
@@ -196,6 +191,29 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
         ),
     ):
         data[name] = ("aircraft", np.array(values, dtype=np.str_), {"long_name": long_name})
+
+
+def limit_columns(samples: PlanSamples, details: PlanDetails) -> Iterator[tuple[Limit, dict[str, np.ndarray]]]:
+    """Yield each limit with its columns over (aircraft,), in the units of datasets, by prefix of their names.
+
+    The columns are the planned extreme (""), the limit ("limit_") and, if there is one, the proven bound ("bound_").
+    """
+    planned = {
+        **samples.extremes.values,
+        "level_off_min": np.nan if details.level_off_m is None else details.level_off_m,
+    }
+    for limit in LIMITS:
+        columns = {"": planned[limit.key], "limit_": details.limits.get(limit.key, np.nan)}
+        if details.bounds is not None and limit.key in details.bounds:
+            columns["bound_"] = details.bounds[limit.key]
+        count = len(details.scenario.aircraft)
+        yield (
+            limit,
+            {
+                prefix: np.broadcast_to(np.asarray(values, dtype=float) * limit.factor, count).copy()
+                for prefix, values in columns.items()
+            },
+        )
 
 
 def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
