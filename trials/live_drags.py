@@ -27,7 +27,8 @@ from support.chromium import Chromium  # noqa: E402  # pyright: ignore[reportMis
 
 ARRIVAL_TOLERANCE_S = 1e-9
 GROWTH_MAX = 0.1
-_LIMIT_S = 300.0
+_IDLE_LIMIT_S = 120.0  # without an answer while the server does not compute
+_LIMIT_S = 3600.0  # without an answer at all
 _MEMORY_PERIOD = 25  # drags between two readings of the memory
 _DRIVER_WORDS = "GL Driver Message"  # of the graphics driver, about the speed of screenshots: no fault of the page
 _KEEP_OUT = """
@@ -45,7 +46,7 @@ _WAYPOINTS = """waypoints = [
   { time_s = 200.0, north_m = 3000.0, east_m = 2300.0, altitude_m = 0.0 },
 ]
 """
-_HANDLES = """(() => {
+HANDLES = """(() => {
   const found = [];
   for (const one of document.querySelectorAll("#map [data-key], #profile [data-key]")) {
     const b = one.getBoundingClientRect(), x = b.x + b.width / 2, y = b.y + b.height / 2;
@@ -64,9 +65,9 @@ def scenario_text() -> str:
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Run `anser live` for the scenario in a folder; yields the process and the address of the page."""
-    (folder / "base.toml").write_text(scenario_text(), encoding="utf-8")
+def served(folder: Path, text: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run `anser live` for the text of a scenario in a folder; yields the process and the address of the page."""
+    (folder / "base.toml").write_text(text, encoding="utf-8")
     command = [sys.executable, "-c", "from anser.cli import main; main()", "live", str(folder / "base.toml")]
     process = subprocess.Popen([*command, "--no-open"], stdout=subprocess.PIPE, text=True)
     try:
@@ -79,23 +80,34 @@ def served(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
             process.stdout.close()
 
 
-def wait_for(browser: Chromium, condition: str) -> None:
-    """Wait until an expression in the page is true."""
-    end = time.monotonic() + _LIMIT_S
+def cpu_s(process: subprocess.Popen[str]) -> float:
+    """CPU time that a process has used, s."""
+    fields = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def wait_for(browser: Chromium, condition: str, server: subprocess.Popen[str]) -> None:
+    """Wait until an expression in the page is true, as long as the server computes."""
+    begin = busy = time.monotonic()
+    used_s = cpu_s(server)
     while not browser.run(f"Boolean({condition})"):
-        if time.monotonic() > end:
+        now = time.monotonic()
+        if cpu_s(server) > used_s + 1.0:
+            busy, used_s = now, cpu_s(server)
+        if now > min(busy + _IDLE_LIMIT_S, begin + _LIMIT_S):
             raise TimeoutError(f"{condition}; {browser.run('live.status.textContent')}; {browser.faults}")
         time.sleep(0.02)
 
 
-def answered(browser: Chromium) -> None:
+def answered(browser: Chromium, server: subprocess.Popen[str]) -> None:
     """Wait until the newest scenario has its answer."""
-    wait_for(browser, "live.requests.answered === live.requests.number && !live.requests.due && !live.requests.flying")
+    newest = "live.requests.answered === live.requests.number && !live.requests.due && !live.requests.flying"
+    wait_for(browser, newest, server)
 
 
 def drag(browser: Chromium, draw: random.Random, reach_px: float) -> str:
     """Drag a random handle in three steps; returns its key."""
-    key, x, y, is_upright = draw.choice(browser.run(_HANDLES))
+    key, x, y, is_upright = draw.choice(browser.run(HANDLES))
     dx, dy = (draw.uniform(-reach_px, reach_px) for _ in range(2))
     dx, dy = (0.0, 0.5 * dy) if is_upright else (dx, dy)
     browser.mouse("mousePressed", x, y, button="left", clickCount=1)
@@ -170,19 +182,19 @@ def drag_often(folder: Path, drags: int, seed: int, reset: int, reach_px: float)
     comparing = subprocess.Popen(command, cwd=_ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert comparing.stdin is not None
     with (
-        served(folder) as (server, url),
+        served(folder, scenario_text()) as (server, url),
         Chromium(folder / "browser", 1280, 900, software=True) as browser,
     ):
         browser._ask("Page.navigate", url=url)
-        wait_for(browser, "location.protocol === 'http:' && window.live?.answer?.status === 'planned'")
+        wait_for(browser, "location.protocol === 'http:' && window.live?.answer?.status === 'planned'", server)
         browser.run("window.base = JSON.stringify(live.scenario.table)")
         for k in range(drags):
             if k % reset == 0:
                 browser.run("live.opened(JSON.parse(base), 'base.toml')")
-                answered(browser)
+                answered(browser, server)
             before = browser.run("JSON.stringify(live.scenario.table)")
             drag(browser, draw, reach_px)
-            answered(browser)
+            answered(browser, server)
             counts["unmoved"] += browser.run("JSON.stringify(live.scenario.table)") == before
             answer = save_answer(browser, f"drag-{k:05d}.toml")
             counts[answer["status"]] += 1

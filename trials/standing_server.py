@@ -12,7 +12,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from trials.live_drags import Chromium, answered, served, wait_for  # pyright: ignore[reportAttributeAccessIssue]
+from trials.live_drags import (
+    Chromium,  # pyright: ignore[reportAttributeAccessIssue]
+    answered,
+    scenario_text,
+    served,
+    wait_for,
+)
 
 
 def stand_still(folder: Path, seconds: float) -> tuple[list[str], float]:
@@ -22,12 +28,15 @@ def stand_still(folder: Path, seconds: float) -> tuple[list[str], float]:
     def check(is_right: bool, fault: str) -> None:
         faults.extend([] if is_right else [fault])
 
-    with served(folder) as (server, url), Chromium(folder / "browser", 1280, 900, software=True) as browser:
+    with (
+        served(folder, scenario_text()) as (server, url),
+        Chromium(folder / "browser", 1280, 900, software=True) as browser,
+    ):
         browser._ask("Page.navigate", url=url)
-        wait_for(browser, "location.protocol === 'http:' && window.live?.answer?.status === 'planned'")
-        answered(browser)
+        wait_for(browser, "location.protocol === 'http:' && window.live?.answer?.status === 'planned'", server)
+        answered(browser, server)
         browser.run("live.flights.start()")
-        wait_for(browser, "live.flights.number && live.flights.incoming.time_s.length")
+        wait_for(browser, "live.flights.number && live.flights.incoming.time_s.length", server)
         server.send_signal(signal.SIGSTOP)
         try:
             began = time.monotonic()
@@ -36,7 +45,7 @@ def stand_still(folder: Path, seconds: float) -> tuple[list[str], float]:
             for moved_m in (40, 900):
                 browser.run(f"live.scenario.set('goal[0].north_m', {north_m + moved_m}, {{ merge: '{moved_m}' }})")
             browser.run("live.scenario.undo()")
-            wait_for(browser, "!live.connection.open")
+            wait_for(browser, "!live.connection.open", server)
             check(
                 "Connection lost" in browser.run("live.status.textContent"),
                 "the page does not tell the lost connection",
@@ -45,9 +54,9 @@ def stand_still(folder: Path, seconds: float) -> tuple[list[str], float]:
         finally:
             server.send_signal(signal.SIGCONT)
         began = time.monotonic()
-        wait_for(browser, "live.connection.open")
-        answered(browser)
-        wait_for(browser, "live.flights.known.length === 1")
+        wait_for(browser, "live.connection.open", server)
+        answered(browser, server)
+        wait_for(browser, "live.flights.known.length === 1", server)
         duration_s = time.monotonic() - began
         check(browser.run("live.scenario.get('goal[0].north_m')") == north_m + 40, "the document was lost")
         check(browser.run("[live.scenario.done.length, live.scenario.undone.length]") == [1, 1], "the history was lost")
