@@ -28,6 +28,9 @@ if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = asking["XLA_FLAGS"] if known else lowest
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # JAX reads it when it is imported
+# NumPy's linear algebra otherwise occupies every core for each small product: twice the CPU time in tests of
+# identification, beside a worker on the other core. Workers inherit it before they import NumPy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings
