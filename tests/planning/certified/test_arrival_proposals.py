@@ -193,3 +193,25 @@ def test_the_outcome_has_the_last_failed_attempt_before_the_plan(monkeypatch, st
     assert outcome.plan.arrival_times[0] / NEAR_ENOUGH <= earlier.arrival_times[0] < outcome.plan.arrival_times[0]
     at_once = search(0.0, fleet.tasks, fleet.airspace, ArrivalRequest("at", LATEST_S, times_s=np.full(SIZE, 80.0)))
     assert at_once.earlier_attempt is None
+
+
+def test_extra_candidates_are_not_tried_for_want_of_a_hold(monkeypatch):
+    """Paths are proven at every time; holds exist from 75 s on."""
+    first_s, candidate_sets = 75.0, []
+
+    def plan_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
+        candidate_sets.append(candidate_set)
+        return SimpleNamespace(arrival_times=np.asarray(times), feasible=np.ones(SIZE, dtype=bool))
+
+    monkeypatch.setattr(search_module, "plan_at", plan_at)
+    fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
+    outcome = search(
+        0.0,
+        fleet.tasks,
+        fleet.airspace,
+        fleet.request,
+        failed_after_arrival=lambda plan: plan.arrival_times < first_s,
+    )
+    assert first_s <= outcome.plan.arrival_times[0] <= first_s * NEAR_ENOUGH
+    assert set(candidate_sets) == {MINIMAL, STANDARD}
+    assert len(candidate_sets) > 3

@@ -348,13 +348,17 @@ def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidat
         return jax.tree.map(lambda leaf: np.zeros((leaf.shape[0], count, *leaf.shape[2:]), leaf.dtype), tree)
 
     common: Any = resize(_common_fields(base), routed + splines)
-    knots = base.tracks.positions_n.shape[2] - 1 + PIECES + KINKS
-    rows, dtype = (base.cost.shape[0], splines, knots), base.cost.dtype
+    rows, dtype = (base.cost.shape[0], splines, knot_count(base)), base.cost.dtype
     arrays: Any = np.zeros(rows, dtype), np.zeros((*rows, 3, 3), dtype), np.zeros((*rows, 3, 3), dtype)
     routes: Any = (resize(base.routes, routed), resize(base.profiles, profiles)) if routed else (None, None)
     fields: list[Any] = [*common, *routes, TimedPath(*arrays) if splines else None]
     absent = Candidates(*fields)
     return eqx.tree_at(lambda c: c.cost, absent, np.full(absent.cost.shape, ABSENT))
+
+
+def knot_count(candidates: Candidates) -> int:
+    """Number of knots of the paths of a fleet's candidates."""
+    return candidates.tracks.positions_n.shape[2] - 1 + PIECES + KINKS
 
 
 def _common_fields(candidates: Candidates) -> tuple[Any, ...]:

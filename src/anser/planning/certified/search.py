@@ -389,6 +389,7 @@ class _Attempt(NamedTuple):
     candidate_set: CandidateSet
     failed: FailedAircraft  # without a valid path or without a hold at these times
     plan: CertifiedPlan  # the paths of the attempt, proven or not
+    fails_after_arrival: bool  # whether the paths are proven, and aircraft fail for want of a hold alone
 
 
 @dataclass
@@ -435,15 +436,22 @@ class _Search:
 
     def failed_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> FailedAircraft | None:
         """Mask of the aircraft that failed with these times and candidates; None if not attempted."""
+        past = self.attempt_at(times, candidate_set)
+        return None if past is None else past.failed
+
+    def attempt_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> _Attempt | None:
+        """Return the attempt with these times and candidates, or None."""
         for past in self.tried:
             if past.candidate_set is candidate_set and np.allclose(times, past.times, rtol=_TIME_TOLERANCE, atol=0.0):
-                return past.failed
+                return past
         return None
 
     def attempt(self, times: ArrivalTimes, candidate_set: CandidateSet) -> CertifiedPlan | None:
         """Plan the fleet for arrival times and candidates, unless tried before; None without a new plan.
 
-        Extra candidates are generated for the aircraft that fail with the standard candidates.
+        Extra candidates are generated for the aircraft that fail with the standard candidates. If every path of the
+        standard candidates is proven and only holds are missing, the attempt fails without extra candidates: each
+        aircraft takes its cheapest candidate, whatever its hold, and extra candidates are seldom the cheapest.
         """
         if self.failed_at(times, candidate_set) is not None:
             return None
@@ -453,22 +461,27 @@ class _Search:
                 plan = self.attempt(times, STANDARD)
                 if plan is not None:
                     return plan
-            extra_for = self.failed_at(times, STANDARD)
-        plan, failed = self._make_plan(times, candidate_set, extra_for)
+            standard = self.attempt_at(times, STANDARD)
+            assert standard is not None
+            if standard.fails_after_arrival:
+                self.tried.append(standard._replace(times=times, candidate_set=candidate_set))
+                return None
+            extra_for = standard.failed
+        attempt = self._make_plan(times, candidate_set, extra_for)
         for _ in range(_EXTENSIONS):
             # A new path of one aircraft may obstruct other aircraft, which then need extra candidates too.
-            if extra_for is None or not (failed & ~extra_for).any():
+            if extra_for is None or attempt.fails_after_arrival or not (attempt.failed & ~extra_for).any():
                 break
-            extra_for = extra_for | failed
-            plan, failed = self._make_plan(times, candidate_set, extra_for)
-        if np.sum(failed) < min((np.sum(past.failed) for past in self.tried), default=np.inf):
-            self.best_attempt = plan
-        self.tried.append(_Attempt(times, candidate_set, failed, plan))
-        return None if failed.any() else plan
+            extra_for = extra_for | attempt.failed
+            attempt = self._make_plan(times, candidate_set, extra_for)
+        if np.sum(attempt.failed) < min((np.sum(past.failed) for past in self.tried), default=np.inf):
+            self.best_attempt = attempt.plan
+        self.tried.append(attempt)
+        return None if attempt.failed.any() else attempt.plan
 
     def _make_plan(
         self, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
-    ) -> tuple[CertifiedPlan, FailedAircraft]:
+    ) -> _Attempt:
         """Make a plan, and find the aircraft that fail before or after their arrivals."""
         fleet = self.fleet
         plan = plan_at(
@@ -482,11 +495,13 @@ class _Search:
             *(() if self.fixed_paths is None else (self.fixed_paths,)),
         )
         failed = fleet.active & ~np.asarray(plan.feasible)
+        fails_after_arrival = False
         if not failed.any():
             failed = fleet.active & self.failed_after_arrival(plan)
-            if failed.any():
+            fails_after_arrival = bool(failed.any())
+            if fails_after_arrival:
                 self.plan_without_holds = plan
-        return plan, failed
+        return _Attempt(times, candidate_set, failed, plan, fails_after_arrival)
 
 
 def search(
