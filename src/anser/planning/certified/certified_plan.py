@@ -46,6 +46,8 @@ from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
+SMALL_FLEET = 12
+"""Largest fleet, in aircraft, for which every kind of candidate is tried."""
 _CHUNK_SIZE = 4  # candidates compared with the whole fleet in one step, the cheapest first
 _ROUNDS = 6
 _INVALID_COST = 1e6
@@ -381,7 +383,7 @@ def plan_at(
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
     candidates = _generate(*arguments, intervals, STANDARD)
-    extra = {kind: absent_candidates(candidates, kind) for kind in EXTRA_SETS}
+    extra = _absent_extra(candidates, extra_set)
     if extra_set is not None:
         selected = as_array(tasks.active if extra_for is None else extra_for, bool)
         # The programs compile at the same time; after one kind without success, the search tries the other.
@@ -398,8 +400,14 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
     arguments = times[0], tasks, airspace, times[1]
     candidates = _generate.prepare(*arguments, intervals, STANDARD)
     yield candidates
-    extra = {kind: absent_candidates(candidates.shapes, kind) for kind in EXTRA_SETS}
+    extra = _absent_extra(candidates.shapes, STANDARD.extra)
     yield _choose.prepare(*arguments, *_choice_arguments(candidates.shapes, intervals, STANDARD, extra, None))
+
+
+def _absent_extra(candidates: Candidates, extra_set: CandidateSet | None) -> dict[CandidateSet, Candidates]:
+    """Absent extra candidates of each kind; for a large fleet, which seldom needs any, only if a kind is requested."""
+    needed = extra_set is not None or candidates.cost.shape[0] <= SMALL_FLEET
+    return {kind: absent_candidates(candidates, kind) for kind in EXTRA_SETS if needed}
 
 
 def _choice_arguments(

@@ -27,7 +27,13 @@ from anser.planning.certified.arrival_times import (
     sample_interval,
     straight_times,
 )
-from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, choose_interval_count, plan_at
+from anser.planning.certified.certified_plan import (
+    SMALL_FLEET,
+    CertifiedPlan,
+    FixedPaths,
+    choose_interval_count,
+    plan_at,
+)
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLINES, WITH_TURN_LEG_PATHS, CandidateSet
 
@@ -43,7 +49,6 @@ _DIRECT_TIME_FACTOR = 1.0002
 _WINDOW_SPEED_FACTOR = 1.005
 _LIST_FRACTIONS = (0.0, 0.1, 0.25, 0.5, 0.8)  # positions in the list of open times for further candidates
 _GRID_S = 0.25  # spacing of the arrival times tested for the necessary conditions
-_SMALL_FLEET = 12  # largest fleet, in aircraft, for which every kind of candidate is tried
 _WINDOW_FRACTIONS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _WINDOW_ROTATIONS = 8
 _DIRECT_INTERVALS = 64
@@ -80,7 +85,7 @@ class FleetTask:
     @property
     def is_small(self) -> bool:
         """Whether the fleet is small enough to try every kind of candidate."""
-        return self.indices.size <= _SMALL_FLEET
+        return self.indices.size <= SMALL_FLEET
 
     @property
     def levels(self) -> tuple[CandidateSet, ...]:
