@@ -64,7 +64,7 @@ def document():
 
 def test_the_page_lists_passed_and_failed_checks(document, tmp_path):
     text = write_verification_page(document, tmp_path).read_text()
-    assert "**Not all checks pass**; 4 s of computing, compilation included, with anser 1.2.3." in text
+    assert "**Not all checks pass**; computed with anser 1.2.3." in text
     assert "| [Check \\| timed](#check--timed) | 6 of 6 | 0.2 | passed | [X] tab. 1 |" in text
     assert "| [Check \\| listed](#check--listed) | none |  | flown, not judged |" in text
     assert "| [Check \\| wrong](#check--wrong) | 0 of 2 | inf | **failed** |" in text

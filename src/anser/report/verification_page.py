@@ -105,7 +105,7 @@ def write_verification_page(document: Mapping[str, Any], folder: Path) -> Path:
 def _provenance(document: Mapping[str, Any]) -> str:
     software = ", ".join(f"{name} {version}" for name, version in document["provenance"].items())
     verdict = _VERDICTS[document["passed"]]
-    return f"{verdict}; {document['seconds']:.0f} s of computing, compilation included, with {software}.\n"
+    return f"{verdict}; computed with {software}.\n"
 
 
 def _summary(checks: Sequence[Mapping[str, Any]]) -> str:
