@@ -1,5 +1,7 @@
 """Holds of a fleet: a smooth start, separation from holds and approaches, and bounds."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -263,6 +265,23 @@ def test_the_reference_moves_with_the_goal_and_is_invalid_after_a_change_of_velo
     changed_velocity = holds.goal_velocities_n[0] + jnp.array([1.01 * GOAL_VELOCITY_TOLERANCE * SPEED, 0.0, 0.0])
     assert not bool(hold_reference(single, time, predicted_n, changed_velocity, SPEED)[1])
     assert not bool(hold_reference(single, END + 1.0, predicted_n, holds.goal_velocities_n[0], SPEED)[1])
+
+
+@pytest.mark.parametrize("wind", [SteadyWind(jnp.array([3.0, 0.0, 0.0])), WIND], ids=["steady", "layers"])
+def test_a_hold_computed_by_one_kernel_a_cell_is_the_same(wind):
+    task = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
+    circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, airspace(500.0, 150.0), SETTINGS))
+    begin = array_of([0.0, 0.0, -300.0]), array_of([150.0, 0.0, -5.0]), array_of(10.0)
+    goal = jnp.zeros(3), array_of([5.0, 2.0, 0.0])
+
+    @functools.partial(jax.jit, static_argnames="one_kernel")
+    def knots(end, one_kernel):
+        path = hold_path(task, begin, goal, circle, wind, end, SETTINGS, GRAVITY, 16, one_kernel=one_kernel)
+        return path.air_n + path.drift_n
+
+    together, apart = (np.asarray(knots(60.0, one_kernel)) for one_kernel in (True, False))
+    assert np.ptp(apart[:, 0, 0]) > 1000.0
+    np.testing.assert_allclose(together, apart, rtol=1e-11, atol=1e-8)
 
 
 def test_derivatives_are_finite():

@@ -44,7 +44,7 @@ def _assign_holds(
 ) -> PlannedHolds:
     """Assign holds; holds in use (`former`) move with their goals."""
     moved = None if former is None else move_with_goals(former, tasks, time)
-    return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved)
+    return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved, one_kernel=True)
 
 
 class CertifiedPlanState(eqx.Module):

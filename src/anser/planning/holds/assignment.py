@@ -127,6 +127,8 @@ def assign_holds(
     # previous holds, and the mask of the holds that stay; None: those of aircraft that have arrived at `start_time`
     former: PlannedHolds | None = None,
     stays: Bool[Array, " aircraft"] | None = None,
+    *,
+    one_kernel: bool = False,  # see `hold_path`
 ) -> PlannedHolds:
     """Choose a hold for each aircraft that is clear of the fleet until the end of the flight.
 
@@ -151,7 +153,9 @@ def assign_holds(
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
         goal_position_n = task.goal_position_n + (arrival - start_time) * task.goal_velocity_n
         goal = goal_position_n, task.goal_velocity_n
-        held_path = hold_path(task, begin, goal, circle, airspace.wind, end, settings, gravity, cells)
+        held_path = hold_path(
+            task, begin, goal, circle, airspace.wind, end, settings, gravity, cells, one_kernel=one_kernel
+        )
         if former is not None:
             previous = jax.tree.map(lambda leaf: leaf[index], (former.paths, former.circles))
             held_path, circle = jax.tree.map(lambda a, b: jnp.where(stays[index], a, b), previous, (held_path, circle))

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from anser.compiling.single_kernel import as_single_kernel
 from anser.control.feedback import wrap_angle
 from anser.control.guidance import GuidanceSettings, hold
 from anser.environment.environment import AbstractWind
@@ -169,6 +170,8 @@ def hold_path(
     settings: GuidanceSettings,  # guidance settings; radius and turn direction are taken from the circle
     gravity: ScalarLike,
     cells: int,  # number of cells of the path
+    *,
+    one_kernel: bool = False,  # whether a cell may become a single kernel, which must not be batched
 ) -> TimedPath:
     """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance."""
     position_n, velocity_n, begin = arrival
@@ -238,7 +241,8 @@ def hold_path(
         drift = jnp.stack([state.drift_n, wind_n, wind_dot_n])
         return jax.lax.fori_loop(0, _SUBSTEPS, substep, state), (knot, drift)
 
-    _, (knots, drifts) = jax.lax.scan(cell, start, jnp.arange(cells + 1))
+    compute_cell = as_single_kernel(cell) if one_kernel else cell
+    _, (knots, drifts) = jax.lax.scan(compute_cell, start, jnp.arange(cells + 1))
     return TimedPath(begin + span * jnp.arange(cells + 1), knots, drifts)
 
 
