@@ -122,8 +122,8 @@ class AdaptationState(eqx.Module):
         deviations of their increments, (6, p).
     increments, covariance
         Estimates of each coefficient's increments, shapes (6, p) and (6, p, p).
-    response, regressors, mean
-        Low-pass filtered missing coefficients (6,) and regressors (2, p), and the regressors' slow mean values.
+    response, regressors, mean_response, mean
+        Low-pass filtered missing coefficients (6,) and regressors (2, p), and the slow mean values of both.
     reference
         Regressors at the start of the flight, from which the deviations count, shape (2, p).
     mean_error, disturbance
@@ -145,6 +145,7 @@ class AdaptationState(eqx.Module):
     covariance: Float[Array, "6 p p"]
     response: Float[Array, "6"]
     regressors: Float[Array, "2 p"]
+    mean_response: Float[Array, "6"]
     mean: Float[Array, "2 p"]
     reference: Float[Array, "2 p"]
     mean_error: Float[Array, "6"]
@@ -201,6 +202,7 @@ class AdaptiveEstimator(AbstractEstimator):
             covariance=_prior_covariance(prior_deviation),
             response=jnp.zeros(6),
             regressors=deviation,
+            mean_response=jnp.zeros(6),
             mean=deviation,
             reference=reference_regressors(data.alpha, state.surfaces),
             mean_error=jnp.zeros(6),
@@ -242,13 +244,17 @@ class AdaptiveEstimator(AbstractEstimator):
         fade = -jnp.expm1(-self.settings.bandwidth * step)
         filtered_response = state.response + fade * (response - state.response)
         filtered = state.regressors + fade * (middle - state.regressors)
-        mean = state.mean + step / self.settings.mean_time * (filtered - state.mean)
+        fade_mean = step / self.settings.mean_time
+        mean = state.mean + fade_mean * (filtered - state.mean)
+        mean_response = state.mean_response + fade_mean * (filtered_response - state.mean_response)
         phi, moving = by_coefficient(filtered), by_coefficient(filtered - mean)
         error = filtered_response - jnp.sum(state.increments * phi, axis=1)
         excitation = jnp.sum((state.prior_deviation * moving) ** 2, axis=1)
         mean_error, disturbance = self._disturbance(state, error, excitation, step)
         noise = jnp.asarray(_NOISE_FLOOR**2) + disturbance
-        increments, covariance = self._update(state, phi, moving, error, mean_error, excitation, noise, step)
+        increments, covariance = self._update(
+            state, phi, moving, error, filtered_response - mean_response, excitation, noise, step
+        )
         effects = fault_effects(belief, lengths, state.derivatives)
         faults = self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step)
         # what was learnt while the fault began is void: the next manoeuvre starts from the prior's uncertainty
@@ -261,6 +267,7 @@ class AdaptiveEstimator(AbstractEstimator):
             covariance=covariance,
             response=filtered_response,
             regressors=filtered,
+            mean_response=mean_response,
             mean=mean,
             reference=state.reference,
             mean_error=mean_error,
@@ -311,15 +318,15 @@ class AdaptiveEstimator(AbstractEstimator):
         state: AdaptationState,
         phi: Increments,  # regressors of each coefficient, and their deviations from the slow mean values
         moving: Increments,
-        error: Float[Array, "6"],  # prediction errors, and their slow mean values
-        mean_error: Float[Array, "6"],
+        error: Float[Array, "6"],  # prediction errors
+        moving_response: Float[Array, "6"],  # missing coefficients' deviations from their slow mean values
         excitation: Float[Array, "6"],
         noise: Float[Array, "6"],  # variances
         step: ScalarLike,
     ) -> tuple[Increments, Float[Array, "6 p p"]]:
         learns = excitation > self.settings.excitation_min * noise
         if self.method == "gradient":
-            increments, covariance = _gradient_step(state, error - mean_error, moving, noise), state.covariance
+            increments, covariance = _gradient_step(state, moving_response, moving, noise), state.covariance
         else:
             # the filter correlates the samples of a time of 2 / bandwidth: each counts as a part of one
             weight = 0.5 * self.settings.bandwidth * step / noise
@@ -335,7 +342,9 @@ class AdaptiveEstimator(AbstractEstimator):
     def _variables(self, state: AdaptationState) -> dict[str, Array]:
         """Return the recorded estimates: derivatives and effectiveness with standard deviations, and the fault."""
         total = state.derivatives + state.increments
-        sigma = jnp.sqrt(jnp.maximum(jnp.diagonal(state.covariance, axis1=1, axis2=2), 0.0))
+        # slices: a gather of the diagonal would cost as much as the update of the covariance
+        variance = jnp.stack([state.covariance[:, k, k] for k in range(state.covariance.shape[1])], axis=1)
+        sigma = jnp.sqrt(jnp.maximum(variance, 0.0))
         values = {"effectiveness_uncertainty": _effectiveness_uncertainty(total, sigma)}
         for name, element in _DERIVATIVES.items():
             values[f"{name}_estimate"], values[f"{name}_sigma"] = total[element], sigma[element]
@@ -367,12 +376,13 @@ def _missing_coefficients(
 
 
 def _gradient_step(
-    state: AdaptationState, error: Float[Array, "6"], moving: Increments, noise: Float[Array, "6"]
+    state: AdaptationState, response: Float[Array, "6"], moving: Increments, noise: Float[Array, "6"]
 ) -> Increments:
     """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016).
 
-    `error` and `moving` are deviations from slow mean values, so that a constant error does not count.
+    `response` and `moving` are deviations from slow mean values through one filter: a constant error does not count.
     """
+    error = response - jnp.sum(state.increments * moving, axis=1)
     # in units of the prior deviations, so that one step suits all surfaces
     is_surface = np.arange(moving.shape[1]) >= STATE_REGRESSORS
     scaled = jnp.where(is_surface[None, :], state.prior_deviation * moving, 0.0)
