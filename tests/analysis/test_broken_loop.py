@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser.aircraft.changes import AirframeChange, changed_airframe
 from anser.aircraft_files import load_airframe
 from anser.analysis.loop_margins import (
     NEUTRAL_POLE_TOLERANCE,
@@ -17,6 +18,7 @@ from anser.analysis.loop_margins import (
     loop_response,
     loop_state_fields,
 )
+from anser.analysis.trim_points import gains_for
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
 from anser.simulation.response import LoopCase
@@ -158,12 +160,8 @@ def test_the_simultaneous_disk_margin_is_below_each_actuator_margin(margins):
     assert 0.5 * float(single.disk[:3].min()) < float(simultaneous) <= float(single.disk[:3].min())
 
 
-def test_the_nonlinear_loop_diverges_beyond_the_margins(level, margins):
-    """Command of a surface scaled by 0.9 and 1.1 of the gain margin, or delayed by the samples around the delay margin.
-
-    Divergence is at 10 Hz and more: second differences of the command separate divergence from slow settling.
-    """
-    margin = margins[0]
+def flights_at_the_margins(margin):
+    """Factors and delays of each surface's command just inside and outside its margins, and which diverge."""
     factors, delays, unstable = [], [], []
     for surface in range(3):
         for share in (0.9, 1.1):
@@ -175,12 +173,56 @@ def test_the_nonlinear_loop_diverges_beyond_the_margins(level, margins):
             factors.append(np.ones(3))
             delays.append(np.where(np.arange(3) == surface, delay_samples, 0))
             unstable.append(delay_samples > whole_samples)
-    commands = excited_flight(
-        F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, jnp.asarray(np.array(factors)), jnp.asarray(np.array(delays)), 400
-    )
+    return jnp.asarray(np.array(factors)), jnp.asarray(np.array(delays)), np.array(unstable)
+
+
+def growth_of(commands):
+    """Divergence is at 10 Hz and more: second differences of the command separate it from slow settling."""
     shaking = np.abs(np.diff(np.asarray(commands), 2, axis=1)).max(axis=2)
-    growth = shaking[:, -20:].max(axis=1) / shaking[:, :20].max(axis=1)
+    return shaking[:, -20:].max(axis=1) / shaking[:, :20].max(axis=1)
+
+
+def test_the_nonlinear_loop_diverges_beyond_the_margins(level, margins):
+    """Command of a surface scaled by 0.9 and 1.1 of the gain margin, or delayed by the samples around the delay margin."""
+    factors, delays, unstable = flights_at_the_margins(margins[0])
+    commands = excited_flight(F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, factors, delays, 400)
+    growth = growth_of(commands)
     assert np.isfinite(growth).all()
     np.testing.assert_array_equal(growth > 1.0, unstable)
-    assert growth[np.array(unstable)].min() > 2.0
-    assert growth[~np.array(unstable)].max() < 0.1
+    assert growth[unstable].min() > 2.0
+    assert growth[~unstable].max() < 0.1
+
+
+def test_the_margins_of_an_onboard_model_that_errs_hold_in_the_nonlinear_loop():
+    """Half an elevator and 10 % of lift less, of which the model knows half: the residual holds the steady flight."""
+    gains = gains_for("incremental")
+    effects = {"drag": 1.0, "thrust": 1.0, "mass": 1.0, "actuator_bandwidth": 1.0, "cg_shift": 0.02, "lift_slope": 0.9}
+    changes = [
+        AirframeChange(
+            jnp.asarray([elevator, 1.0, 1.0]), second_moments=jnp.ones(3), **jax.tree.map(jnp.asarray, values)
+        )
+        for elevator, values in ((0.5, effects), (0.75, {**effects, "cg_shift": 0.01, "lift_slope": 0.95}))
+    ]
+    aircraft, onboard = (changed_airframe(F16, change) for change in changes)
+    point = trim(aircraft, ENVIRONMENT, target_deg(150.0, 1000.0))
+    case = LoopCase(aircraft, ENVIRONMENT, gains, LIMITS, point, STEP, onboard)
+    loop = eqx.filter_jit(excited_loop)(case, loop_state_fields(gains, aircraft))
+    assert abs(largest_pole(np.asarray(loop.A))) <= 1 + NEUTRAL_POLE_TOLERANCE
+    assert not np.asarray(loop.limited).any()
+    margin = eqx.filter_jit(loop_margins)(eqx.filter_jit(loop_response)(loop, STEP, frequencies(STEP)))[0]
+    factors, delays, unstable = flights_at_the_margins(margin)
+    commands = excited_flight(aircraft, ENVIRONMENT, gains, LIMITS, point, STEP, factors, delays, 400, onboard)
+    np.testing.assert_array_equal(growth_of(commands) > 1.0, unstable)
+    # at the trim nothing moves: the kick of 1e-9 rad/s stays small where the loop is stable
+    assert np.abs(np.asarray(commands)[~unstable]).max() < 1e-7
+
+
+def test_an_onboard_model_without_errors_changes_nothing(level):
+    gains = gains_for("incremental")
+    fields = loop_state_fields(gains, F16)
+    alone, modelled = (
+        eqx.filter_jit(excited_loop)(LoopCase(F16, ENVIRONMENT, gains, LIMITS, level, STEP, model), fields)
+        for model in (None, F16)
+    )
+    np.testing.assert_allclose(modelled.A, alone.A, atol=1e-9)
+    np.testing.assert_allclose(modelled.B, alone.B, atol=1e-9)

@@ -37,7 +37,14 @@ from anser.control.onboard_model import onboard_model
 from anser.environment.environment import Environment
 from anser.parts.paths import LoopExcitation, PathCommand
 from anser.shapes import Scalar, ScalarLike
-from anser.simulation.response import LoopCase, believed_motion, exact_belief, trimmed_autopilot_state
+from anser.simulation.response import (
+    LoopCase,
+    believed_motion,
+    exact_belief,
+    modelled_belief,
+    settled_residual,
+    trimmed_autopilot_state,
+)
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
 
@@ -98,6 +105,8 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     count = len(breakpoints(airframe))
     start, path = trimmed_autopilot_state(trim), believed_motion(exact_belief(airframe, environment, trim.state))
     command = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
+    if case.model is not None:
+        start = eqx.tree_at(lambda s: s.residual, start, settled_residual(modelled_belief(case, trim.state)))
 
     def elements(autopilot_state: AutopilotState) -> list[Array]:
         return [leaf for field in fields for leaf in jax.tree.leaves(getattr(autopilot_state, field))]
@@ -107,7 +116,7 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
         autopilot_state = eqx.tree_at(elements, start, split_like(zw[aircraft_size:-5], elements(start)))
         excitation = LoopExcitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
         excited_command = dataclasses.replace(command, excitation=excitation)
-        belief = exact_belief(airframe, environment, state)
+        belief = modelled_belief(case, state)
         model = onboard_model(belief, case.limits, case.gains, autopilot_state, case.step)
         controls, signals, next_state = velocity_control(model, case.gains, autopilot_state, excited_command)
         passed = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
@@ -208,16 +217,16 @@ def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, Lo
 
 @compiled
 def analyse_rows(
-    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits, Scalar],
+    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits, Scalar, AbstractAirframe | None],
     rows: tuple[TrimPoint, AutopilotGains | None],
     fields: StateFields,
 ) -> tuple[LoopAnalysis, LoopResponse]:
     """Analyse the loops at each of several trim points; gains of a row, if any, replace the common gains."""
-    airframe, environment, common_gains, limits, step = fixed
+    airframe, environment, common_gains, limits, step, model = fixed
 
     def analyse_row(trim: TrimPoint, row_gains: AutopilotGains | None) -> tuple[LoopAnalysis, LoopResponse]:
         gains = common_gains if row_gains is None else row_gains
-        return analyse_loops(LoopCase(airframe, environment, gains, limits, trim, step), fields)
+        return analyse_loops(LoopCase(airframe, environment, gains, limits, trim, step, model), fields)
 
     return jax.vmap(analyse_row)(*rows)
 

@@ -206,6 +206,7 @@ def margins_at(
     inversion: Inversion = "model",
     step_s: float = 0.01,
     gains: AutopilotGains | None = None,
+    model: AbstractAirframe | None = None,
 ) -> xr.Dataset:
     """Compute the margins of the autopilot in level flight, in the standard atmosphere and still air.
 
@@ -228,6 +229,9 @@ def margins_at(
         Sampling period of the autopilot.
     gains
         Gains of the autopilot; None: the published gains of the F-16, or gains derived from the aircraft.
+    model
+        Onboard model of an autopilot by incremental inversion, whose residual holds the steady flight of another
+        aircraft; None: the aircraft itself.
 
     Returns
     -------
@@ -235,6 +239,8 @@ def margins_at(
         Margins over (breakpoint): infinite without a boundary of stability. Gain and phase of the loop transfer
         function over (breakpoint, frequency).
     """
+    if model is not None and inversion == "model":
+        raise ValueError('inversion: arrived "model" with an onboard model; expected "incremental"')
     survey = Survey(aircraft, variant)
     airframe, environment = survey.airframe, survey.environment
     speed_m_s, altitude_m = flight_point(environment, altitude_m, speed_m_s, speed_cas_m_s, speed_eas_m_s, mach)
@@ -244,7 +250,9 @@ def margins_at(
         raise ConditionError(nearest_trims(airframe, environment, target).message())
     # a batch of the survey's size: one compiled program for both
     limits = survey_limits(airframe, speed_m_s)
-    analysis, response = _analyse_rows(survey, "breaking the loops", limits, points.trim, step_s, inversion, gains)
+    analysis, response = _analyse_rows(
+        survey, "breaking the loops", limits, points.trim, step_s, inversion, gains, model
+    )
     variables = _margin_variables(analysis, step_s, np.array([True]))
     data = {name: (dimensions, values[0], labels) for name, (values, labels, dimensions) in variables.items()}
     omega = ("frequency", response.omega[0], unit_attributes("rad s-1", "Frequency"))
@@ -328,11 +336,12 @@ def _analyse_rows(
     step_s: float,
     inversion: Inversion,
     gains: AutopilotGains | None,
+    model: AbstractAirframe | None = None,
 ) -> tuple[LoopAnalysis, LoopResponse]:
     airframe, environment = survey.airframe, survey.environment
     common_gains, row_gains = survey_gains(airframe, environment, trims, step_s, inversion, gains)
     fields = loop_state_fields(common_gains if row_gains is None else row_gains, airframe)
-    fixed = (airframe, environment, common_gains, limits, jnp.asarray(step_s))
+    fixed = (airframe, environment, common_gains, limits, jnp.asarray(step_s), model)
     return survey.evaluate(description, analyse_rows, fixed, (trims, row_gains), fields, batch_size=_BATCH)
 
 

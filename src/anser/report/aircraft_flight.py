@@ -145,7 +145,7 @@ def write_aircraft_report(
             ],
         }
         for values in dataset.data_vars.values()
-        if values.dtype.kind == "f" and np.all(np.isfinite(values.values))
+        if values.dims == ("time",) and values.dtype.kind == "f" and np.all(np.isfinite(values.values))
     ]
     keys = ("controls", "controller", "command", "excitation", "change", "air", "step_s", "end")
     conditions = {key: dataset.attrs[key] for key in keys if key in dataset.attrs}

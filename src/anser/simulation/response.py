@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState
-from anser.aircraft.motion import flight_condition
-from anser.control.autopilot_state import AutopilotState, initial_autopilot_state
+from anser.aircraft.motion import angular_acceleration, flight_condition, modelled_condition
+from anser.control.autopilot_state import AutopilotState, ModelResidual, initial_autopilot_state
 from anser.control.gains import AutopilotGains
 from anser.control.inversion_autopilot import InversionAutopilot, Loop, LoopCommand
 from anser.control.limits import FlightLimits
@@ -37,6 +37,7 @@ class LoopCase(eqx.Module):
     limits: FlightLimits
     trim: TrimPoint  # steady flight at the start
     step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))  # sampling period, s
+    model: AbstractAirframe | None = None  # onboard model of the autopilot; None: the airframe itself
 
 
 class ConstantCommand(AbstractGuidance):
@@ -125,6 +126,23 @@ def exact_belief(airframe: AbstractAirframe, environment: Environment, state: Ai
     condition = flight_condition(airframe, environment, 0.0, state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
     return Belief(airframe, state, condition, specific_force_b, sight=None, goal=None)
+
+
+def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
+    """Return the belief with the true state and specific force, and the forces of the onboard model."""
+    belief = exact_belief(case.airframe, case.environment, state)
+    if case.model is None:
+        return belief
+    condition = modelled_condition(case.model, belief.condition, belief.condition.air_data, state)
+    return Belief(case.model, state, condition, belief.specific_force_b, sight=None, goal=None)
+
+
+def settled_residual(belief: Belief) -> ModelResidual:
+    """Return the residual of an onboard model after a long time in a flight with constant body rates."""
+    mass_properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
+    force_b = mass_properties.mass * belief.specific_force_b - condition.wrench.force_b
+    acceleration_b = angular_acceleration(mass_properties, rates_b, condition.wrench.moment_b)
+    return ModelResidual(force_b, -acceleration_b, rates_b, acceleration_b)
 
 
 def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:

@@ -38,7 +38,7 @@ from anser.results.dataset import air_variables, qnh_attributes
 from anser.results.documents import version_attributes
 from anser.results.faults import dataset_fault, format_fault
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
-from anser.sensing.adaptation import adaptive_estimator
+from anser.sensing.adaptation import AdaptiveEstimator, adaptive_estimator
 from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Scalar
@@ -49,12 +49,13 @@ from anser.simulation.open_loop import (
     PrescribedCommand,
     PrescribedControls,
 )
-from anser.simulation.recorders import History
+from anser.simulation.recorders import AbstractRecorder, History
 from anser.simulation.vehicle import Vehicle
 from anser.single_aircraft.air import Air, read_air
 from anser.single_aircraft.changes import read_changes
 from anser.single_aircraft.controls import check_function, describe_inputs, sample_inputs, sample_times
 from anser.single_aircraft.excitation import read_excitation
+from anser.single_aircraft.frozen_adaptation import AdaptationHistory, frozen_margins, increment_variables
 from anser.single_aircraft.starts import air_path, reference_inputs, resolve_start
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
@@ -109,6 +110,13 @@ class AircraftFlight:
         from anser.report.aircraft_flight import aircraft_flight_figure
 
         return aircraft_flight_figure(self.dataset)
+
+    def margins(self, time_s: float | None = None) -> xr.Dataset:
+        """Compute the stability margins with the estimates of an adaptive autopilot frozen as at a time, s.
+
+        None: the end of the flight. See `anser.single_aircraft.frozen_adaptation.frozen_margins`.
+        """
+        return frozen_margins(self.dataset, time_s)
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write `flight.nc`, `flight.png` and `report.html` into a new folder.
@@ -260,7 +268,7 @@ def simulate(
         point,
         as_array(step_s),
         flight_randomness(seed),
-        History(stride=stride),
+        AdaptationHistory(stride) if isinstance(estimator, AdaptiveEstimator) else History(stride=stride),
         count,
         changes,
         test_inputs,
@@ -282,7 +290,8 @@ def simulate(
     layers = atmosphere_layers(environment.atmosphere)
     is_outside = _outside_field(environment.wind, columns, time_s[::stride])
     names = airframe.actuators.names
-    return AircraftFlight(flight_dataset(time_s[::stride], columns, names, attributes, layers, is_outside))
+    dataset = flight_dataset(time_s[::stride], columns, names, attributes, layers, is_outside)
+    return AircraftFlight(dataset.assign(increment_variables(columns, dataset.sizes["time"], names)))
 
 
 @jax.jit
@@ -312,7 +321,7 @@ def _fly(
     start: TrimPoint,
     step: Scalar,
     randomness: AbstractRandomness,
-    recorder: History,
+    recorder: AbstractRecorder,
     count: int,
     changes: AirframeChanges | None = None,
     excitation: Excitation | None = None,

@@ -1,0 +1,115 @@
+"""Increments that an adaptive autopilot has learnt in a flight: their record, and the margins with them frozen."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array
+
+from anser.aircraft.changes import changed_airframe
+from anser.aircraft.corrected_airframe import corrected_airframe, reference_lengths
+from anser.analysis.margins import margins_at
+from anser.analysis.step_flights import step_case
+from anser.analysis.trim_points import resolve_airframe
+from anser.parts.perception import Instant
+from anser.simulation.recorders import AbstractRecorder, AircraftSample, record
+from anser.single_aircraft.changes import read_changes
+
+_INCREMENTS, _REFERENCE = "coefficient_increment", "regressor_reference"
+_COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+_STATE_REGRESSORS = ("constant", "alpha_or_beta", "pitch_or_roll_rate", "yaw_rate")
+
+
+class AdaptationHistory(AbstractRecorder):
+    """Recorder of one aircraft whose estimator corrects its model: all variables, and the increments."""
+
+    stride: int = eqx.field(static=True, default=1)
+
+    def init(self, aircraft: int) -> None:
+        """The recorder has no state."""
+
+    def update(self, recorder_state: None, sample: Any, instant: Instant) -> None:
+        """Do nothing: `output` returns all that is stored."""
+
+    def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
+        """Return the variables by key, and the arrays of the corrected airframe."""
+        corrected: Any = sample.belief.airframe
+        return {**record(sample), _INCREMENTS: corrected.increments, _REFERENCE: corrected.reference}
+
+
+def increment_variables(history: Mapping[str, np.ndarray], rows: int, surfaces: Sequence[str]) -> dict[str, Any]:
+    """Return the recorded increments as variables of a dataset; empty for a flight without them.
+
+    The variables are the increments of the coefficients per unit of each regressor, and the regressors from which the
+    deviations count. Angles are in rad, rates dimensionless.
+    """
+    if _INCREMENTS not in history:
+        return {}
+    regressors = (*_STATE_REGRESSORS, *surfaces)
+    increments = {"long_name": "Increment of a coefficient by a regressor, estimated", "units": "1"}
+    reference = {"long_name": "Regressor from which deviations count", "units": "1"}
+    return {
+        "coefficient": ("coefficient", np.array(_COEFFICIENTS)),
+        "motion": ("motion", np.array(("longitudinal", "lateral"))),
+        "regressor": ("regressor", np.array(regressors)),
+        _INCREMENTS: (("time", "coefficient", "regressor"), history[_INCREMENTS][:rows], increments),
+        _REFERENCE: (("motion", "regressor"), history[_REFERENCE][0], reference),
+    }
+
+
+def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Dataset:
+    """Compute the margins of an adaptive autopilot whose estimates are frozen as they are at a time of a flight.
+
+    The autopilot inverts the corrected model; the aircraft is the true one, with its changes up to that time except a
+    loss of thrust. The flight is level, at the airspeed and the altitude of that time, in still standard air.
+
+    Parameters
+    ----------
+    dataset
+        Flight of `anser.simulate` with `controller="adaptive"`.
+    time_s
+        Time, s; None: the end of the flight.
+
+    Returns
+    -------
+    xr.Dataset
+        Margins as of `anser.analysis.margins_at`, with the attribute `time_s`.
+
+    Raises
+    ------
+    ValueError
+        The flight has no estimates or not this time, or its aircraft has neither a name nor a file.
+    ConditionError
+        No margin exists: see `anser.analysis.margins_at`.
+    """
+    if _INCREMENTS not in dataset:
+        raise ValueError(
+            'flight: arrived without estimates; expected one of anser.simulate(..., controller="adaptive")'
+        )
+    if dataset.attrs["aircraft"] == "custom":
+        raise ValueError("flight: arrived with an aircraft of an own class; expected one by name or by file")
+    last = float(dataset.time[-1])
+    time_s = last if time_s is None else time_s
+    if not 0.0 <= time_s <= last:
+        raise ValueError(f"time_s: arrived {time_s:g}; expected 0 to {last:g}, a time of the flight")
+    first, row = dataset.isel(time=0), dataset.sel(time=time_s, method="nearest")
+    nominal, identity = resolve_airframe(dataset.attrs["aircraft"], dataset.attrs.get("variant", "textbook"))
+    increments, reference = jnp.asarray(row[_INCREMENTS].values), jnp.asarray(row[_REFERENCE].values)
+    model = corrected_airframe(nominal, reference_lengths(nominal), reference, increments)
+    changes = read_changes(nominal, json.loads(dataset.attrs.get("change", "[]")))
+    aircraft = nominal if changes is None else changed_airframe(nominal, changes.at(float(row.time)))
+    case = step_case(nominal, float(first["airspeed_m_s"]), float(first["altitude_m"]), "incremental")
+    margins = margins_at(
+        aircraft,
+        speed_m_s=float(row["airspeed_m_s"]),
+        altitude_m=float(row["altitude_m"]),
+        inversion="incremental",
+        step_s=float(dataset.attrs["step_s"]),
+        gains=case.gains,
+        model=model,
+    )
+    return margins.assign_attrs({**identity, "inversion": "adaptive", "time_s": float(row.time)})
