@@ -224,6 +224,7 @@ def main() -> None:
     """Command line; exit code 1 if too many tasks are late, early or refused."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0:200", help="FIRST:LAST of the seeds, the last left out")
+    parser.add_argument("--rules", nargs="+", choices=RULES, default=RULES, help="rules of the tasks; the default: all")
     parser.add_argument("--out", type=Path, required=True, help="file of results, one JSON line per seed; continued")
     arguments = parser.parse_args()
     start, stop = (int(part) for part in arguments.seeds.split(":"))
@@ -232,15 +233,16 @@ def main() -> None:
     if arguments.out.exists():
         results = [json.loads(line) for line in arguments.out.read_text(encoding="utf-8").splitlines()]
     present = {result["seed"] for result in results}
+    seeds = {seed for seed in range(start, stop) if RULES[seed % len(RULES)] in arguments.rules}
     # Rule by rule, because each rule needs different compiled programs.
-    for seed in sorted(set(range(start, stop)) - present, key=lambda seed: (seed % len(RULES), seed)):
+    for seed in sorted(seeds - present, key=lambda seed: (seed % len(RULES), seed)):
         result = asdict(arrival_trial(seed))
         results.append(result)
         with arguments.out.open("a", encoding="utf-8") as file:
             file.write(json.dumps(result) + "\n")
         print(f"seed {seed}: {result['rule']}, {result['verdict']}, {result['plan_s']:.1f} s", flush=True)  # noqa: T201
-    results = [result for result in results if start <= result["seed"] < stop]
-    for rule in RULES:
+    results = [result for result in results if result["seed"] in seeds]
+    for rule in arguments.rules:
         print(rule, dict(Counter(result["verdict"] for result in results if result["rule"] == rule)))  # noqa: T201
     # A refusal of prescribed times is legitimate; with free times there should be a plan.
     exceptions = [r for r in results if r["verdict"] in ("late", "early") or (r["verdict"], r["rule"]) in _UNPLANNED]
