@@ -88,7 +88,7 @@ def installed(wheel):
 
 
 def test_the_wheel_contains_every_file_of_the_package(wheel):
-    packed = {name for name in zipfile.ZipFile(wheel[0]).namelist() if name.startswith("anser/")}
+    packed = {name for name in zipfile.ZipFile(wheel[0]).namelist() if name.startswith(("anser/", "anser_command"))}
     contents = {
         str(path.relative_to(ROOT / "src"))
         for path in (ROOT / "src" / "anser").rglob("*")
@@ -100,7 +100,7 @@ def test_the_wheel_contains_every_file_of_the_package(wheel):
         for path in (ROOT / name).rglob("*")
         if path.is_file()
     }
-    assert packed == contents | shipped | {f"anser/{BUILD_INFO}"}
+    assert packed == contents | shipped | {f"anser/{BUILD_INFO}", "anser_command.py"}
 
 
 def test_the_wheel_is_small(wheel):

@@ -1,7 +1,8 @@
 """Commands interrupted by Ctrl-C at random moments: `python -m trials.interrupted_commands --trials 20`.
 
 Each command first runs undisturbed, to measure its duration and list its files. Then its processes are interrupted, as
-by a terminal, at uniformly random moments of that duration, including the import of modules. The command must end with
+by a terminal, at uniformly random moments of that duration, including the import of the package; earlier, while the
+interpreter starts and imports the entry point, Ctrl-C is Python's own. The command must end with
 exit code 130 and one message, and leave either complete files or none; a campaign and a rare event leave a resumable
 folder. An interrupt after the last write may end with the command's normal exit code.
 """
@@ -22,7 +23,7 @@ from pathlib import Path
 _ROOT = Path(__file__).parents[1]
 _STOPPED = 130
 _SCENARIO, _RUN, _STUDY, _RARE = "scenario.toml", "run", "study.toml", "rare.toml"
-_PROGRAM = "import os, sys; os.write({ready}, b'x'); from anser.cli import main; sys.argv[0] = 'anser'; main()"
+_PROGRAM = "import os, sys, anser_command; os.write({ready}, b'x'); sys.argv[0] = 'anser'; anser_command.main()"
 _TIMEOUT_S = 600.0
 RESUMED = {"campaign": "flights.zarr", "rare": "flown"}
 """Commands with a resumable folder, and a file in it."""
@@ -84,7 +85,7 @@ def prepare(folder: Path) -> None:
 
 
 def run_command(arguments: tuple[str, ...], folder: Path, delay_s: float | None) -> Ended:
-    """Run a command in a folder, and interrupt its processes `delay_s` after the import of the package begins."""
+    """Run a command in a folder, and interrupt its processes `delay_s` after its entry point is imported."""
     reading, writing = os.pipe()
     command = [sys.executable, "-c", _PROGRAM.format(ready=writing), *arguments]
     after_s = None

@@ -27,7 +27,7 @@ class Interrupts:
         """Record interrupts in the `with` block and raise KeyboardInterrupt; inactive if the process ignores Ctrl-C."""
         self.arrived = False
         handler = signal.getsignal(signal.SIGINT)
-        if handler is not signal.default_int_handler:
+        if handler in (signal.SIG_IGN, None):
             yield
             return
         signal.signal(signal.SIGINT, self._note)
