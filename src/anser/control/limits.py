@@ -5,6 +5,9 @@ import jax.numpy as jnp
 
 from anser.shapes import Scalar, Vector3
 
+NORMAL_TURNING_G = 0.5
+"""Least acceleration normal to the path in a turn, in g: the autopilot and the plans push over no further."""
+
 
 class FlightLimits(eqx.Module):
     """Envelope within which the autopilot limits its own commands."""

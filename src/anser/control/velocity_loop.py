@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import FlightCondition
-from anser.control.limits import FlightLimits
+from anser.control.limits import NORMAL_TURNING_G, FlightLimits
 from anser.control.onboard_model import OnboardModel
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.spatial.rotations import safe_hypot
@@ -14,7 +14,6 @@ from anser.spatial.rotations import safe_hypot
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank the lift demand fades out
 _COS_FULL_LIFT = 0.5  # cosine of the bank error up to which the full lift is demanded; none from 90 deg on
 _NORMAL_MIN_G = 0.2  # acceleration normal to the path, in g, below which no turn is demanded
-NORMAL_TURNING_G = 0.5  # the same in a turn; plans do not push over below it
 LIFT_SHARE = 0.9  # share of the lift at alpha_max for bank and commands; the remainder holds the path
 _SIDE_SHARE_MAX = 0.1  # of the lift: at most 6 deg of bank against a side force
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: a second step is exact after one breakpoint

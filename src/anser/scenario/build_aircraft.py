@@ -31,8 +31,7 @@ from anser.control.gains import (
     published_gains,
 )
 from anser.control.guidance import GuidanceSettings
-from anser.control.limits import FlightLimits
-from anser.control.velocity_loop import NORMAL_TURNING_G
+from anser.control.limits import NORMAL_TURNING_G, FlightLimits
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.planning.limits import PathLimits
