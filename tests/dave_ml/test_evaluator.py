@@ -173,6 +173,8 @@ def _slopes(x, y):
 def test_gradients_against_differences(x, y):
     # not where functions have no slope, or one that changes within the step
     assume(min(abs(x), abs(y), abs(abs(x) - np.pi / 2), abs(x - y)) > 1e-2)
+    # At x = -0.25, y = 0.2 both arguments of a table of tables reach breakpoints: the slope is that of a cell beside the path.
+    assume(abs(4.0 * x - round(4.0 * x)) > 1e-4)
     h = 1e-6
     up, down = _values(x + h, y), _values(x - h, y)
     forward, backward = _slopes(x, y)
