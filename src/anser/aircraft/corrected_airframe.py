@@ -2,7 +2,6 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
@@ -82,7 +81,7 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
     """Return for each coefficient the regressors of its motion."""
-    return jnp.where(np.array(LONGITUDINAL)[:, None], rows[0], rows[1])
+    return jnp.where(jnp.array(LONGITUDINAL)[:, None], rows[0], rows[1])
 
 
 class CorrectedAirframe(AbstractAirframe):
