@@ -4,6 +4,7 @@ import atexit
 import gc
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -45,6 +46,8 @@ from anser import cli
 from anser.compiling import enable_compilation_cache
 from anser.compiling.program import limit_memory_regions, release_all_programs
 
+# A shell that starts the tests in the background lets them, and the commands that they start, ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
 # JAX keeps the programs that tests compile themselves, single operations included, for the other worker and for use

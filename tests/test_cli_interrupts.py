@@ -15,14 +15,7 @@ from anser.cli.process import Interrupts
 _ROOT = Path(__file__).parents[1]
 
 
-@pytest.fixture
-def default_handler():
-    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, previous)
-
-
-def test_an_interrupt_during_the_import_of_an_extension_module_arrives_after_it(default_handler):
+def test_an_interrupt_during_the_import_of_an_extension_module_arrives_after_it():
     """An exception inside the initialization of jaxlib ended the process with a memory fault in 2 of 80 interrupts."""
     interrupts, initialized = Interrupts(), []
 
@@ -38,7 +31,7 @@ def test_an_interrupt_during_the_import_of_an_extension_module_arrives_after_it(
             time.sleep(10.0)
 
 
-def test_another_interrupt_arrives_at_once(default_handler):
+def test_another_interrupt_arrives_at_once():
     interrupts = Interrupts()
     with interrupts.watched(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)

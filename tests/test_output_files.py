@@ -144,15 +144,6 @@ def test_an_error_within_a_new_folder_names_the_target(tmp_path):
     assert refused.value.filename == str(tmp_path / "new" / "file.json")
 
 
-@pytest.fixture
-def interruptible():
-    """Make SIGINT raise KeyboardInterrupt, also in a process started in the background, which ignores it."""
-    previous_handler = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, previous_handler)
-
-
-@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_waits_for_steps_that_belong_together():
     steps = []
 

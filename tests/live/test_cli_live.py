@@ -16,12 +16,15 @@ from anser.scenario.user_parts import UserParts, attach_parts
 def test_the_address_serves_until_ctrl_c(tmp_path):
     command = [sys.executable, "-m", "anser", "live", "--no-open", "--folder", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        address = process.stdout.readline().split()[-1]
-        assert address.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(address, timeout=20) as answer:
-            assert b"anser live" in answer.read()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 130
+        try:
+            address = process.stdout.readline().split()[-1]
+            assert address.startswith("http://127.0.0.1:")
+            with urllib.request.urlopen(address, timeout=20) as answer:
+                assert b"anser live" in answer.read()
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 130
+        finally:
+            process.kill()
     assert not list(tmp_path.iterdir())
 
 
