@@ -1,4 +1,4 @@
-"""Strict tests: float64, no silent rank promotion, warnings are errors, shapes checked by beartype."""
+"""Strict tests: float64, no silent rank promotion, warnings are errors, stated shapes checked in the kernels' rooms."""
 
 import atexit
 import gc
@@ -33,18 +33,17 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # JAX reads it when it is im
 # identification, beside a worker on the other core. Workers inherit it before they import NumPy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import jax
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
-with install_import_hook(["anser", "trials"], "beartype.beartype"):
-    import anser  # noqa: F401
+_CHECKED_ROOMS = ("aircraft", "control", "environment", "spatial")
+install_import_hook([f"anser.{room}" for room in _CHECKED_ROOMS], "shape_checks.checked")  # before their first import
 
-import jax
-
-from anser import cli
-from anser.compiling import enable_compilation_cache
-from anser.compiling.program import limit_memory_regions, release_all_programs
+from anser import cli  # noqa: E402
+from anser.compiling import enable_compilation_cache  # noqa: E402
+from anser.compiling.program import limit_memory_regions, release_all_programs  # noqa: E402
 
 # A shell that starts the tests in the background lets them, and the commands that they start, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -297,7 +297,7 @@ def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
 
 
 @jax.jit
-def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, powers: Vector) -> Array:
+def _side_forces(aircraft: DaveMlAircraft, alphas: Array, speeds: Array, powers: Array) -> Array:
     """Compute side forces (N) without sideslip, rates and deflections; shape (alphas, speeds, powers + 1).
 
     The last axis holds the engine's side force at each power (percent), then that of the air. Inputs in rad and m/s.
