@@ -10,7 +10,7 @@ from urllib.parse import urlparse
 import pytest
 import xarray as xr
 
-from anser.cli.console import RefusedError
+from anser.cli.console import InputError
 from anser.cli.folders import make_next_folder
 from anser.scenario import load, validate
 from anser.scenario.files import SCENARIO_SCHEMA
@@ -62,7 +62,7 @@ def test_the_default_folder_is_the_next_free_one(tmp_path):
         assert (tmp_path / "runs" / expected).is_dir()
     (tmp_path / "file").write_text("")
     for impossible in (tmp_path / "file" / "patrol", tmp_path / "file" / "deep" / "patrol"):
-        with pytest.raises(RefusedError, match=r"--out: arrived nothing, and .* cannot be made"):
+        with pytest.raises(InputError, match=r"--out: arrived nothing, and .* cannot be made"):
             make_next_folder(impossible)
 
 

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from anser.cli.console import RefusedError
+from anser.cli.console import InputError
 from anser.cli.folders import must_be_new_file, open_output_file, open_output_folder
 from support.made_flight import make_flight
 from support.tiny_run import make_run
@@ -45,14 +45,14 @@ def test_an_empty_new_folder_is_removed(tmp_path):
 
 def test_an_existing_folder_is_refused_without_force(tmp_path):
     with (
-        pytest.raises(RefusedError, match="which exists; expected a new folder, or --force"),
+        pytest.raises(InputError, match="which exists; expected a new folder, or --force"),
         open_output_folder(tmp_path),
     ):
         pass
     (tmp_path / "file").touch()
     for force in (False, True):
         with (
-            pytest.raises(RefusedError, match="which exists; expected a folder"),
+            pytest.raises(InputError, match="which exists; expected a folder"),
             open_output_folder(tmp_path / "file", force),
         ):
             pass
@@ -65,7 +65,7 @@ def test_with_force_a_failure_leaves_the_existing_files(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["flight.nc"]
     assert (tmp_path / "flight.nc").read_text() == "old"
     (tmp_path / "sweep.nc").mkdir()
-    with pytest.raises(RefusedError, match=r"sweep\.nc is a folder"), open_output_folder(tmp_path, True) as into:
+    with pytest.raises(InputError, match=r"sweep\.nc is a folder"), open_output_folder(tmp_path, True) as into:
         (into / "sweep.nc").touch()
 
 
@@ -73,7 +73,7 @@ def test_with_force_a_failure_leaves_the_existing_files(tmp_path):
 def test_an_unwritable_folder_is_bad_input(tmp_path):
     tmp_path.chmod(0o500)
     with (
-        pytest.raises(RefusedError, match="a folder in which files can be replaced"),
+        pytest.raises(InputError, match="a folder in which files can be replaced"),
         open_output_folder(tmp_path, True),
     ):
         pass
@@ -82,7 +82,7 @@ def test_an_unwritable_folder_is_bad_input(tmp_path):
 def test_a_file_is_replaced_only_with_force(tmp_path):
     picture = tmp_path / "bode.svg"
     picture.write_text("old")
-    with pytest.raises(RefusedError, match=r"--bode: arrived .* which exists; expected a new file, or --force"):
+    with pytest.raises(InputError, match=r"--bode: arrived .* which exists; expected a new file, or --force"):
         must_be_new_file("--bode", picture, (".svg",))
     must_be_new_file("--bode", picture, (".svg",), True)
     with pytest.raises(RuntimeError):
@@ -91,7 +91,7 @@ def test_a_file_is_replaced_only_with_force(tmp_path):
     with open_output_file("--bode", picture, True) as file:
         file.write_text("new")
     assert picture.read_text() == "new"
-    with pytest.raises(RefusedError, match=r"ends with \.svg$"):
+    with pytest.raises(InputError, match=r"ends with \.svg$"):
         must_be_new_file("--bode", tmp_path / "bode.txt", (".svg",), True)
 
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from anser.cli.app import help_epilog, register_command
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     columns,
     must_be_in_range,
     print_document,
@@ -108,7 +108,7 @@ def main() -> None:
     register_command(app, plan_trials)
     try:
         app(prog_name="python -m trials")
-    except RefusedError as error:
+    except InputError as error:
         print_problem(str(error))
         sys.exit(2)
     except Exception:  # noqa: BLE001 - the outermost frame: an internal fault must end with its own exit code
@@ -121,9 +121,9 @@ def _seeds(text: str) -> range:
     try:
         start, stop = (int(part) for part in text.split(":"))
     except ValueError:
-        raise RefusedError(f"--seeds: arrived {text!r}; expected FIRST:LAST, such as 0:2000") from None
+        raise InputError(f"--seeds: arrived {text!r}; expected FIRST:LAST, such as 0:2000") from None
     if not (0 <= start < stop and stop - start <= _SEEDS_MOST):
-        raise RefusedError(
+        raise InputError(
             f"--seeds: arrived {text!r}; expected 0 or more, then a greater number, {_SEEDS_MOST} seeds at most"
         )
     return range(start, stop)
@@ -138,17 +138,17 @@ def _begin(out: Path, iterations: int, resume: bool) -> "list[Trial]":
             return read_trials(out, iterations)
         begin_trials(out, iterations)
     except TrialFileError as error:
-        raise RefusedError(f"--out: {error}") from None
+        raise InputError(f"--out: {error}") from None
     except FileExistsError:
-        raise RefusedError(
+        raise InputError(
             f"--out: arrived {out}, which exists; expected a new file, or --resume (nothing is overwritten)"
         ) from None
     except FileNotFoundError:
         expected = "a file to resume" if resume else "a file in a folder that exists"
-        raise RefusedError(f"--out: arrived {out}; expected {expected}") from None
+        raise InputError(f"--out: arrived {out}; expected {expected}") from None
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "no text"
-        raise RefusedError(f"--out: arrived {out}; expected a file of trials ({reason})") from None
+        raise InputError(f"--out: arrived {out}; expected a file of trials ({reason})") from None
     return []
 
 

@@ -15,4 +15,5 @@ Vector = Float[Array, " n"]
 Quaternion = Float[Array, "4"]
 Matrix33 = Float[Array, "3 3"]
 Flag = Bool[Array, ""]
-Count = Int[Array, ""]
+Integer = Int[Array, ""]
+"""Integer scalar: a count, an index or a status code."""

@@ -17,13 +17,13 @@ AIRFRAMES = ("f16", "aerosonde", "nasa-f16")
 
 
 def wrench(airframe, surfaces=(-0.1, 0.05, -0.04), V=60.0, alpha=0.08):
-    from anser.aircraft import flight_condition
+    from anser.aircraft import air_data_and_forces
     from anser.environment import standard_environment
 
     state = make_state(V=V, alpha=alpha, beta=0.03, surfaces=surfaces)
     state = eqx.tree_at(lambda s: s.actuators, state, airframe.actuators.steady_state(jnp.asarray(surfaces)))
     state = eqx.tree_at(lambda s: s.engine, state, airframe.engine.steady_state(jnp.asarray(40.0)))
-    condition = flight_condition(airframe, standard_environment(), 0.0, state)
+    condition = air_data_and_forces(airframe, standard_environment(), 0.0, state)
     return condition.wrench, condition.air_data
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pymap3d
 import pytest
 
-from anser.aircraft import flight_condition
+from anser.aircraft import air_data_and_forces
 from anser.aircraft.motion import earth_fixed_derivative, earth_fixed_state, local_state
 from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment, wgs84_earth
@@ -45,7 +45,7 @@ def _trimmed(latitude_deg, longitude_deg, course_deg, wind_n):
 def _second(environment, state, controls):
     """Logged quantities of a state, and the state one second later."""
     local = local_state(environment.earth, state)
-    condition = flight_condition(F16, environment, 0.0, local)
+    condition = air_data_and_forces(F16, environment, 0.0, local)
     lat, lon, h = environment.earth.geodetic(local.position_n)
     R_be = rotation_from_quaternion(state.quaternion)
     logged = {

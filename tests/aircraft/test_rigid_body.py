@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft.motion import angular_acceleration, moment_for_acceleration, state_derivative
+from anser.aircraft.motion import angular_acceleration, flat_earth_derivative, moment_for_acceleration
 from anser.aircraft_files import load_airframe
 from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind, standard_environment
 from anser.numerics import rk4_step
@@ -49,7 +49,7 @@ def test_torque_free_rotation_conserves_angular_momentum_and_energy():
     @jax.jit
     def tumble(state):
         def f(t, y):
-            return state_derivative(F16, SPACE, t, y, CONTROLS)
+            return flat_earth_derivative(F16, SPACE, t, y, CONTROLS)
 
         return jax.lax.scan(lambda y, _: (rk4_step(f, 0.0, y, 0.005),) * 2, state, length=2000)[1]
 
@@ -165,7 +165,7 @@ def test_a_steady_wind_only_translates_the_aircraft(state, wind):
     np.testing.assert_allclose(windy.velocity_b, still.velocity_b + shift_b, atol=1e-10)
 
 
-def test_the_flight_condition_holds_the_air_data_and_forces():
+def test_air_data_and_forces_are_those_of_the_state():
     state = make_state(beta=0.05)
     condition = condition_of(F16, STILL, 0.0, state)
     np.testing.assert_allclose(condition.air_data.V, 160.0, rtol=1e-14)
@@ -184,7 +184,7 @@ def test_gradients_are_finite_on_the_symmetry_plane_and_at_nodes(airframe):
 
     def total(arguments):
         airframe, environment, state, controls = arguments
-        rate = state_derivative(airframe, environment, 0.0, state, controls)
+        rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
         return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(rate))
 
     gradient = eqx.filter_jit(eqx.filter_grad(total))((airframe, STILL, state, controls))
@@ -195,7 +195,7 @@ def test_gradients_are_finite_on_the_symmetry_plane_and_at_nodes(airframe):
 def test_batches_equal_single_evaluations():
     fleet = [make_state(V=V, beta=beta) for V, beta in ((90.0, 0.1), (160.0, 0.0), (240.0, -0.2))]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *fleet)
-    batch_rates = jax.jit(jax.vmap(state_derivative, in_axes=(None, None, None, 0, None)))(
+    batch_rates = jax.jit(jax.vmap(flat_earth_derivative, in_axes=(None, None, None, 0, None)))(
         F16, STILL, 0.0, batch, CONTROLS
     )
     for k, state in enumerate(fleet):
@@ -206,7 +206,7 @@ def test_batches_equal_single_evaluations():
 
 def test_compiled_code_equals_plain_evaluation():
     airframe, state = light_aircraft(), make_state()
-    plain = state_derivative(airframe, STILL, 0.0, state, CONTROLS)
+    plain = flat_earth_derivative(airframe, STILL, 0.0, state, CONTROLS)
     compiled = derivative(airframe, STILL, 0.0, state, CONTROLS)
     for a, b in zip(jax.tree.leaves(plain), jax.tree.leaves(compiled), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from anser.aircraft import flight_condition, motion_derivative
+from anser.aircraft import air_data_and_forces, motion_derivative
 from anser.aircraft.motion import (
     earth_fixed_derivative,
     earth_fixed_state,
+    flat_earth_derivative,
     local_state,
-    state_derivative,
     to_local_state,
     to_motion_state,
 )
@@ -51,7 +51,7 @@ def test_the_round_trip_between_local_and_earth_fixed_states_is_exact(state):
 @jax.jit
 def _in_travelling_axes(state):
     """The same motion in local NED axes: [SL] eq. 1.7-18 with axes that travel with the aircraft."""
-    condition = flight_condition(F16, ROUND, 0.0, state)
+    condition = air_data_and_forces(F16, ROUND, 0.0, state)
     force = condition.wrench.force_b / F16.mass_properties.mass
     return (
         condition.earth.chart_scale * rotate_back(condition.R_bn, state.velocity_b),
@@ -130,7 +130,7 @@ def test_a_huge_sphere_at_rest_is_flat():
         lambda e: e.gravitational_parameter, spherical_earth(radius, 0.3, 0.4), jnp.asarray(g * radius**2)
     )
     state = make_state(altitude=3000.0)
-    flat = state_derivative(F16, standard_environment(earth=FlatEarth(jnp.asarray(g))), 0.0, state, CONTROLS)
+    flat = flat_earth_derivative(F16, standard_environment(earth=FlatEarth(jnp.asarray(g))), 0.0, state, CONTROLS)
     curved = earth_fixed_derivative(
         F16, standard_environment(earth=sphere), 0.0, earth_fixed_state(sphere, state), CONTROLS
     )

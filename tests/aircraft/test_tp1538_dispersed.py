@@ -10,7 +10,7 @@ from anser.aircraft import AircraftState, AirData, Controls
 from anser.aircraft.dispersions import dispersed_f16, no_dispersion
 from anser.aircraft.engines import EnginePower
 from anser.aircraft.f16 import F16_COEFFICIENTS
-from anser.aircraft.motion import state_derivative
+from anser.aircraft.motion import flat_earth_derivative
 from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment
 from anser.spatial import quaternion_from_euler
@@ -38,7 +38,7 @@ def derivative(airframe):
         engine=EnginePower(jnp.asarray(40.0)),
     )
     controls = Controls(SURFACES + 0.05, jnp.asarray(0.5))
-    return state_derivative(airframe, standard_environment(), 0.0, state, controls)
+    return flat_earth_derivative(airframe, standard_environment(), 0.0, state, controls)
 
 
 def scaled(name, factor):

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import flight_condition
+from anser.aircraft import air_data_and_forces
 from anser.aircraft_files import load_airframe
 from anser.analysis import margins_at
 from anser.control import automatic_gains, published_gains
@@ -22,7 +22,7 @@ ENVIRONMENT = standard_environment()
 
 @eqx.filter_jit
 def bandwidths_of(airframe, point, step):
-    condition = flight_condition(airframe, ENVIRONMENT, 0.0, point.state)
+    condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, point.state)
     return derived_bandwidths(airframe, condition, point.state.surfaces, point.power, step)
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 
 from anser.aircraft import Controls
-from anser.aircraft.motion import state_derivative
+from anser.aircraft.motion import flat_earth_derivative
 from anser.numerics.linear import solve3
 from support.control_cases import (
     AIRFRAME,
@@ -28,7 +28,7 @@ def rates_two_ways(x):
     """Rates of (mu, alpha, beta) and (V, gamma, chi): by derivatives of the equations of motion, and as published."""
     state = state_of(x)
     controls = Controls(state.surfaces, jnp.asarray(0.5))
-    moving = state_derivative(AIRFRAME, environment_of(x), 0.0, state, controls)
+    moving = flat_earth_derivative(AIRFRAME, environment_of(x), 0.0, state, controls)
 
     def angles(s):
         motion = believed_motion(s, x)[1]

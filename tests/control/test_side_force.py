@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import fsolve
 
 import anser
-from anser.aircraft import AirData, flight_condition
+from anser.aircraft import AirData, air_data_and_forces
 from anser.aircraft_files import load_airframe
 from anser.control import default_limits, published_gains
 from anser.control.autopilot_state import initial_autopilot_state
@@ -62,12 +62,12 @@ def test_the_bank_of_the_f16_of_tp1538_stops_the_drift_of_the_course():
 
     def turning(lateral):
         surfaces = np.array([steady[0], *lateral, steady[3]])
-        condition = flight_condition(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
+        condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
         return np.asarray(condition.wrench.moment_b)[[0, 2]]
 
     surfaces = np.array([steady[0], *fsolve(turning, steady[1:3]), steady[3]])
     state = banked(trim.state, mu, alpha, surfaces)
-    condition = flight_condition(airframe, ENVIRONMENT, 0.0, state)
+    condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, state)
     # Aileron and rudder against its moments change it by 1 % here, by 17 % at 220 m/s.
     assert float(force) == pytest.approx(float(condition.wrench.force_b[1]), rel=0.03)
     mass = airframe.mass_properties.mass
@@ -75,7 +75,7 @@ def test_the_bank_of_the_f16_of_tp1538_stops_the_drift_of_the_course():
         path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
     )
     level = banked(trim.state, 0.0 * mu, alpha, surfaces)
-    condition = flight_condition(airframe, ENVIRONMENT, 0.0, level)
+    condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, level)
     level_chi_dot = float(
         path_motion(condition, condition.wrench.force_b, level.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
     )
@@ -94,7 +94,7 @@ def test_turns_to_both_sides_are_level_and_at_the_commanded_rate(turn):
     for _ in range(6):  # the lift for a bank is that for the present one
         state = banked(state, mu, alpha, still)
         _, (mu, alpha, _) = demanded(airframe, state, turn)
-    condition = flight_condition(airframe, ENVIRONMENT, 0.0, state)
+    condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, state)
     mass, gravity = airframe.mass_properties.mass, ENVIRONMENT.gravity
     _, gamma_dot, chi_dot = path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, gravity).path_rates
     rate_without_bank = 0.123 / V

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, flight_condition
+from anser.aircraft import AircraftState, air_data_and_forces
 from anser.aircraft.actuators import Deflections
 from anser.aircraft.engines import EnginePower
 from anser.control import default_limits, published_gains
@@ -59,14 +59,14 @@ def _recover(start):
     """Fly with level flight to the north commanded; samples of every step."""
     gravity = ENVIRONMENT.gravity
     limits, gains, zero = default_limits(), published_gains(), jnp.zeros(())
-    condition = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, start)
+    condition = air_data_and_forces(AIRFRAME, ENVIRONMENT, 0.0, start)
     motion = path_motion(condition, condition.wrench.force_b, start.velocity_b, AIRFRAME.mass_properties.mass, gravity)
     attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
     command = PathCommand(jnp.asarray(SPEED_M_S), zero, zero, zero, zero, zero)
 
     def one(carry, _):
         state, memory = carry
-        condition = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state)
+        condition = air_data_and_forces(AIRFRAME, ENVIRONMENT, 0.0, state)
         model = onboard_model(exact_belief(AIRFRAME, ENVIRONMENT, state), limits, gains, memory, STEP_S)
         controls, signals, memory = velocity_control(model, gains, memory, command)
         motion = model.motion

@@ -196,8 +196,8 @@ def test_each_table_builds_its_part():
         assert sensing.sensors.goal.kind == goal_sensor_presets()[preset]["kind"]
         assert len(sensing.estimator.goal.models) == 2
     lost = parts(TEXT + event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.4'))
-    assert float(lost.faults.thrust(29.99)) == 1.0
-    assert float(lost.faults.thrust(30.0)) == pytest.approx(0.4)
+    assert float(lost.faults.thrust_ratio_at(29.99)) == 1.0
+    assert float(lost.faults.thrust_ratio_at(30.0)) == pytest.approx(0.4)
 
 
 CHANGE = event('kind = "aircraft-changes"\naircraft = "alpha"\ndeviation.cg_shift = 0.05')

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import anser
 from anser.aircraft.corrected_airframe import reference_lengths, without_aerodynamics
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.aircraft_files.library import load_airframe
 from anser.analysis.step_flights import step_case
 from anser.control.inversion_autopilot import InversionAutopilot
@@ -75,7 +75,7 @@ def test_derivatives_of_the_model_are_differences_of_its_coefficients():
     trim = anser.aircraft("f16").trim(speed_m_s=150.0, altitude_m=1000.0)
     state = resolve_start(airframe, environment, trim).state
     lengths = reference_lengths(airframe)
-    data = flight_condition(airframe, environment, 0.0, state).air_data
+    data = air_data_and_forces(airframe, environment, 0.0, state).air_data
     derivatives = np.asarray(model_derivatives(airframe, lengths, data, state.rates_b, state.surfaces))
     assert derivatives.shape == (6, 7)
     assert not np.any(derivatives[:, 0])

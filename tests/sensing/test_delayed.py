@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, flight_condition
+from anser.aircraft import AircraftState, air_data_and_forces
 from anser.aircraft.actuators import Deflections
 from anser.aircraft.engines import EnginePower
 from anser.aircraft_files import load_airframe
@@ -32,7 +32,7 @@ def true_at(k):
     )
     instant = Instant(ENVIRONMENT, jnp.asarray(k, dtype=jnp.int32), jnp.asarray(STEP))
     goal = GoalState(jnp.array([3000.0, 500.0, 0.0]), jnp.array([5.0, 0.0, 0.0]))
-    return Truth(AIRFRAME, state, flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal), instant
+    return Truth(AIRFRAME, state, air_data_and_forces(AIRFRAME, ENVIRONMENT, 0.0, state), goal), instant
 
 
 def steady(delay_max):

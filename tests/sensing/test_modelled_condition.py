@@ -7,7 +7,7 @@ import numpy as np
 import anser
 from anser.aircraft.air_data import Disturbance
 from anser.aircraft.corrected_airframe import without_aerodynamics
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.aircraft_files.library import load_airframe
 from anser.environment.environment import standard_environment
 from anser.environment.gusts import Gust
@@ -26,7 +26,7 @@ INSTANT = Instant(ENVIRONMENT, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(0.01
 def reading_in_a_gust():
     trim = anser.aircraft("f16").trim(speed_m_s=150.0, altitude_m=1000.0)
     state = resolve_start(AIRFRAME, ENVIRONMENT, trim).state
-    condition = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state, disturbance=GUST)
+    condition = air_data_and_forces(AIRFRAME, ENVIRONMENT, 0.0, state, disturbance=GUST)
     return Reading(state, condition, condition.wrench.force_b / AIRFRAME.mass_properties.mass, None)
 
 
@@ -35,7 +35,7 @@ def test_the_direct_estimator_has_the_model_at_the_measured_air_data():
     heavier = eqx.tree_at(lambda a: a.wing_area, AIRFRAME, 1.1 * AIRFRAME.wing_area)
     for estimator in (DirectEstimator(heavier), TrackingEstimator(model=heavier)):
         belief, _ = estimator.estimate(estimator.init(reading, AIRFRAME, INSTANT), reading, AIRFRAME, INSTANT)
-        expected = flight_condition(heavier, ENVIRONMENT, 0.0, reading.state, disturbance=GUST)
+        expected = air_data_and_forces(heavier, ENVIRONMENT, 0.0, reading.state, disturbance=GUST)
         np.testing.assert_array_equal(belief.condition.air_data.alpha, reading.condition.air_data.alpha)
         np.testing.assert_allclose(belief.condition.wrench.force_b, expected.wrench.force_b, rtol=1e-12)
         np.testing.assert_allclose(belief.condition.wrench.moment_b, expected.wrench.moment_b, rtol=1e-12)

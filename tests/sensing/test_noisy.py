@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, flight_condition
+from anser.aircraft import AircraftState, air_data_and_forces
 from anser.aircraft.actuators import Deflections
 from anser.aircraft.engines import EnginePower
 from anser.environment import standard_environment
@@ -33,7 +33,7 @@ def truth_at(k, works=True, goal_position=(3000.0, 500.0, 0.0)):
         engine=EnginePower(jnp.asarray(20.0)),
     )
     goal = GoalState(jnp.array(goal_position), jnp.array([5.0, 0.0, 0.0]))
-    return Truth(AIRFRAME, state, flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal, jnp.asarray(works))
+    return Truth(AIRFRAME, state, air_data_and_forces(AIRFRAME, ENVIRONMENT, 0.0, state), goal, jnp.asarray(works))
 
 
 def instant_at(k, aircraft=0):

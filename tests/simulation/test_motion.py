@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anser.aircraft import Controls
-from anser.aircraft.motion import state_derivative
+from anser.aircraft.motion import flat_earth_derivative
 from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment
 from anser.simulation.vehicle import advance
@@ -42,7 +42,7 @@ def _fly_doublet(airframe, environment, state, doublet, step):
 @jax.jit
 def _adaptive(airframe, environment, state, controls, duration):
     """Dormand-Prince 8(7), error per step below 1e-11: an independent code and method."""
-    term = diffrax.ODETerm(lambda t, y, _: state_derivative(airframe, environment, t, y, controls))
+    term = diffrax.ODETerm(lambda t, y, _: flat_earth_derivative(airframe, environment, t, y, controls))
     solution = diffrax.diffeqsolve(
         term,
         diffrax.Dopri8(),

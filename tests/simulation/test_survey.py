@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import flight_condition
+from anser.aircraft import air_data_and_forces
 from anser.aircraft_files import load_airframe
 from anser.control import default_limits, published_gains
 from anser.control.autopilot import velocity_control
@@ -60,7 +60,7 @@ def _history(trim, target, size):
     def one(carry, k):
         state, memory = carry
         time = k * STEP
-        condition = flight_condition(AIRFRAME, ENVIRONMENT, time, state)
+        condition = air_data_and_forces(AIRFRAME, ENVIRONMENT, time, state)
         model = onboard_model(exact_belief(AIRFRAME, ENVIRONMENT, state), LIMITS, GAINS, memory, STEP)
         course = target.course + target.turn_rate * time
         zero = jnp.zeros(())

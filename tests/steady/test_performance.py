@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import flight_condition
+from anser.aircraft import air_data_and_forces
 from anser.aircraft_files import load_airframe
 from anser.compiling.options import compiled_quickly
 from anser.environment import standard_environment
@@ -25,7 +25,7 @@ solved = compiled_quickly(solve_trim)
 def performance_of(airframe, speed, altitude):
     zero = jnp.zeros(())
     point = solve_trim(airframe, STILL, TrimTarget(speed, altitude, zero, zero, zero, zero, zero))
-    return performance_at(airframe, STILL, flight_condition(airframe, STILL, 0.0, point.state), point.state.surfaces)
+    return performance_at(airframe, STILL, air_data_and_forces(airframe, STILL, 0.0, point.state), point.state.surfaces)
 
 
 compiled_performance = compiled_quickly(performance_of)

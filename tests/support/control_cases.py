@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from anser.aircraft import AircraftState, FlightCondition, flight_condition
+from anser.aircraft import AircraftState, AirDataAndForces, air_data_and_forces
 from anser.aircraft.actuators import Deflections
 from anser.aircraft.engines import EnginePower
 from anser.aircraft_files import load_airframe
@@ -55,7 +55,7 @@ class Setting(eqx.Module):
     """An aircraft in a steady wind at one time."""
 
     state: AircraftState
-    condition: FlightCondition
+    condition: AirDataAndForces
     motion: PathMotion
 
 
@@ -78,9 +78,9 @@ def environment_of(x):
     return standard_environment(wind_n=x[14:17])
 
 
-def believed_motion(state, x) -> tuple[FlightCondition, PathMotion]:
+def believed_motion(state, x) -> tuple[AirDataAndForces, PathMotion]:
     environment = environment_of(x)
-    condition = flight_condition(AIRFRAME, environment, 0.0, state)
+    condition = air_data_and_forces(AIRFRAME, environment, 0.0, state)
     mass = AIRFRAME.mass_properties.mass
     return condition, path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, environment.gravity)
 

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AircraftState, flight_condition
+from anser.aircraft import AircraftState, air_data_and_forces
 from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment, wgs84_earth
 from anser.parts import Belief, Instant
@@ -23,7 +23,7 @@ def belief_of(euler=(0.05, 0.06, 0.8), velocity_b=(172.0, 1.0, 9.0), rates_b=(0.
         actuators=AIRFRAME.actuators.steady_state(jnp.zeros(3)),
         engine=AIRFRAME.engine.steady_state(jnp.asarray(14.0)),
     )
-    condition = flight_condition(AIRFRAME, environment, 0.0, state)
+    condition = air_data_and_forces(AIRFRAME, environment, 0.0, state)
     return Belief(AIRFRAME, state, condition, jnp.zeros(3), None, None)
 
 

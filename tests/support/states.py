@@ -5,16 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from anser.aircraft import AircraftState, AirData, Controls, flight_condition
+from anser.aircraft import AircraftState, AirData, Controls, air_data_and_forces
 from anser.aircraft.actuators import Deflections
 from anser.aircraft.air_data import air_data
 from anser.aircraft.engines import EnginePower
-from anser.aircraft.motion import state_derivative
+from anser.aircraft.motion import flat_earth_derivative
 from anser.environment import StandardAtmosphere
 from anser.spatial import quaternion_from_euler
 
-derivative = jax.jit(state_derivative)
-condition_of = jax.jit(flight_condition)
+derivative = jax.jit(flat_earth_derivative)
+condition_of = jax.jit(air_data_and_forces)
 
 
 def make_state(

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AircraftState, Controls, flight_condition
+from anser.aircraft import AircraftState, Controls, air_data_and_forces
 from anser.aircraft.air_data import air_data
 from anser.aircraft.engines import EnginePower
 from anser.aircraft_files import load_airframe
@@ -65,7 +65,7 @@ def recover(airframe, start, steps=STEPS):
     """Fly with level flight to the north commanded; returns a record of every tenth step."""
     gravity = ENVIRONMENT.gravity
     limits, gains, zero = default_limits(), published_gains(), jnp.zeros(())
-    initial_condition = flight_condition(airframe, ENVIRONMENT, 0.0, start)
+    initial_condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, start)
     motion = path_motion(
         initial_condition, initial_condition.wrench.force_b, start.velocity_b, airframe.mass_properties.mass, gravity
     )
@@ -80,7 +80,7 @@ def recover(airframe, start, steps=STEPS):
 
     def record(carry, _):
         state = carry[0]
-        initial_condition = flight_condition(airframe, ENVIRONMENT, 0.0, state)
+        initial_condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, state)
         motion = path_motion(
             initial_condition,
             initial_condition.wrench.force_b,

@@ -5,7 +5,7 @@ from .dave_ml_aircraft import DaveMlAircraft, dave_ml_airframe
 from .derivative_aircraft import DerivativeAircraft
 from .engines import AbstractEngine, JetEngine, NoEngine
 from .f16 import F16
-from .motion import FlightCondition, flight_condition, motion_derivative
+from .motion import AirDataAndForces, air_data_and_forces, motion_derivative
 from .propellers import ElectricPropeller, PistonPropeller
 from .table_checks import suspect_points
 from .tp1538 import F16TP1538
@@ -17,13 +17,13 @@ __all__ = [
     "AbstractAirframe",
     "AbstractEngine",
     "AirData",
+    "AirDataAndForces",
     "AircraftState",
     "Controls",
     "DaveMlAircraft",
     "DerivativeAircraft",
     "ElectricPropeller",
     "FirstOrderActuators",
-    "FlightCondition",
     "JetEngine",
     "MassProperties",
     "NoEngine",
@@ -31,8 +31,8 @@ __all__ = [
     "SecondOrderActuators",
     "Validity",
     "Wrench",
+    "air_data_and_forces",
     "dave_ml_airframe",
-    "flight_condition",
     "motion_derivative",
     "suspect_points",
 ]

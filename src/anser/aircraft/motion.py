@@ -27,7 +27,7 @@ from anser.spatial.rotations import (
 )
 
 
-class FlightCondition(eqx.Module):
+class AirDataAndForces(eqx.Module):
     """Air data, forces and moments of one aircraft at one time, computed once for all users of a step."""
 
     R_bn: Matrix33  #: Rotation matrix from NED to body axes.
@@ -44,14 +44,14 @@ class FlightCondition(eqx.Module):
         return self.aerodynamic + self.propulsive
 
 
-def flight_condition(
+def air_data_and_forces(
     airframe: AbstractAirframe,
     environment: Environment,
     time: ScalarLike,
     state: AircraftState,
     rates_air_b: Vector3 | None = None,
     disturbance: Disturbance | None = None,
-) -> FlightCondition:
+) -> AirDataAndForces:
     """Compute air data, forces and moments of a state at a time (s).
 
     The air rotates with the Earth, so aerodynamic damping depends on the body rates relative to the Earth, neither on
@@ -73,7 +73,7 @@ def flight_condition(
     propulsive = airframe.engine.propulsion(state.power, data)
     if disturbance is not None:
         propulsive = Wrench(disturbance.thrust * propulsive.force_b, disturbance.thrust * propulsive.moment_b)
-    return FlightCondition(
+    return AirDataAndForces(
         R_bn=R_bn,
         wind_n=wind_n,
         air_data=data,
@@ -83,15 +83,15 @@ def flight_condition(
     )
 
 
-def modelled_condition(
-    airframe: AbstractAirframe, condition: FlightCondition, data: AirData, state: AircraftState
-) -> FlightCondition:
-    """Return a flight condition with the forces and moments that an airframe has at measured air data.
+def modelled_air_data_and_forces(
+    airframe: AbstractAirframe, condition: AirDataAndForces, data: AirData, state: AircraftState
+) -> AirDataAndForces:
+    """Return `condition` with the forces (N) and moments (N m) that an airframe has at measured air data.
 
     Thrust loss is not known to the airframe, nor is the rotation of gusts, which no sensor of air data measures.
     """
     rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
-    return FlightCondition(
+    return AirDataAndForces(
         R_bn=condition.R_bn,
         wind_n=condition.wind_n,
         air_data=data,
@@ -116,7 +116,7 @@ def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, a
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 
 
-def state_derivative(
+def flat_earth_derivative(
     airframe: AbstractAirframe,
     environment: Environment,
     time: ScalarLike,
@@ -129,7 +129,7 @@ def state_derivative(
     Wind enters only through the air-relative velocity, which is exact for a steady wind. For a round Earth see
     `earth_fixed_derivative`.
     """
-    condition = flight_condition(airframe, environment, time, state, disturbance=disturbance)
+    condition = air_data_and_forces(airframe, environment, time, state, disturbance=disturbance)
     wrench = condition.wrench
     return AircraftState(
         position_n=rotate_back(condition.R_bn, state.velocity_b),
@@ -224,7 +224,7 @@ def earth_fixed_derivative(
     R_be = rotation_from_quaternion(state.quaternion)
     earth_rate_b = earth.rotation_rate * R_be[:, 2]
     rates_air_b = state.rates_b - earth_rate_b
-    condition = flight_condition(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance)
+    condition = air_data_and_forces(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance)
     wrench = condition.wrench
     return EarthFixedState(
         position_e=rotate_back(R_be, state.velocity_b),
@@ -267,5 +267,5 @@ def motion_derivative(
 ) -> AnyMotionState:
     """Return the time derivative of an integrated state over the environment's Earth, in the state's structure."""
     if isinstance(state, AircraftState):
-        return cast(AnyMotionState, state_derivative(airframe, environment, time, state, controls, disturbance))
+        return cast(AnyMotionState, flat_earth_derivative(airframe, environment, time, state, controls, disturbance))
     return cast(AnyMotionState, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))

@@ -16,7 +16,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.aircraft.motion import flight_condition, state_derivative
+from anser.aircraft.motion import air_data_and_forces, flat_earth_derivative
 from anser.compiling.options import compiled_quickly
 from anser.control.autopilot_state import AutopilotState
 from anser.control.feedback import wrap_angle
@@ -101,7 +101,7 @@ def air_outputs(airframe: AbstractAirframe, environment: Environment, state: Air
     gamma, chi = path_angles(velocity_air_n)
     mu = bank_about_velocity(rotation_from_quaternion(state.quaternion), alpha, beta)
     weight = airframe.mass_properties.mass * environment.gravity
-    load_factor = -flight_condition(airframe, environment, 0.0, state).wrench.force_b[2] / weight
+    load_factor = -air_data_and_forces(airframe, environment, 0.0, state).wrench.force_b[2] / weight
     return jnp.stack([load_factor, gamma, chi, mu])
 
 
@@ -190,7 +190,7 @@ def linearize(
             actuator_states = coordinates_of(environment, state)[count:]
             current_state = state_at(environment, jnp.concatenate([x, actuator_states]), state)
             current_state = eqx.tree_at(lambda s: s.actuators, current_state, airframe.actuators.steady_state(u[1:]))
-        rate = state_derivative(airframe, environment, 0.0, current_state, Controls(surfaces=u[1:], throttle=u[0]))
+        rate = flat_earth_derivative(airframe, environment, 0.0, current_state, Controls(surfaces=u[1:], throttle=u[0]))
         _, x_dot = jax.jvp(lambda s: coordinates_of(environment, s), (current_state,), (rate,))
         return jnp.concatenate([x_dot[:count], x, air_outputs(airframe, environment, current_state)])
 

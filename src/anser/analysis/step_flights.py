@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, AircraftState
 from anser.aircraft.f16 import AbstractF16
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.aircraft_files.library import is_aircraft_path
 from anser.aircraft_files.sources import VARIANTS
 from anser.analysis.airframes import valid_airspeed_range
@@ -168,7 +168,7 @@ def _round_down(value: float) -> float:
 @compiled
 def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
     """Return the derivative of the load factor with respect to the angle of attack, 1/rad."""
-    condition = flight_condition(airframe, environment, 0.0, trim.state)
+    condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     surfaces, zero_rates = trim.state.surfaces, jnp.zeros(3)
 
     def lift(alpha: Scalar) -> Scalar:
@@ -202,7 +202,7 @@ def step_time_scale(
 @compiled
 def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
     """Return the sideslip (rad) whose moments use up the remaining travel of the surfaces."""
-    condition = flight_condition(airframe, environment, 0.0, trim.state)
+    condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     data, surfaces = condition.air_data, trim.state.surfaces
     sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
     zero_rates = jnp.zeros(3)

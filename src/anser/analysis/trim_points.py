@@ -17,7 +17,7 @@ from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, refuse_impossible_body
 from anser.aircraft.dispersions import F16Dispersion, dispersed_f16
 from anser.aircraft.f16 import AbstractF16
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.aircraft_files.library import load_airframe
 from anser.aircraft_files.sources import VARIANTS
 from anser.compiling.options import compiled, compiled_quickly, enable_compilation_cache
@@ -114,7 +114,7 @@ def survey_gains(
 @compiled
 def _bandwidths(airframe: AbstractAirframe, environment: Environment, trims: TrimPoint, step: Scalar) -> Bandwidths:
     def bandwidths(trim: TrimPoint) -> Bandwidths:
-        condition = flight_condition(airframe, environment, 0.0, trim.state)
+        condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
         return derived_bandwidths(airframe, condition, trim.state.surfaces, trim.power, step)
 
     return jax.vmap(bandwidths)(trims)

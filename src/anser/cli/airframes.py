@@ -9,7 +9,7 @@ from anser.aircraft_files.sources import AIRCRAFT_SCHEMA, DAVE_ML_SUFFIX, SUFFIX
 from anser.cli.app import help_epilog
 from anser.cli.arguments import VariantName, complete_aircraft
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     activity,
     columns,
     fail_if_any,
@@ -176,7 +176,7 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
 
     if find_aircraft_file(aircraft) is None and aircraft not in VARIANTS:
         expected = "an aircraft file, or the name of one of the library or of the F-16"
-        raise RefusedError(f"AIRCRAFT: arrived {aircraft!r}, an airframe in code; expected {expected}")
+        raise InputError(f"AIRCRAFT: arrived {aircraft!r}, an airframe in code; expected {expected}")
     from anser.single_aircraft.model import aircraft as load_aircraft
     from anser.single_aircraft.model import surface_effects
 

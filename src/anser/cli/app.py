@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from rich.markup import escape
 from typer.core import TyperCommand
 
-from anser.cli.console import RefusedError, output, print_problem
+from anser.cli.console import InputError, output, print_problem
 from anser.cli.process import INTERRUPTED, interrupts
 from anser.config.validation_messages import conversion_hint
 
@@ -34,14 +34,14 @@ class PlainCommand(TyperCommand):
         return usage.replace(f" {self.name} ", " ", 1) if ctx.meta.get(COMMAND_IMPLIED) else usage
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options; raises RefusedError with the option, the value, and what was expected."""
+        """Parse the options; raises InputError with the option, the value, and what was expected."""
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter as error:
             cause = error.__cause__
             if not isinstance(cause, ValidationError) or error.param is None:
                 raise
-            raise RefusedError(_refusal_message(error.param, cause)) from None
+            raise InputError(_refusal_message(error.param, cause)) from None
 
 
 def _refusal_message(parameter: Any, error: ValidationError) -> str:

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from anser.cli.console import RefusedError, columns, print_line, print_table
+from anser.cli.console import InputError, columns, print_line, print_table
 from anser.compiling.options import CACHE_VARIABLE
 
 _FLY = """
@@ -40,7 +40,7 @@ _STAGES = ("tracing_s", "lowering_s", "compiling_s")
 def measure_scenario(scenario: Path) -> dict[str, Any]:
     """Run `anser run` twice in new processes and return programs, CPU and wall seconds and the peak of memory.
 
-    Raises RefusedError if the scenario cannot be flown.
+    Raises InputError if the scenario cannot be flown.
     """
     with tempfile.TemporaryDirectory(prefix="anser-") as folder:
         first, second = (_run_once(scenario, Path(folder), number) for number in (1, 2))
@@ -61,7 +61,7 @@ def _run_once(scenario: Path, folder: Path, number: int) -> dict[str, Any]:
     completed = subprocess.run(command, env=environment, stderr=subprocess.PIPE, text=True, check=False)
     wall_s = time.perf_counter() - start_s
     if completed.returncode not in (0, 1) or not (folder / str(number)).is_dir():
-        raise RefusedError(f"--scenario: arrived {scenario}, which was not flown: {completed.stderr.strip()}")
+        raise InputError(f"--scenario: arrived {scenario}, which was not flown: {completed.stderr.strip()}")
     return {**json.loads(record.read_text(encoding="utf-8")), "wall_s": wall_s}
 
 

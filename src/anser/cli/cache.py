@@ -9,7 +9,7 @@ import typer
 
 from anser.cli.app import help_epilog
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     activity,
     print_document,
     print_line,
@@ -44,7 +44,7 @@ def cache(
 ) -> None:
     """Show, fill or clear the store of compiled programs, which saves repeated compilation."""
     if scenario and what not in ("warm", "measure"):
-        raise RefusedError(f"--scenario: arrived with {what}; expected only with warm or measure")
+        raise InputError(f"--scenario: arrived with {what}; expected only with warm or measure")
     if what == "measure":
         _measure(scenario)
         return

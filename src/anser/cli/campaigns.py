@@ -9,7 +9,7 @@ import typer
 
 from anser.cli.app import help_epilog
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     columns,
     number,
     print_document,
@@ -60,7 +60,7 @@ def report(
     """
     store = read_campaign_store(folder, "FOLDER")
     if not store.flown.size:
-        raise RefusedError(f"FOLDER: arrived {folder}, where no chunk of flights is complete; expected one at least")
+        raise InputError(f"FOLDER: arrived {folder}, where no chunk of flights is complete; expected one at least")
     from anser.campaigns.campaign_report import write_campaign
     from anser.campaigns.store_integrity import StoreError
     from anser.report.exports.tables import PARQUET_MISSING, has_parquet
@@ -144,7 +144,7 @@ def _print_comparison(comparison: "CampaignComparison") -> None:
 
 
 def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
-    """Open the store of a campaign folder (named by `argument`); raises RefusedError if the folder has none."""
+    """Open the store of a campaign folder (named by `argument`); raises InputError if the folder has none."""
     from anser.campaigns.store import CampaignStore
     from anser.campaigns.store_integrity import StoreError
 
@@ -192,7 +192,7 @@ def _refuse_old_folder(out: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError:
-        raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
+        raise InputError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
 
 
 @contextlib.contextmanager
@@ -235,7 +235,7 @@ def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str 
     except StoreError as error:
         _write(store, flown_before)
         print_note(_resume_note(store))
-        raise RefusedError(str(error)) from None
+        raise InputError(str(error)) from None
     except OSError:
         print_note(_resume_note(store))
         raise
@@ -269,7 +269,7 @@ def _write(store: "CampaignStore", flown_before: int) -> list[str]:
 
 
 def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
-    """Return the store of a campaign folder and the scenario of one flight; raises RefusedError if one is invalid."""
+    """Return the store of a campaign folder and the scenario of one flight; raises InputError if one is invalid."""
     from anser.campaigns.flights import flight_scenario
 
     store = read_campaign_store(folder, "--campaign")
@@ -278,7 +278,7 @@ def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario
     except ScenarioError:
         raise
     except ValueError as error:
-        raise RefusedError(f"--{error}") from None
+        raise InputError(f"--{error}") from None
 
 
 def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") -> None:

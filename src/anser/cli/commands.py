@@ -19,7 +19,7 @@ from anser.cli.app import COMMAND_IMPLIED, register_command
 from anser.cli.cache import cache
 from anser.cli.campaigns import compare, fly, rare
 from anser.cli.campaigns import report as report_campaign
-from anser.cli.console import RefusedError, print_problem
+from anser.cli.console import InputError, print_problem
 from anser.cli.flights import demo, plan, run
 from anser.cli.identify import identify
 from anser.cli.live import live
@@ -161,7 +161,7 @@ def exit_code() -> int:
     except Exception as error:
         if interrupts.arrived:  # exception of a library after Ctrl-C
             raise
-        if isinstance(error, ScenarioError | RefusedError):
+        if isinstance(error, ScenarioError | InputError):
             print_problem(str(error))
             return 2
         if isinstance(error, OSError):

@@ -243,23 +243,23 @@ def _refreshed(bar: Progress, show: Callable[[], None]) -> Iterator[None]:
         refresher.join()
 
 
-class RefusedError(Exception):
+class InputError(Exception):
     """Invalid input on the command line; `str()` is the complete message."""
 
 
 @contextlib.contextmanager
 def refuse_on(error_type: type[Exception], prefix: str = "") -> Iterator[None]:
-    """Convert errors of one type in the `with` block to RefusedError; `prefix` names the option or argument."""
+    """Convert errors of one type in the `with` block to InputError; `prefix` names the option or argument."""
     try:
         yield
     except error_type as error:
-        raise RefusedError(f"{prefix}{error}") from None
+        raise InputError(f"{prefix}{error}") from None
 
 
 def must_be_in_range(option: str, value: float, low: float, high: float) -> None:
-    """Raise RefusedError if a number is outside a range."""
+    """Raise InputError if a number is outside a range."""
     if not (math.isfinite(value) and low <= value <= high):
-        raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
+        raise InputError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
 
 
 @dataclass(frozen=True)
@@ -306,7 +306,7 @@ def print_table(
 
 
 def flight_point(at: str) -> tuple[float, float]:
-    """Return the true airspeed (m/s) and altitude (m) of an option --at; raises RefusedError if invalid.
+    """Return the true airspeed (m/s) and altitude (m) of an option --at; raises InputError if invalid.
 
     The airspeed is true, or with a prefix another: "cas:140,2000", "eas:138,2000", "mach:0.45,2000".
     """
@@ -315,7 +315,7 @@ def flight_point(at: str) -> tuple[float, float]:
         prefix, _, number_text = speed_text.rpartition(":")
         form, speed, altitude = _AT_FORMS[prefix.strip().lower()], float(number_text), float(altitude_text)
     except (ValueError, KeyError):
-        raise RefusedError(
+        raise InputError(
             f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000 (true airspeed), "
             "cas:140,2000, eas:138,2000 or mach:0.45,2000"
         ) from None
@@ -339,12 +339,12 @@ def true_airspeed_of(
 ) -> float:
     """Return the true airspeed (m/s) of the options for an airspeed, by `AIRSPEED_FORMS`, at an altitude (m).
 
-    Raises RefusedError if not exactly one is given, or if it is outside its range.
+    Raises InputError if not exactly one is given, or if it is outside its range.
     """
     arrived = [form for form in AIRSPEED_FORMS if airspeeds[form] is not None]
     if len(arrived) != 1:
         options = " and ".join(map(_option, arrived)) or "nothing"
-        raise RefusedError(f"airspeed: arrived {options}; expected one of {', '.join(map(_option, AIRSPEED_FORMS))}")
+        raise InputError(f"airspeed: arrived {options}; expected one of {', '.join(map(_option, AIRSPEED_FORMS))}")
     must_be_flight_condition({**airspeeds, "altitude_m": altitude_m})
     ((form, value),) = ((form, value) for form, value in airspeeds.items() if value is not None)
     return float(true_airspeed(form, value, air_in_layers(layers, altitude_m)))
@@ -363,7 +363,7 @@ def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Raise RefusedError if a value is outside its range, or a pitch rate is given together with another rate."""
+    """Raise InputError if a value is outside its range, or a pitch rate is given together with another rate."""
     for name, (low, high) in _RANGES.items():
         value = condition.get(name)
         if value is not None:
@@ -373,7 +373,7 @@ def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
         rate = condition.get(name)
         if rate and pitch_rate:
             option, rate_option = _option("pitch_rate_deg_s"), _option(name)
-            raise RefusedError(f"{option}: arrived {pitch_rate:g} with {rate_option} {rate:g}; expected one of them 0")
+            raise InputError(f"{option}: arrived {pitch_rate:g} with {rate_option} {rate:g}; expected one of them 0")
 
 
 def _option(parameter: str) -> str:
@@ -381,17 +381,17 @@ def _option(parameter: str) -> str:
 
 
 def must_be_f16(aircraft: str, instead: str) -> None:
-    """Raise RefusedError if the aircraft is not the F-16; `instead` says what to use for other aircraft."""
+    """Raise InputError if the aircraft is not the F-16; `instead` says what to use for other aircraft."""
     if aircraft not in VARIANTS:
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
+        raise InputError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
 
 def must_be_known_aircraft(aircraft: str, variant: str) -> None:
-    """Raise RefusedError if an airframe's name or variant is unknown; paths of aircraft files are not checked."""
+    """Raise InputError if an airframe's name or variant is unknown; paths of aircraft files are not checked."""
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
         expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {expected}")
+        raise InputError(f"--aircraft: arrived {aircraft!r}; expected {expected}")
     variants = VARIANTS.get(aircraft, ("textbook",))
     if variant not in variants:
         expected = f"one of {', '.join(variants)}" if aircraft in VARIANTS else f"none: {aircraft} has no variants"
-        raise RefusedError(f"--variant: arrived {variant!r}; expected {expected}")
+        raise InputError(f"--variant: arrived {variant!r}; expected {expected}")

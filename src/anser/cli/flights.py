@@ -14,7 +14,7 @@ from anser.cli.app import help_epilog
 from anser.cli.arguments import ScenarioPath, complete_scenario
 from anser.cli.campaigns import campaign_flight, report_replay
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     activity,
     columns,
     end_without_result,
@@ -76,17 +76,17 @@ def run(
     store = None
     if campaign is not None or flight is not None:
         if campaign is None or flight is None or scenario is not None:
-            raise RefusedError("run: expected either a scenario file, or both --campaign FOLDER and --flight NUMBER")
+            raise InputError("run: expected either a scenario file, or both --campaign FOLDER and --flight NUMBER")
         if set_ or planner is not None:
-            raise RefusedError("run: arrived --set or --planner with --campaign, whose flight is flown as it was")
+            raise InputError("run: arrived --set or --planner with --campaign, whose flight is flown as it was")
         store, scenario_to_fly = campaign_flight(campaign, flight)
     elif scenario is None:
-        raise RefusedError("run: arrived no scenario; expected a scenario file, or --campaign and --flight")
+        raise InputError("run: arrived no scenario; expected a scenario file, or --campaign and --flight")
     else:
         scenario_to_fly = load_with_overrides(scenario, set_ or (), planner)
     if plan is not None and not (plan / PLAN).is_file():
         description = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
-        raise RefusedError(f"--plan: arrived {plan}, {description}; expected a folder that anser plan --out wrote")
+        raise InputError(f"--plan: arrived {plan}, {description}; expected a folder that anser plan --out wrote")
     default_folder = Path("runs") / scenario_to_fly.name
     from anser.missions.first_plan import NoPlanError, PlanFileError
     from anser.missions.runs import run as fly  # late import: errors in the file come first
@@ -101,7 +101,7 @@ def run(
     except NoPlanError as error:
         end_without_result("no plan", error.reasons, "no plan: ")
     except PlanFileError as error:
-        raise RefusedError(f"--plan: {error}") from None
+        raise InputError(f"--plan: {error}") from None
     print_document(lambda: flown.summary)
     stopped_s = _stopped_s(flown.dataset)
     _print_flight(flown.summary, stopped_s, flown.dataset.attrs)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anser.cli.console import RefusedError, print_note, refuse_on
+from anser.cli.console import InputError, print_note, refuse_on
 from anser.config.errors import os_error_reason
 from anser.files import new_file, new_folder, remove_empty_folders, staged_folder
 from anser.missions import saved_flights
@@ -27,7 +27,7 @@ Force = Annotated[
 
 @contextlib.contextmanager
 def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Create the output folder and yield a folder to write into; raises RefusedError if the output folder exists.
+    """Create the output folder and yield a folder to write into; raises InputError if the output folder exists.
 
     Files move to the output folder when all are complete; a new folder is removed if it stays empty. With `force` the
     output folder may exist, and files of the same names are replaced.
@@ -42,7 +42,7 @@ def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
                 into = writing.enter_context(staged_folder(folder) if is_old else new_folder(folder))
             except FileExistsError:
                 remedy = "a new folder, or --force (nothing is overwritten without it)"
-                raise RefusedError(
+                raise InputError(
                     f"--out: arrived {folder}, which exists; expected {remedy if folder.is_dir() else 'a folder'}"
                 ) from None
         yield into
@@ -62,7 +62,7 @@ def make_next_folder(folder: Path) -> Path:
             count += 1
             candidate = folder.with_name(f"{folder.name}-{count}")
     except OSError as error:
-        raise RefusedError(
+        raise InputError(
             f"--out: arrived nothing, and {folder} cannot be made ({os_error_reason(error)}); "
             "expected a place where it can"
         ) from None
@@ -75,37 +75,37 @@ PICTURE_SUFFIXES = (".svg", ".png", ".pdf")
 def must_be_new_file(
     option: str, path: Path | None, suffixes: Sequence[str] = PICTURE_SUFFIXES, force: bool = False
 ) -> None:
-    """Raise RefusedError, before any computation, if an optional file has a wrong suffix or cannot be written."""
+    """Raise InputError, before any computation, if an optional file has a wrong suffix or cannot be written."""
     if path is None:
         return
     if path.suffix not in suffixes:
         endings = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
-        raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {endings}")
+        raise InputError(f"{option}: arrived {path}; expected a name that ends with {endings}")
     must_be_writable(option, path, force)
 
 
 def must_be_writable(option: str, path: Path, force: bool) -> None:
-    """Raise RefusedError if a file exists (unless `force`) or the folder for the file does not exist."""
+    """Raise InputError if a file exists (unless `force`) or the folder for the file does not exist."""
     with _refusing(option, path, "a place for a file"):
         if path.is_file() and not force:
             remedy = "a new file, or --force (nothing is overwritten without it)"
-            raise RefusedError(f"{option}: arrived {path}, which exists; expected {remedy}")
+            raise InputError(f"{option}: arrived {path}, which exists; expected {remedy}")
         if path.exists() and not path.is_file():
             kind = "a folder" if path.is_dir() else "a device"
-            raise RefusedError(f"{option}: arrived {path}, which is {kind}; expected a file")
+            raise InputError(f"{option}: arrived {path}, which is {kind}; expected a file")
         if not path.parent.is_dir():
-            raise RefusedError(f"{option}: arrived {path}; expected a file in a folder that exists")
+            raise InputError(f"{option}: arrived {path}; expected a file in a folder that exists")
 
 
 @contextlib.contextmanager
 def open_output_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary path for an output file, which moves to its place when complete, or raise RefusedError."""
+    """Yield a temporary path for an output file, which moves to its place when complete, or raise InputError."""
     with _refusing(option, path, "a place for a file"), new_file(path, overwrite=force) as partial:
         yield partial
 
 
 def write_if_requested(option: str, path: Path | None, force: bool, write: Callable[[Path], object]) -> None:
-    """Write an optional output file; raises RefusedError if it cannot be written."""
+    """Write an optional output file; raises InputError if it cannot be written."""
     if path is not None:
         with open_output_file(option, path, force) as file:
             write(file)
@@ -124,24 +124,24 @@ def _is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Convert operating-system errors in the `with` block to RefusedError, with an option's path."""
+    """Convert operating-system errors in the `with` block to InputError, with an option's path."""
     try:
         yield
     except OSError as error:
-        raise RefusedError(f"{option}: arrived {path}; expected {expected} ({os_error_reason(error)})") from None
+        raise InputError(f"{option}: arrived {path}; expected {expected} ({os_error_reason(error)})") from None
 
 
 __all__ = ["FLIGHT", "PLAN", "RUN_FILES", "SUMMARY", "check_run_folder", "read_flight", "read_run"]
 
 
 def check_run_folder(folder: Path, argument: str = "RUN") -> None:
-    """Raise RefusedError if a folder is not that of a run; `argument` names the folder on the command line."""
+    """Raise InputError if a folder is not that of a run; `argument` names the folder on the command line."""
     with refuse_on(RunFolderError, f"{argument}: "):
         saved_flights.check_run_folder(folder)
 
 
 def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return the dataset and summary of a run folder; raises RefusedError if it is not a complete run."""
+    """Return the dataset and summary of a run folder; raises InputError if it is not a complete run."""
     check_run_folder(folder, argument)
     with refuse_on(RunFolderError, f"{argument}, "):
         flight = load_flight(folder)
@@ -149,11 +149,11 @@ def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[st
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return dataset and summary of a run folder; raises RefusedError also if one of the variables is missing."""
+    """Return dataset and summary of a run folder; raises InputError also if one of the variables is missing."""
     dataset, summary = read_run(folder)
     missing = [name for name in names if name not in dataset.variables]
     if missing:
-        raise RefusedError(
+        raise InputError(
             f"{folder / FLIGHT}: arrived without {', '.join(missing)}; expected a flight of this version of anser"
         )
     return dataset, summary

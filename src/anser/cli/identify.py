@@ -8,7 +8,7 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import VariantName, complete_aircraft
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     activity,
     columns,
     must_be_known_aircraft,
@@ -110,5 +110,5 @@ def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
     except ValueError:
         numbers = ()
     if len(numbers) != count:
-        raise RefusedError(f"{option}: arrived {text!r}; expected {count} numbers, separated by commas")
+        raise InputError(f"{option}: arrived {text!r}; expected {count} numbers, separated by commas")
     return numbers

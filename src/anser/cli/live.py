@@ -8,7 +8,7 @@ import typer
 
 from anser.cli.app import help_epilog
 from anser.cli.arguments import complete_scenario
-from anser.cli.console import RefusedError, print_document, print_line, print_note
+from anser.cli.console import InputError, print_document, print_line, print_note
 from anser.config.shipped_files import shipped_files
 
 
@@ -35,14 +35,14 @@ def live(
     from anser.live.notebook import open_server
 
     if folder is not None and not folder.is_dir():
-        raise RefusedError(f"--folder: arrived {folder}, which is no folder; expected an existing folder")
+        raise InputError(f"--folder: arrived {folder}, which is no folder; expected an existing folder")
     source, target = scenario, folder
     if source is None:
         source, target = shipped_files()["storm-sampling"], folder or Path.cwd()
     try:
         server = open_server(source, target)
     except ImportError as error:
-        raise RefusedError(f"live: {error}") from None
+        raise InputError(f"live: {error}") from None
     try:
         print_document(lambda: {"format_version": 1, "url": server.url})
         print_line(f"the live page: {server.url}")

@@ -9,7 +9,7 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     columns,
     flight_point,
     must_be_in_range,
@@ -73,14 +73,14 @@ def margins(
     if envelope:
         for option, value in (("--at", at), ("--bode", bode)):
             if value is not None:
-                raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")
+                raise InputError(f"{option}: arrived with --envelope, which is of all points; expected one of them")
         if out is None:
-            raise RefusedError("--out: arrived nothing; expected a new folder for what --envelope finds")
+            raise InputError("--out: arrived nothing; expected a new folder for what --envelope finds")
         _survey(aircraft, variant, inversion, step_s, coarse, out, force)
         return
     for option, value in (("--out", out), ("--coarse", coarse or None)):
         if value is not None:
-            raise RefusedError(f"{option}: arrived without --envelope; expected both or neither")
+            raise InputError(f"{option}: arrived without --envelope; expected both or neither")
     speed_m_s, altitude_m = flight_point(_AT if at is None else at)
     must_be_new_file("--bode", bode, force=force)
     from anser.analysis.margins import margin_document, margins_at

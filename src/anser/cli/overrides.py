@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from anser.cli.console import RefusedError, print_note
+from anser.cli.console import InputError, print_note
 from anser.config.errors import ScenarioError, describe_value
 from anser.config.key_paths import indexed_path
 from anser.config.toml_text import parse_toml
@@ -62,16 +62,16 @@ def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
     for text in texts:
         path, value = split_assignment(text, "PATH=VALUE, such as wind.speed_m_s=8")
         if path in overrides:
-            raise RefusedError(f"--set: arrived {path} twice; expected it once")
+            raise InputError(f"--set: arrived {path} twice; expected it once")
         overrides[path] = parse_value(value)
     return overrides
 
 
 def split_assignment(text: str, expected: str) -> tuple[str, str]:
-    """Return the two parts of an option --set, before and after the equals sign; raises RefusedError without one."""
+    """Return the two parts of an option --set, before and after the equals sign; raises InputError without one."""
     path, sign, value = (part.strip() for part in text.partition("="))
     if not sign or not path or not value:
-        raise RefusedError(f"--set: arrived {text!r}; expected {expected}")
+        raise InputError(f"--set: arrived {text!r}; expected {expected}")
     return path, value
 
 
@@ -90,5 +90,5 @@ def parse_value(text: str) -> object:
             return parse_toml(f"value = {word}", "--set")["value"]
         except ScenarioError as error:
             reason = error.problems[0].expected
-            raise RefusedError(f"--set: arrived {describe_value(word)}; expected a value of TOML ({reason})") from None
+            raise InputError(f"--set: arrived {describe_value(word)}; expected a value of TOML ({reason})") from None
     return word

@@ -10,7 +10,7 @@ import typer
 
 from anser.cli.app import help_epilog
 from anser.cli.arguments import RunFolder, complete_run
-from anser.cli.console import RefusedError, activity, fail_if_any, print_document, print_line, refuse_on
+from anser.cli.console import InputError, activity, fail_if_any, print_document, print_line, refuse_on
 from anser.cli.folders import (
     Force,
     check_run_folder,
@@ -38,16 +38,16 @@ def report(
 ) -> None:
     """Write the report of a run again, or of two runs side by side, as one page that works offline."""
     if other is not None and out is None:
-        raise RefusedError("--out: arrived nothing; expected a file for the report of two runs, such as beside.html")
+        raise InputError("--out: arrived nothing; expected a file for the report of two runs, such as beside.html")
     target = out if out is not None else run / "report.html"
     folders = {argument: folder for argument, folder in (("RUN", run), ("OTHER", other)) if folder is not None}
     for argument, folder in folders.items():
         check_run_folder(folder, argument)
     if out is None and target.exists() and not force:
-        raise RefusedError(f"--out: arrived nothing, and {target} exists; give --force to write it anew, or --out FILE")
+        raise InputError(f"--out: arrived nothing, and {target} exists; give --force to write it anew, or --out FILE")
     must_be_writable("--out", target, force)
     if target.name in RUN_FILES:
-        raise RefusedError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
+        raise InputError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
     from anser.report.flight_page import write_comparison, write_report  # late import: wrong arguments come first
 
     runs = [(str(folder), *read_run(folder, argument)) for argument, folder in folders.items()]
@@ -59,7 +59,7 @@ def report(
                 write_comparison(runs, file)
     except ValueError as error:
         message = f"{error}; expected what one flight of `anser run` wrote"
-        raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {message}") from None
+        raise InputError(f"{' and '.join(map(str, folders.values()))}: {message}") from None
     print_document(lambda: {"format_version": 1, "file": str(target)})
     print_line(f"{target}: written")
 
@@ -93,22 +93,22 @@ def export(
     """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat)."""
     start_time = _started(start)
     if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
-        raise RefusedError(f"--period-s: arrived {period_s:g}; expected a number above 0")
+        raise InputError(f"--period-s: arrived {period_s:g}; expected a number above 0")
     from anser.report.exports.geographic import NEEDED_VARIABLES
     from anser.report.exports.tables import FORMATS, PARQUET_MISSING, has_parquet, thin_record
 
     format_names = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
     for name in format_names:
         if name not in FORMATS:
-            raise RefusedError(f"--format: arrived {name!r}; expected one of {', '.join(FORMATS)}")
+            raise InputError(f"--format: arrived {name!r}; expected one of {', '.join(FORMATS)}")
     unavailable = [] if has_parquet() else [name for name in format_names if name == "parquet"]
     if format_names == unavailable:
-        raise RefusedError(f"--format: {PARQUET_MISSING}; all other formats are written without it")
+        raise InputError(f"--format: {PARQUET_MISSING}; all other formats are written without it")
     folder = run if out is None else out
     files = {name: folder / f"flight.{name}" for name in format_names if name not in unavailable}
     for path in files.values():
         if out is None and path.exists() and not force:
-            raise RefusedError(
+            raise InputError(
                 f"--format: arrived {path.suffix[1:]} for {path}, which exists; expected a new file: give another "
                 "folder with --out, or --force (nothing is overwritten without it)"
             )
@@ -129,9 +129,9 @@ def _started(start: str) -> datetime:
     try:
         start_time = datetime.fromisoformat(start)
     except ValueError:
-        raise RefusedError(f"--start: arrived {start!r}; expected a date and time such as {_START}") from None
+        raise InputError(f"--start: arrived {start!r}; expected a date and time such as {_START}") from None
     if not 1900 <= start_time.year <= 2200:
-        raise RefusedError(f"--start: arrived {start!r}; expected a year from 1900 to 2200")
+        raise InputError(f"--start: arrived {start!r}; expected a year from 1900 to 2200")
     return start_time if start_time.tzinfo is not None else start_time.replace(tzinfo=UTC)
 
 
@@ -180,7 +180,7 @@ def figures(
             written = [path.name for path in paths]
     else:
         if only is not None or width is not None or no_title:
-            raise RefusedError(
+            raise InputError(
                 "RUN: arrived nothing; expected the folder of a run: --only, --width and --no-title are of its figures"
             )
         with open_output_folder(out, force) as into:

@@ -11,7 +11,7 @@ import typer
 from anser.aircraft_files.schema import AirframeFile
 from anser.cli.app import help_epilog
 from anser.cli.arguments import ScenarioPath, complete_shipped
-from anser.cli.console import RefusedError, print_document, print_line, print_note
+from anser.cli.console import InputError, print_document, print_line, print_note
 from anser.cli.folders import Force, must_be_new_file, open_output_file
 from anser.cli.overrides import load_with_overrides
 from anser.config.errors import ScenarioError, describe_value
@@ -67,7 +67,7 @@ def convert(
 ) -> None:
     """Write a scenario file in another format, with the same flight and comments."""
     if format_ not in DEFAULT_PLANNERS:
-        raise RefusedError(f"--format: arrived {format_}; expected {' or '.join(map(str, DEFAULT_PLANNERS))}")
+        raise InputError(f"--format: arrived {format_}; expected {' or '.join(map(str, DEFAULT_PLANNERS))}")
     text = as_format(read_text(scenario), str(scenario), format_)
     write_new_file(path, text)
     print_document(lambda: {"format_version": 1, "file": str(path), "format": format_})
@@ -139,7 +139,7 @@ _NEXT_COMMANDS = {
 def _copy_shipped(name: str, path: Path) -> None:
     names = shipped_files()
     if name not in names:
-        raise RefusedError(f"--from: arrived {describe_value(name)}; expected one of {', '.join(names)}")
+        raise InputError(f"--from: arrived {describe_value(name)}; expected one of {', '.join(names)}")
     text = read_text(names[name])
     is_scenario = "[[aircraft]]" in text
     header = f"#:schema ./{SCENARIO_SCHEMA}\n" if is_scenario else ""

@@ -19,7 +19,7 @@ from anser.cli.arguments import (
     complete_aircraft,
 )
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     activity,
     columns,
     end_without_result,
@@ -105,7 +105,7 @@ def simulate(
     must_be_in_range("--duration-s", duration_s, 0.01, 36_000.0)
     must_be_in_range("--step-s", step_s, 1e-4, 1.0)
     if input_ and controls is not None:
-        raise RefusedError("--controls: arrived with --input; expected one of the two")
+        raise InputError("--controls: arrived with --input; expected one of the two")
     from anser.parts.input_signals import parse_signal
     from anser.single_aircraft.flight import simulate as fly
     from anser.single_aircraft.model import aircraft as load_model
@@ -116,7 +116,7 @@ def simulate(
         name, _, signal = text.partition("=")
         if name not in model.inputs or name in signals:
             expected = f"each input once, among {', '.join(model.inputs)}"
-            raise RefusedError(f"--input {text}: arrived {name!r}; expected NAME=SIGNAL:AMPLITUDE, {expected}")
+            raise InputError(f"--input {text}: arrived {name!r}; expected NAME=SIGNAL:AMPLITUDE, {expected}")
         with refuse_on(ValueError, f"--input {text}: "):
             signals[name] = parse_signal(signal)
     with activity("trimming"):

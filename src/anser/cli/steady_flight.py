@@ -21,7 +21,7 @@ from anser.cli.arguments import (
     VariantName,
 )
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     activity,
     columns,
     end_without_result,
@@ -145,7 +145,7 @@ def linearize(
     must_be_flight_condition(condition | {"x_cg": x_cg})
     must_be_in_range("--step-s", step_s, 0.001, 0.05)
     if actuators and loop != "open":
-        raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
+        raise InputError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
     must_be_new_file("--out", out, _SUFFIXES, force)
     from anser.analysis.linear_models import linearize as compute
 
@@ -267,7 +267,7 @@ def deep_stall(
             condition = {"elevator_deg": elevator_deg, "alpha_from_deg": alpha_from_deg, "altitude_m": altitude_m}
             dataset = compute(variant, x_cg_over_c=cg or CENTRES_OF_GRAVITY, **condition)
         except ValueError as error:
-            raise RefusedError(f"--{str(error).replace('_', '-')}") from None
+            raise InputError(f"--{str(error).replace('_', '-')}") from None
     from anser.report.aircraft_figures import draw_deep_stall
 
     write_if_requested("--picture", picture, force, lambda file: draw_deep_stall(dataset, [file]))

@@ -10,7 +10,7 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     activity,
     columns,
     fail_if_any,
@@ -71,9 +71,9 @@ def step(
     speed_m_s, altitude_m = flight_point(at)
     must_be_new_file("--out", out, force=force)
     if len(channel) != len(size):
-        raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
+        raise InputError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
     if len(set(channel)) != len(channel):
-        raise RefusedError(f"--channel: arrived {', '.join(channel)}; expected each at most once")
+        raise InputError(f"--channel: arrived {', '.join(channel)}; expected each at most once")
     from anser.analysis.step_flights import step_time_scale
     from anser.analysis.step_tests import step_document, step_test
 

@@ -11,7 +11,7 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import ScenarioPath, SurveyFolder
 from anser.cli.console import (
-    RefusedError,
+    InputError,
     columns,
     print_document,
     print_line,
@@ -79,7 +79,7 @@ def parse_sweep_values(texts: list[str]) -> dict[str, list[object]]:
     for text in texts:
         path, values = split_assignment(text, _EXPECTED)
         if path in sweep_values:
-            raise RefusedError(f"--set: arrived {path} twice; expected all of its values in one")
+            raise InputError(f"--set: arrived {path} twice; expected all of its values in one")
         sweep_values[path] = (
             _range(text, values) if _RANGE.fullmatch(values) else [parse_value(value) for value in values.split(",")]
         )
@@ -90,13 +90,13 @@ def _range(text: str, values: str) -> list[object]:
     try:
         start, stop, step = (Decimal(part.strip()) for part in values.split(":"))
     except InvalidOperation:
-        raise RefusedError(f"--set: arrived {text!r}; expected three numbers, FIRST:LAST:STEP") from None
+        raise InputError(f"--set: arrived {text!r}; expected three numbers, FIRST:LAST:STEP") from None
     numbers = start, stop, step
     if not all(bound.is_finite() for bound in numbers) or step == 0 or (stop - start) * step < 0:
-        raise RefusedError(f"--set: arrived {text!r}; expected a step that leads from the first to the last")
+        raise InputError(f"--set: arrived {text!r}; expected a step that leads from the first to the last")
     count = int((stop - start) / step) + 1
     if count > _VALUES_MAX:
-        raise RefusedError(f"--set: arrived {text!r}, {count} values; expected {_VALUES_MAX} at most")
+        raise InputError(f"--set: arrived {text!r}, {count} values; expected {_VALUES_MAX} at most")
     # decimal arithmetic: 3 x 0.1 is 0.3
     return [parse_value(str(start + k * step)) for k in range(count)]
 

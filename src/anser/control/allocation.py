@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.airframe import AbstractAirframe, MassProperties
-from anser.aircraft.motion import FlightCondition
+from anser.aircraft.motion import AirDataAndForces
 from anser.numerics.arrays import select_if_any
 from anser.numerics.linear import inverse3, product3, solve3
 from anser.shapes import Matrix33, Vector, Vector3
@@ -40,7 +40,7 @@ class SurfaceDemand(eqx.Module):
 
 
 def surface_moments(
-    airframe: AbstractAirframe, condition: FlightCondition, rates_b: Vector3, surfaces: Vector
+    airframe: AbstractAirframe, condition: AirDataAndForces, rates_b: Vector3, surfaces: Vector
 ) -> SurfaceMoments:
     """Compute the aerodynamic moment and its derivative with respect to the surfaces, at the deflections `surfaces`."""
 
@@ -84,7 +84,11 @@ def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n
 
 
 def allocate(
-    airframe: AbstractAirframe, condition: FlightCondition, rates_b: Vector3, present: SurfaceMoments, moment_b: Vector3
+    airframe: AbstractAirframe,
+    condition: AirDataAndForces,
+    rates_b: Vector3,
+    present: SurfaceMoments,
+    moment_b: Vector3,
 ) -> SurfaceDemand:
     """Find deflections within the stops that give the moment `moment_b` (N m), by Newton steps.
 

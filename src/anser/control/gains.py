@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.motion import FlightCondition
+from anser.aircraft.motion import AirDataAndForces
 from anser.control.allocation import deflection_for_moment, surface_moments
 from anser.control.loop_separations import PUBLISHED_ACTUATOR_BANDWIDTH, PUBLISHED_ENGINE_BANDWIDTH
 from anser.numerics.arrays import as_array
@@ -132,7 +132,7 @@ class Bandwidths(eqx.Module):
 
 def derived_bandwidths(
     airframe: AbstractAirframe,
-    condition: FlightCondition,
+    condition: AirDataAndForces,
     # trimmed deflections, rad, and engine power, percent
     surfaces: Vector,
     power: ScalarLike,
@@ -176,7 +176,7 @@ def derived_bandwidths(
 
 
 def _required_stiffness(
-    airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, actuator_bandwidth: Scalar
+    airframe: AbstractAirframe, condition: AirDataAndForces, surfaces: Vector, actuator_bandwidth: Scalar
 ) -> Vector:
     """Return the least stiffness (1/s^2; P, Q, R) for which the loops stay stable with `_GAIN_MARGIN` times the gain.
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from anser.aircraft.air_data import Wrench
 from anser.aircraft.airframe import AbstractAirframe, AircraftState
-from anser.aircraft.motion import FlightCondition, angular_acceleration
+from anser.aircraft.motion import AirDataAndForces, angular_acceleration
 from anser.control.allocation import Authority, SurfaceMoments, surface_authority, surface_moments
 from anser.control.autopilot_state import AutopilotState, ModelResidual
 from anser.control.gains import AutopilotGains
@@ -35,7 +35,7 @@ class PathMotion(eqx.Module):
 
 
 def path_motion(
-    condition: FlightCondition, slow_force_b: Vector3, velocity_b: Vector3, mass: ScalarLike, gravity: ScalarLike
+    condition: AirDataAndForces, slow_force_b: Vector3, velocity_b: Vector3, mass: ScalarLike, gravity: ScalarLike
 ) -> PathMotion:
     """Compute path angles and their rates by the wind-axis equations of theory section 2; `gravity` is positive.
 
@@ -106,8 +106,8 @@ class OnboardModel(eqx.Module):
     airframe: AbstractAirframe
     limits: FlightLimits
     state: AircraftState
-    condition: FlightCondition
-    slow_condition: FlightCondition
+    condition: AirDataAndForces
+    slow_condition: AirDataAndForces
     surfaces_slow: Vector
     moments: SurfaceMoments
     authority: Authority

@@ -11,7 +11,7 @@ from anser.numerics.arrays import as_array
 from anser.parts.controllers import AbstractController
 from anser.parts.input_signals import AbstractSignal, multisine
 from anser.parts.perception import Belief
-from anser.shapes import Count, Scalar, ScalarLike, Vector, Vector3
+from anser.shapes import Integer, Scalar, ScalarLike, Vector, Vector3
 
 _LINES = 4
 """Lines of each surface's multisine."""
@@ -23,7 +23,7 @@ class ProbingState(eqx.Module):
     controller: Any
     surfaces: Vector
     power: Scalar
-    count: Count
+    count: Integer
 
 
 class ProbingController(AbstractController):

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.motion import FlightCondition
+from anser.aircraft.motion import AirDataAndForces
 from anser.control.limits import NORMAL_TURNING_G, FlightLimits
 from anser.control.onboard_model import OnboardModel
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
@@ -61,7 +61,7 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
 
 def lift_at_alpha(
     airframe: AbstractAirframe,
-    condition: FlightCondition,
+    condition: AirDataAndForces,
     rates_b: Vector3,
     surfaces: Vector,
     other_force_b: Vector3,

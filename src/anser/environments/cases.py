@@ -25,7 +25,7 @@ from anser.numerics.arrays import Stacked, as_array, cast_to_precision
 from anser.parts.perception import Belief, Instant, Truth
 from anser.scenario.build import build_flight
 from anser.scenario.schema import validate
-from anser.shapes import Count, Scalar
+from anser.shapes import Integer, Scalar
 from anser.simulation.vehicle import Vehicle
 from anser.spatial.rotations import rotate, rotation_from_quaternion
 from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
@@ -55,7 +55,7 @@ class Case(eqx.Module):
     environment: Environment
     start: TrimPoint
     task: Any
-    decisions: Count
+    decisions: Integer
 
     @property
     def autopilot(self) -> InversionAutopilot:

@@ -23,8 +23,8 @@ from anser.environments.tasks import AbstractTask
 from anser.numerics.arrays import Stacked, cast_like, cast_to_precision
 from anser.numerics.randomness import SeededRandomness, threefry
 from anser.parts.perception import Belief, Instant, Truth
-from anser.shapes import Count, Flag, Scalar, ScalarLike
-from anser.simulation.closed_loop import Perception, act, perceive, trimmed_vehicle
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
+from anser.simulation.closed_loop import Perception, command_and_move, perceive, trimmed_vehicle
 from anser.simulation.open_loop import believed_variables
 from anser.simulation.vehicle import Vehicle, VehicleState
 from anser.units import RAD_DEG
@@ -70,7 +70,7 @@ class Parameters(eqx.Module):
         """Number of cases."""
         return jax.tree.leaves(self.cases.batched)[0].shape[0]
 
-    def case(self, row: Count) -> Case:
+    def case(self, row: Integer) -> Case:
         """Return one case."""
         return self.cases.at(row)  # pyright: ignore[reportArgumentType]
 
@@ -92,11 +92,11 @@ class EpisodeState(eqx.Module):
         Number of latest decisions after which all errors were within the tolerances.
     """
 
-    time: Count
-    row: Count
+    time: Integer
+    row: Integer
     key: UInt32[Array, "2"]
     vehicle: VehicleState
-    settled: Count
+    settled: Integer
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -232,7 +232,7 @@ class AircraftEnvironment:
         row, episode_key = draw_case(key, params)
         return self.start_of_case(row, episode_key, params)
 
-    def start_of_case(self, row: Count, key: UInt32[Array, "2"], params: Parameters) -> EpisodeState:
+    def start_of_case(self, row: Integer, key: UInt32[Array, "2"], params: Parameters) -> EpisodeState:
         """Return the state at the start of a case, with a key of the episode's random numbers."""
         zero = jnp.zeros((), jnp.int32)
         return EpisodeState(zero, row, key, self.start_aircraft(params.case(row), key, params), zero)
@@ -250,7 +250,7 @@ class AircraftEnvironment:
             return params.observations[state.row]
         return self.observation_of(self.situation_of(params.case(state.row), state, params))
 
-    def instant(self, case: Case, number: Count, key: UInt32[Array, "2"], params: Parameters) -> Instant:
+    def instant(self, case: Case, number: Integer, key: UInt32[Array, "2"], params: Parameters) -> Instant:
         """Return the instant of the sample with a number since the start of an episode with a key."""
         return Instant(case.environment, number, params.step, SeededRandomness(key))
 
@@ -270,10 +270,10 @@ class AircraftEnvironment:
         action = jnp.clip(jnp.asarray(action, params.step.dtype), -1.0, 1.0)
         vehicle = self.flown_vehicle(case, self.level.command(action, case.autopilot, belief))
 
-        def advance(k: Count, vehicle_state: VehicleState) -> VehicleState:
+        def advance(k: Integer, vehicle_state: VehicleState) -> VehicleState:
             instant = self.instant(case, first + k, state.key, params)
             perception = perceive(vehicle, vehicle_state, instant)
-            return cast_like(act(vehicle, vehicle_state, perception, instant)[0], vehicle_state)
+            return cast_like(command_and_move(vehicle, vehicle_state, perception, instant)[0], vehicle_state)
 
         if self.decision_steps == 1:
             return advance(jnp.zeros((), jnp.int32), state.vehicle)
@@ -314,7 +314,7 @@ def end_decision(
     errors: Float[Array, "..."],
     reward: Scalar,
     terminated: Flag,
-    decisions: Count,  # number of decisions of the episode
+    decisions: Integer,  # number of decisions of the episode
     observation: Float[Array, "..."],
 ) -> tuple[Float[Array, "..."], EpisodeState, Scalar, dict[str, Array]]:
     """Return observation, state, reward and `info` at the end of a decision, for one aircraft or a fleet."""
@@ -340,7 +340,7 @@ def reset_if(done: Flag, start: Any, flown: Any) -> Any:
     return jax.tree.map(lambda new, old: jnp.where(done, new, old), start, flown)
 
 
-def draw_case(key: Array, params: Parameters) -> tuple[Count, UInt32[Array, "2"]]:
+def draw_case(key: Array, params: Parameters) -> tuple[Integer, UInt32[Array, "2"]]:
     """Draw the number of a case and the key of the random numbers of an episode."""
     draws, words = threefry(_key_words(key), jnp.zeros(2, jnp.uint32), jnp.arange(2, dtype=jnp.uint32))
     row = (draws[0] % np.uint32(params.count)).astype(jnp.int32)

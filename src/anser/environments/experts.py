@@ -14,7 +14,7 @@ from anser.environments.cases import Case, Situation
 from anser.environments.environment import AircraftEnvironment, EpisodeState, Parameters
 from anser.environments.fleet import FleetEnvironment
 from anser.numerics.arrays import cast_like
-from anser.shapes import Count
+from anser.shapes import Integer
 
 Policy = Callable[[Array, Float[Array, " entry"], EpisodeState, Any], tuple[Float[Array, " action"], Any]]
 """Function from a key, the observation, the state and the policy's own state to an action and that state."""
@@ -45,7 +45,7 @@ class Expert:
         return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), settled)
 
     def _act(
-        self, situation: Situation, time: Count, expert_state: Any, params: Parameters
+        self, situation: Situation, time: Integer, expert_state: Any, params: Parameters
     ) -> tuple[Float[Array, " action"], Any]:
         member, case = self._member, situation.case
         start = self._start(case, params.step.dtype)

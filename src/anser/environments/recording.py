@@ -19,7 +19,7 @@ from anser.environments.fleet import FleetEnvironment
 from anser.numerics.arrays import cast_like, zeros_like_result
 from anser.parts.paths import PathCommand
 from anser.results.documents import version_attributes
-from anser.simulation.closed_loop import act, perceive
+from anser.simulation.closed_loop import command_and_move, perceive
 from anser.simulation.recorders import record
 from anser.simulation.vehicle import VehicleState
 from anser.single_aircraft.flight import OPEN_LOOP, AircraftFlight, flight_dataset
@@ -194,7 +194,9 @@ def _recorder(environment: AircraftEnvironment) -> Any:
             fresh = environment.level.command(actions[number // steps], case.autopilot, perception.belief)
             is_decision = (number % steps == 0) & (number < last)
             command = fresh if command is None else jax.tree.map(partial(jnp.where, is_decision), fresh, command)
-            flown, sample = act(environment.flown_vehicle(case, command), vehicle_state, perception, instant)
+            flown, sample = command_and_move(
+                environment.flown_vehicle(case, command), vehicle_state, perception, instant
+            )
             if not isinstance(command, PathCommand):
                 nan = jnp.asarray(jnp.nan)
                 sample = dataclasses.replace(sample, command=PathCommand(nan, nan, nan, nan, nan, nan))

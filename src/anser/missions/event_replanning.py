@@ -30,7 +30,7 @@ from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, GOAL_EVENTS, Event
-from anser.shapes import Count, Scalar
+from anser.shapes import Integer, Scalar
 from anser.simulation.flight import Flight, FlightState
 
 EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2, -2.2, 3.1, -3.1)
@@ -81,7 +81,7 @@ def plan_exit(
     tasks: AircraftTask,  # tasks of all flying aircraft
     airspace: Airspace,
     time: Scalar,  # current time, s
-    aircraft: Count,  # index of the departing aircraft in the fleet
+    aircraft: Integer,  # index of the departing aircraft in the fleet
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
 ) -> CertifiedPlan:

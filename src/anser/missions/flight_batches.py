@@ -34,7 +34,7 @@ from anser.results.flight_rows import FlightRow, build_flight_row
 from anser.scenario.build import build_flight
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
-from anser.shapes import Count
+from anser.shapes import Integer
 from anser.simulation.fleet_summary import SummaryRecorder
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
 from anser.simulation.precision import Precision, cast_flight, cast_state
@@ -77,8 +77,8 @@ def _fly_segment(
     states: FlightState,
     summaries: Any,
     separations: Separation,
-    first_sample: Count,
-    last_sample: Count,
+    first_sample: Integer,
+    last_sample: Integer,
     series: SeriesSelection | None = None,
     outputs: OutputRecording | None = None,
 ) -> Any:

@@ -17,7 +17,7 @@ from anser.parts.perception import Instant
 from anser.results.documents import finite_or_none
 from anser.results.variable_labels import to_dataset_units
 from anser.scenario.schema import Scenario
-from anser.shapes import Count
+from anser.shapes import Integer
 from anser.simulation.closed_loop import HOLD
 from anser.simulation.recorders import AbstractRecorder, FleetSample, record
 from anser.variables import all_surface_names, catalogue
@@ -166,7 +166,7 @@ class OutputRecording(eqx.Module):
         )
         return cls(tuple(formulas)) if outputs else None
 
-    def recorder(self, inner: AbstractRecorder, last_sample: Count | None) -> "OutputRecorder":
+    def recorder(self, inner: AbstractRecorder, last_sample: Integer | None) -> "OutputRecorder":
         """Return the recorder of the outputs in addition to an inner recorder."""
         formulas = tuple(formula for _, formula in self.formulas)
         return OutputRecorder(inner=inner, formulas=formulas, last_sample=last_sample, stride=inner.stride)
@@ -195,7 +195,7 @@ class OutputRecorder(AbstractRecorder):
 
     inner: AbstractRecorder
     formulas: tuple[OutputFormula, ...] = eqx.field(static=True)
-    last_sample: Count | None  # number of the last sample; None: no limit
+    last_sample: Integer | None  # number of the last sample; None: no limit
     stride: int = eqx.field(static=True)
 
     def init(self, aircraft: int) -> tuple[Any, Any]:

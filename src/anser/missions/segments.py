@@ -17,7 +17,7 @@ from anser.numerics.arrays import as_array, cast_to_precision
 from anser.parts.perception import Instant
 from anser.parts.planners import AbstractPlanner, AircraftReport
 from anser.planning.certified.planner import CertifiedPlanner
-from anser.shapes import Count, Scalar
+from anser.shapes import Integer, Scalar
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True), "flight")
@@ -64,7 +64,7 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
 
 
 @compiled_quickly
-def sense_fleet(flight: Flight, state: FlightState, number: Count) -> AircraftReport:
+def sense_fleet(flight: Flight, state: FlightState, number: Integer) -> AircraftReport:
     """Reports of a fleet in flight to its planner at sample `number`, in fleet order, by a compiled program."""
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
     return cast_to_precision(fleet_reports(flight, state, instant)[1], float)

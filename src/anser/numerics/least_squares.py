@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
 from anser.numerics.linear import solve_positive
-from anser.shapes import Count, Flag, Scalar
+from anser.shapes import Flag, Integer, Scalar
 
 Evaluate = Callable[[PyTree, Array], Any]
 """Function of (context, unknowns) that returns the linearized equations; the context is a start's other data."""
@@ -97,7 +97,7 @@ def search_steps(
     if required_count is None:
         return jax.lax.fori_loop(0, number, lambda _, state: step_all(state), searches)
 
-    def is_unfinished(carry: tuple[Count, SearchState]) -> Bool[Array, ""]:
+    def is_unfinished(carry: tuple[Integer, SearchState]) -> Bool[Array, ""]:
         count, state = carry
         return (count < number) & (jnp.sum(state.at.cost <= sufficient_cost) < required_count)
 
@@ -164,7 +164,7 @@ def levenberg_marquardt(
     def move(_: None, at: Linearized, damping: Scalar) -> Float[Array, " n"]:
         return damped_solve(at.jacobian, at.residual, damping)
 
-    def proceed(carry: tuple[SearchState, Count]) -> Flag:
+    def proceed(carry: tuple[SearchState, Integer]) -> Flag:
         search, count = carry
         # The first pass of the loop evaluates the start; the residual before the pass is infinite.
         unsolved = jnp.max(jnp.abs(search.at.residual)) > tolerance

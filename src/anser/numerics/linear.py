@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.compiling.single_kernel import is_tracing_single_kernel
-from anser.shapes import Count, Matrix33, Vector3
+from anser.shapes import Integer, Matrix33, Vector3
 
 _LEAST_SQUARE = 1e-100
 
@@ -61,7 +61,7 @@ def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> F
     """
     count = vector.shape[0]
 
-    def eliminate(k: Count, augmented: Array) -> Array:
+    def eliminate(k: Integer, augmented: Array) -> Array:
         pivot = augmented[k] / augmented[k, k]
         return (augmented - augmented[:, k, None] * pivot[None, :]).at[k].set(pivot)
 

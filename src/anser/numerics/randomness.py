@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, UInt32
 
 from anser.numerics.arrays import as_array, namespace
-from anser.shapes import Count
+from anser.shapes import Integer
 
 AIR, VEHICLE_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
 """Parts of the closed loop that draw random numbers; user-defined parts have numbers from 100."""
@@ -27,18 +27,18 @@ class AbstractRandomness(eqx.Module):
     """Interface of the source of a flight's random numbers."""
 
     @abc.abstractmethod
-    def for_aircraft(self, index: Count) -> "AbstractRandomness":
+    def for_aircraft(self, index: Integer) -> "AbstractRandomness":
         """Return the source for one aircraft, by its index in the fleet."""
 
     @abc.abstractmethod
-    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Draw `count` independent standard normal numbers for a part of the loop at sample `number`.
 
         `part` is one of the part numbers of this module, or a user's number from 100.
         """
 
     @abc.abstractmethod
-    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Draw `count` independent numbers in (0, 1) for a part of the loop at sample `number`: Phi of the normals."""
 
 
@@ -50,15 +50,15 @@ class SeededRandomness(AbstractRandomness):
 
     key: UInt32[Array, "2"]  # key of a flight, or of one aircraft in a flight
 
-    def for_aircraft(self, index: Count) -> "SeededRandomness":
+    def for_aircraft(self, index: Integer) -> "SeededRandomness":
         """Return the source with the aircraft's index folded into the key."""
         return SeededRandomness(fold_key(self.key, index))
 
-    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Draw standard normals: the inverse normal distribution of `uniforms`."""
         return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
-    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Draw numbers in (0, 1): centres of 2^52 equal intervals."""
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
@@ -73,11 +73,11 @@ class PrescribedRandomness(AbstractRandomness):
     #: sample is `INITIAL_SAMPLE`.
     standard_normals: Mapping[int, Float[Array, "..."]]
 
-    def for_aircraft(self, index: Count) -> "PrescribedRandomness":
+    def for_aircraft(self, index: Integer) -> "PrescribedRandomness":
         """Return the source with the numbers of one aircraft, by its index in the fleet."""
         return PrescribedRandomness({part: numbers[index] for part, numbers in self.standard_normals.items()})
 
-    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Return the prescribed standard normals of a part at a sample; raises ValueError if there are too few."""
         numbers = self.standard_normals.get(part)
         if numbers is None or numbers.shape[-1] < count:
@@ -85,7 +85,7 @@ class PrescribedRandomness(AbstractRandomness):
             raise ValueError(f"part {part} draws {count} random numbers a sample; {available} given for it")
         return numbers[jnp.asarray(number) + 1, :count]
 
-    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Return Phi of the prescribed normals."""
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
@@ -100,17 +100,17 @@ class BlendedRandomness(AbstractRandomness):
     keys: UInt32[Array, "terms 2"]  # keys of the sources, for a flight or for one aircraft
     weights: Float[Array, " terms"]  # weights of the sources; the sum of squares is 1
     # number of sources in use; the remaining entries are padding. The cost of a draw is proportional to `count`
-    count: Count
-    aircraft: Count | None = None  # index in the fleet; None: source of the flight
+    count: Integer
+    aircraft: Integer | None = None  # index in the fleet; None: source of the flight
 
-    def for_aircraft(self, index: Count) -> "BlendedRandomness":
+    def for_aircraft(self, index: Integer) -> "BlendedRandomness":
         """Return the sources of one aircraft."""
         return BlendedRandomness(self.keys, self.weights, self.count, index)
 
-    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Draw the weighted sum of the sources' standard normals."""
 
-        def add_source(k: Count, total: Array) -> Array:
+        def add_source(k: Integer, total: Array) -> Array:
             source = SeededRandomness(self.keys[k])
             if self.aircraft is not None:
                 source = source.for_aircraft(self.aircraft)
@@ -118,7 +118,7 @@ class BlendedRandomness(AbstractRandomness):
 
         return jax.lax.fori_loop(0, self.count, add_source, jnp.zeros(count, self.weights.dtype))
 
-    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+    def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Draw numbers in (0, 1): Phi of the normals."""
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 

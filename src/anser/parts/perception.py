@@ -14,12 +14,12 @@ from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.air_data import AirData, Disturbance, air_data, no_disturbance
 from anser.aircraft.airframe import AbstractAirframe, AircraftState
-from anser.aircraft.motion import FlightCondition
+from anser.aircraft.motion import AirDataAndForces
 from anser.environment.environment import Environment
 from anser.numerics.arrays import as_array
 from anser.numerics.randomness import INITIAL_SAMPLE, AbstractRandomness
 from anser.parts.part import AbstractPart
-from anser.shapes import Count, Flag, Matrix33, Scalar, Vector3
+from anser.shapes import Flag, Integer, Matrix33, Scalar, Vector3
 from anser.spatial.rotations import rotate_back
 from anser.spatial.vectors import norm
 
@@ -110,7 +110,7 @@ class Instant(eqx.Module):
     """
 
     environment: Environment
-    number: Count
+    number: Integer
     step: Scalar
     randomness: AbstractRandomness | None = None
 
@@ -152,7 +152,7 @@ class Truth(eqx.Module):
 
     airframe: AbstractAirframe
     state: AircraftState
-    condition: FlightCondition  #: Air data, forces and moments in the true state.
+    condition: AirDataAndForces  #: Air data, forces and moments in the true state.
     goal: GoalState | None  #: Motion of the goal; None for an aircraft without a goal.
     #: False after the loss of the goal sensor.
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
@@ -168,7 +168,9 @@ class GoalReading(eqx.Module):
     values: Float[Array, "6"]
     sigmas: Float[Array, "6"]  #: Standard deviations of the errors, same units.
     measured: Bool[Array, "6"]  #: Flags of the measured components; all false at a sample without a measurement.
-    number: Count  #: Number of the sample at which the measurement was made; the reading may arrive at a later sample.
+    number: (
+        Integer  #: Number of the sample at which the measurement was made; the reading may arrive at a later sample.
+    )
     #: "sight": the values are a line of sight; "report": the values are the goal's reported motion.
     kind: Literal["sight", "report"] = eqx.field(static=True)
 
@@ -189,7 +191,7 @@ class Reading(eqx.Module):
 
     state: AircraftState  #: Measured state of the aircraft.
     #: Air data at the measured state, with the forces and moments of the true airframe in this state.
-    condition: FlightCondition
+    condition: AirDataAndForces
     specific_force_b: Vector3  #: Specific force at the centre of gravity, body axes, m/s^2.
     #: Exact line of sight to the goal with all rates, at every sample; None without a goal, or if the goal sensor has
     #: errors (see `goal`).
@@ -215,7 +217,7 @@ class Belief(eqx.Module):
     #: Nominal airframe, and its air data, forces and moments at the estimated state.
     airframe: AbstractAirframe
     state: AircraftState
-    condition: FlightCondition
+    condition: AirDataAndForces
     specific_force_b: Vector3  #: Measured specific force, m/s^2.
     #: Line of sight to the goal, measured or estimated, and estimated motion of the goal; None without a goal.
     sight: LineOfSight | None
@@ -235,7 +237,7 @@ class Uncertainty(eqx.Module):
     goal_covariance: Float[Array, "6 6"]
     goal_is_measured: Flag  # whether a measurement of the goal arrived at this sample
     nis: Scalar  # normalised innovation squared of the last measurement, divided by its dimension; 1 on average
-    goal_status: Count  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
+    goal_status: Integer  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
 
 
 GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)
@@ -271,6 +273,6 @@ class AbstractEstimator(AbstractPart):
         """Return the belief at this sample, and the estimator's new state; `airframe` is the true airframe."""
 
 
-def velocity_over_ground_n(condition: FlightCondition, state: AircraftState) -> Vector3:
+def velocity_over_ground_n(condition: AirDataAndForces, state: AircraftState) -> Vector3:
     """Compute the velocity over the ground, NED, m/s."""
     return rotate_back(condition.R_bn, state.velocity_b)

@@ -18,7 +18,7 @@ from anser.numerics.arrays import as_array, namespace
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.part import AbstractPart
 from anser.parts.paths import AbstractReference, polar
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm, safe_sqrt, unit_vector
 
 
@@ -237,12 +237,12 @@ class AircraftPlan(eqx.Module):
     trajectory: AbstractReference  #: Motion up to the arrival, which the guidance follows.
     arrival_time: Scalar  #: Time of arrival at the rendezvous, s.
     #: Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
-    status: Count = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
+    status: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     length: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))  #: Length of the path, m.
     #: Parameter of the published paths, m; NaN for other paths.
     lateral_bend: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))
     #: Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
-    replanning: Count = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
+    replanning: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     hold: Any = None  #: Motion after the arrival; None: the hold of the aircraft's mission.
     #: Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:
     #: the hold is not moved (see `hold_reference`).
@@ -298,7 +298,7 @@ class AbstractPlanner(AbstractPart):
         self,
         planner_state: Any,
         reports: AircraftReport,
-        number: Count,
+        number: Integer,
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> Any:

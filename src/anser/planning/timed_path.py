@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from anser.compiling.single_kernel import is_tracing_single_kernel
 from anser.numerics.integration import gauss_legendre
 from anser.parts.paths import AbstractReference, PathPoint, time_rounding
-from anser.shapes import Count, Scalar, ScalarLike, Vector3
+from anser.shapes import Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm
 
 Knots = Float[Array, "knots 3 3"]
@@ -81,7 +81,7 @@ class TimedPath(AbstractReference):
         extrapolated = jnp.stack([inside[0] + outside * inside[1], inside[1], jnp.zeros_like(inside[1])])
         return jnp.where(jnp.abs(outside) <= time_rounding(clipped), inside, extrapolated)
 
-    def _begun_count(self, time: ScalarLike) -> Count:
+    def _begun_count(self, time: ScalarLike) -> Integer:
         """Number of knots before the arrival that are not later than a time (s).
 
         The last cells may be empty: the end is that of the last non-empty cell.
@@ -91,7 +91,7 @@ class TimedPath(AbstractReference):
             return jnp.sum((self.times <= time) & (self.times < self.times[-1]), dtype=jnp.int32)
 
         # A single kernel has small arrays only.
-        def halve(_: object, bounds: tuple[Count, Count]) -> tuple[Count, Count]:
+        def halve(_: object, bounds: tuple[Integer, Integer]) -> tuple[Integer, Integer]:
             low, high = bounds
             middle = (low + high) >> 1
             knot_time = jnp.take(self.times, middle, mode="clip")

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.aircraft_files.library import airframe_of_table
 from anser.compiling.options import compiled_quickly, enable_compilation_cache
 from anser.config.tables import content_hash
@@ -163,7 +163,7 @@ def _capability_and_bandwidths(
     speeds: tuple[Scalar, Scalar],
 ) -> tuple[TrimMapPoint, Bandwidths]:
     trim = solve_trim(airframe, environment, trim_target(speed, altitude))
-    condition = flight_condition(airframe, environment, 0.0, trim.state)
+    condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     power = jnp.clip(trim.power, 0.0, 100.0)
     return (
         capability_points(airframe, environment, altitude, speed, speeds),

@@ -26,11 +26,11 @@ from anser.aircraft.corrected_airframe import (
     reference_regressors,
     regressors,
 )
-from anser.aircraft.motion import angular_acceleration, modelled_condition
+from anser.aircraft.motion import angular_acceleration, modelled_air_data_and_forces
 from anser.numerics.linear import times3
 from anser.parts.perception import AbstractEstimator, Belief, Instant, Reading
 from anser.sensing.fault_detection import FaultDetection, FaultState, fault_detection, fault_effects
-from anser.shapes import Count, Scalar, ScalarLike, Vector, Vector3
+from anser.shapes import Integer, Scalar, ScalarLike, Vector, Vector3
 
 Increments = Float[Array, "6 p"]
 Method = Literal["least-squares", "gradient"]
@@ -155,7 +155,7 @@ class AdaptationState(eqx.Module):
     rates_b: Vector3
     acceleration_b: Vector3
     faults: FaultState
-    count: Count
+    count: Integer
 
 
 class AdaptiveEstimator(AbstractEstimator):
@@ -226,7 +226,7 @@ class AdaptiveEstimator(AbstractEstimator):
             # the filter of gusts lags: with its air data the lift slope would be too small. With tables to start from
             # the filtered air data are better, for the estimates drift where gusts are their only test input
             data = reading.air_data(instant.environment)
-            condition = modelled_condition(self.model, belief.condition, data, belief.state)
+            condition = modelled_air_data_and_forces(self.model, belief.condition, data, belief.state)
             measured = eqx.tree_at(lambda b: b.condition, belief, condition)
         next_state = self.learn(state, measured, instant.step)
         return self.corrected_belief(next_state, belief), next_state

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import Disturbance
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.motion import flight_condition, modelled_condition
+from anser.aircraft.motion import air_data_and_forces, modelled_air_data_and_forces
 from anser.environment.earth import AbstractEarth
 from anser.environment.environment import AbstractWind, SteadyWind
 from anser.environment.gusts import Gust
@@ -50,7 +50,7 @@ class DirectEstimator(AbstractEstimator):
         """Return the reading as belief, and the goal's motion, extrapolated after a failure of the goal sensor."""
         condition, model = reading.condition, airframe if self.model is None else self.model
         if self.model is not None:
-            condition = modelled_condition(self.model, condition, condition.air_data, reading.state)
+            condition = modelled_air_data_and_forces(self.model, condition, condition.air_data, reading.state)
         goal = self.init(reading, airframe, instant)
         if goal is not None and estimator_state is not None:
             goal = goal_or_prediction(goal, estimator_state, reading, instant)
@@ -166,11 +166,11 @@ class TrackingEstimator(AbstractEstimator):
             air = self.air.step(air, R_bn, velocity_n, measured_b, step)
             environment = eqx.tree_at(lambda e: e.wind, instant.environment, SteadyWind(air.wind_n), is_leaf=_is_wind)
             disturbance = Disturbance(Gust(air.gust_b, jnp.zeros_like(air.gust_b)), jnp.ones_like(step))
-            condition = flight_condition(airframe, environment, instant.time, state, disturbance=disturbance)
+            condition = air_data_and_forces(airframe, environment, instant.time, state, disturbance=disturbance)
         elif self.vehicle is not None:
-            condition = flight_condition(airframe, instant.environment, instant.time, state)
+            condition = air_data_and_forces(airframe, instant.environment, instant.time, state)
         elif self.model is not None:
-            condition = modelled_condition(airframe, condition, condition.air_data, state)
+            condition = modelled_air_data_and_forces(airframe, condition, condition.air_data, state)
         sight = reading.sight
         if self.goal is not None:
             assert reading.goal is not None

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from anser.aircraft.air_data import Wrench
 from anser.aircraft.corrected_airframe import LONGITUDINAL, STATE_REGRESSORS, ReferenceLengths
 from anser.parts.perception import Belief
-from anser.shapes import Count, Scalar, ScalarLike
+from anser.shapes import Integer, Scalar, ScalarLike
 
 NO_FAULT, CENTRE_OF_GRAVITY, ICE, ENGINE, SURFACE = range(5)
 """Codes of faults; `SURFACE` + k is surface k of the airframe."""
@@ -153,8 +153,8 @@ class FaultState(eqx.Module):
     correlation: Float[Array, " fault"]
     energy: Scalar
     duration: Scalar
-    candidate: Count
-    code: Count
+    candidate: Integer
+    code: Integer
     size: Scalar
 
 

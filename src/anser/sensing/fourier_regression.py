@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from anser.shapes import Count, Scalar, ScalarLike, Vector
+from anser.shapes import Integer, Scalar, ScalarLike, Vector
 
 _END_SAMPLES = 10
 """Samples at the start and at the end of a record through which a straight line gives the end values."""
@@ -42,7 +42,7 @@ class FourierSums(eqx.Module):
         Sum of the squared third differences of each signal, shape (signal,).
     """
 
-    count: Count
+    count: Integer
     phasor: Complex[Array, " frequency"]
     signals: Complex[Array, "signal frequency"]
     inputs: Complex[Array, "input frequency"]
@@ -271,7 +271,7 @@ class _EndWeights:
         pseudo = sum_factor[:, None] * sum_factor[None, :] * self._inner_sum(w[:, None] + w[None, :], inner)
         return products + ends.T @ ends.conj(), pseudo + ends.T @ ends
 
-    def _inner_sum(self, w: Float[Array, "f f"], number: Count) -> Complex[Array, "f f"]:
+    def _inner_sum(self, w: Float[Array, "f f"], number: Integer) -> Complex[Array, "f f"]:
         """Return the sum of the squared weights times exp(-i w t) over the samples between both ends: geometric."""
         dt, size = self.step, _END_SAMPLES
         # weight^2 = dt^2 memory^(2 (count - n)) for n = size ... count - size

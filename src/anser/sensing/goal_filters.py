@@ -18,7 +18,7 @@ from anser.sensing.goal_sensors import MeasurementQueue
 from anser.sensing.ideal_sensors import line_of_sight, line_of_sight_values
 from anser.sensing.kalman import Measurement, SigmaPoints, extended_update, unscented_prediction, unscented_update
 from anser.sensing.motion_models import AbstractMotionModel
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 _NIS_MEMORY = 20.0  # measurements over which the size of innovations is averaged
 _OUTLIER = 5.0  # times `nis_max`: upper limit of one innovation, so that a single outlier is not a divergence
@@ -41,7 +41,7 @@ class GoalEstimate(eqx.Module):
     covariance: Float[Array, "6 6"]
     is_measured: Flag  # whether a measurement arrived at this sample
     nis: Scalar  # normalised innovation squared of the last measurement, divided by its dimension
-    status: Count  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
+    status: Integer  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
 
 
 class AbstractGoalFilter(eqx.Module):
@@ -65,8 +65,8 @@ class GoalTrack(eqx.Module):
     means: Float[Array, "models n"]
     covariances: Float[Array, "models n n"]
     shares: Float[Array, " models"]  # probability of each model; the sum is 1
-    number: Count  # sample number of the latest measurement
-    count: Count  # number of processed measurements
+    number: Integer  # sample number of the latest measurement
+    count: Integer  # number of processed measurements
     # normalised innovation squared of the last measurement and its fading mean, divided by the dimension
     nis: Scalar
     nis_mean: Scalar
@@ -216,7 +216,7 @@ class GoalFilter(AbstractGoalFilter):
         mixed_covariances = track.covariances[:, None] + differences[..., :, None] * differences[..., None, :]
         return means, jnp.sum(weights[:, :, None, None] * mixed_covariances, axis=0), shares
 
-    def _status(self, track: GoalTrack, covariance: Float[Array, "6 6"]) -> Count:
+    def _status(self, track: GoalTrack, covariance: Float[Array, "6 6"]) -> Integer:
         variance_max = jnp.max(jnp.stack([covariance[k, k] for k in range(3)]))
         diverged = (track.nis_mean > self.nis_max) | ~(variance_max <= self.sigma_max**2)
         measured_status = jnp.where(track.count > 0, GOAL_KNOWN, GOAL_NEVER_SEEN)

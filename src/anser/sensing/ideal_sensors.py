@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AircraftState
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.environment.earth import AbstractEarth
 from anser.parts.perception import (
     AbstractSensors,
@@ -21,7 +21,7 @@ from anser.parts.perception import (
     measure_line_of_sight,
     velocity_over_ground_n,
 )
-from anser.shapes import Count, Scalar, ScalarLike, Vector3
+from anser.shapes import Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import normalize
 
 
@@ -88,7 +88,7 @@ class SampleRing(eqx.Module):
 
     buffer: Any
 
-    def with_sample(self, number: Count, sample: Any) -> "SampleRing":
+    def with_sample(self, number: Integer, sample: Any) -> "SampleRing":
         """Return the ring with sample `number` added in place of the oldest."""
 
         def put(buffer: Array, value: Array) -> Array:
@@ -96,7 +96,7 @@ class SampleRing(eqx.Module):
 
         return SampleRing(jax.tree.map(put, self.buffer, sample))
 
-    def delayed_sample(self, number: Count, periods: ScalarLike) -> Any:
+    def delayed_sample(self, number: Integer, periods: ScalarLike) -> Any:
         """Interpolate the sample `periods` sampling periods (0 to rows - 2) before sample `number`."""
         whole = jnp.floor(periods)
         fraction = periods - whole
@@ -136,7 +136,7 @@ class DelayedSensors(AbstractSensors):
         quaternion = jnp.where(periods > jnp.floor(periods), normalize(quaternion), quaternion)
         state = eqx.tree_at(lambda s: s.quaternion, delayed.state, quaternion)
         sight = sensor_state.delayed_sample(instant.number, jnp.round(periods)).sight
-        condition = flight_condition(
+        condition = air_data_and_forces(
             truth.airframe, instant.environment, instant.time, state, disturbance=truth.disturbance
         )
         works = truth.goal_sensor_works

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from anser.shapes import Count, Scalar
+from anser.shapes import Integer, Scalar
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
@@ -146,7 +146,7 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     count = matrix.shape[0]
     indices = jnp.arange(count)
 
-    def column(k: Count, root: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    def column(k: Integer, root: Float[Array, "n n"]) -> Float[Array, "n n"]:
         reduced_column = matrix[:, k] - jnp.sum(root * root[k][None, :], axis=1)
         pivot = jnp.maximum(reduced_column[k], 0.0)
         safe = jnp.where(pivot > 0.0, pivot, 1.0)
@@ -160,7 +160,7 @@ def _solve_lower(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]
     """Solve L X = B for X, with the lower triangular L = `root` and B = `right_hand_side`."""
     indices = jnp.arange(right_hand_side.shape[0])
 
-    def row(k: Count, solution: Float[Array, "m k"]) -> Float[Array, "m k"]:
+    def row(k: Integer, solution: Float[Array, "m k"]) -> Float[Array, "m k"]:
         reduced_row = right_hand_side[k] - jnp.sum(root[k][:, None] * solution, axis=0)
         return jnp.where(indices[:, None] == k, (reduced_row / root[k, k])[None], solution)
 

@@ -1,6 +1,6 @@
 """Closed loop of one aircraft over one step: sense, estimate, command, control, move; and the status codes.
 
-Single aircraft and fleets are flown by the same functions `perceive` and `act`.
+Single aircraft and fleets are flown by the same functions `perceive` and `command_and_move`.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from anser.aircraft.air_data import Disturbance
 from anser.aircraft.airframe import AircraftState
-from anser.aircraft.motion import flight_condition, to_local_state, to_motion_state
+from anser.aircraft.motion import air_data_and_forces, to_local_state, to_motion_state
 from anser.environment.environment import Environment
 from anser.environment.gridded_wind import has_left_field
 from anser.environment.gusts import AirFlow, NoGusts
@@ -21,7 +21,7 @@ from anser.numerics.randomness import AIR, AbstractRandomness
 from anser.parts.perception import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
 from anser.parts.planners import AircraftPlan
 from anser.planning.published.coordination import DIRECTION_UNATTAINABLE, NO_BEND, PLAN_MESSAGES
-from anser.shapes import Count, Flag, ScalarLike
+from anser.shapes import Flag, Integer, ScalarLike
 from anser.simulation.recorders import AbstractRecorder, AircraftSample, GoalApproach, scan_steps
 from anser.simulation.stand_off import must_break_away
 from anser.simulation.vehicle import Mission, Vehicle, VehicleState, advance
@@ -29,9 +29,9 @@ from anser.spatial.rotations import rotate, rotation_from_quaternion, safe_norm
 from anser.steady.trim import TrimPoint
 
 FLYING = 0
-_EVENT_CODES = range(len(PLAN_MESSAGES), len(PLAN_MESSAGES) + 10)
+_VEHICLE_STATUSES = range(len(PLAN_MESSAGES), len(PLAN_MESSAGES) + 10)
 NO_TRIM, NOT_FINITE, BREAKAWAY, AT_GROUND, TOO_NEAR, PLAN_TOO_NEAR, LEFT_FLEET, GOAL_UNSEEN, GOAL_LOST, OUTSIDE_WIND = (
-    _EVENT_CODES
+    _VEHICLE_STATUSES
 )
 
 STATUS_MESSAGES: tuple[str, ...] = (
@@ -89,8 +89,8 @@ def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gus
     """Return the truth that the sensors measure: aircraft, air data, goal and disturbances at an instant."""
     time = instant.time
     airframe = vehicle.airframe_at(time)
-    disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.thrust_at(time))
-    condition = flight_condition(airframe, instant.environment, time, state, disturbance=disturbance)
+    disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.thrust_ratio_at(time))
+    condition = air_data_and_forces(airframe, instant.environment, time, state, disturbance=disturbance)
     goal = None if vehicle.mission is None else vehicle.mission.goal_at(time)
     return Truth(airframe, state, condition, goal, vehicle.faults.goal_sensor_works(time), disturbance)
 
@@ -103,7 +103,7 @@ def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
     return AirFlow(airspeed, -state.position_n[2], R_bn, wind_n, instant.time)
 
 
-def for_aircraft(instant: Instant, index: Count) -> Instant:
+def for_aircraft(instant: Instant, index: Integer) -> Instant:
     """Return the instant with the random numbers of the aircraft with fleet index `index`."""
     if instant.randomness is None:
         return instant
@@ -158,7 +158,7 @@ def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> 
     return instant.normals(AIR, count, once=once) if count else jnp.zeros(0, instant.step.dtype)
 
 
-def act(
+def command_and_move(
     # the aircraft, its state between two steps, and the result of `perceive`
     vehicle: Vehicle,
     state: VehicleState,
@@ -220,12 +220,12 @@ def act(
         finite = _all_finite((aircraft, part_states))
         position_n = to_local_state(instant.environment, aircraft).position_n
         grounded = position_n[2] >= 0.0
-        event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
+        next_status = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
         is_over = ~finite | grounded
         is_outside = has_left_field(instant.environment.wind, position_n, instant.time + instant.step)
-        event = jnp.where(is_outside & ~is_over, OUTSIDE_WIND, event).astype(status.dtype)
+        next_status = jnp.where(is_outside & ~is_over, OUTSIDE_WIND, next_status).astype(status.dtype)
         is_over = is_over | is_outside
-        status = jnp.where(stopped, sample.status, event)
+        status = jnp.where(stopped, sample.status, next_status)
         stopped = stopped | is_over
         aircraft, part_states = jax.tree.map(
             lambda old, new: jnp.where(stopped, old, new), previous, (aircraft, part_states)
@@ -234,8 +234,8 @@ def act(
 
 
 def _vehicle_status(
-    vehicle: Vehicle, status: Count, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
-) -> Count:
+    vehicle: Vehicle, status: Integer, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
+) -> Integer:
     """Return the status code, updated for a departure from the fleet and for a goal without usable estimate."""
     time = instant.time
     has_departed = (status == FLYING) & vehicle.faults.has_departed(time)
@@ -246,8 +246,8 @@ def _vehicle_status(
     lost = belief.uncertainty.goal_status == GOAL_DIVERGED
     # Until the plan is frozen, the goal may still be seen.
     unseen = unseen & (time >= plan.arrival_time - freeze)
-    event = jnp.where(lost, GOAL_LOST, jnp.where(unseen, GOAL_UNSEEN, status))
-    return jnp.where(status == FLYING, event, status).astype(status.dtype)
+    next_status = jnp.where(lost, GOAL_LOST, jnp.where(unseen, GOAL_UNSEEN, status))
+    return jnp.where(status == FLYING, next_status, status).astype(status.dtype)
 
 
 def _approach_goal(
@@ -255,10 +255,10 @@ def _approach_goal(
     truth: Truth,
     belief: Belief,
     plan: AircraftPlan,
-    status: Count,
+    status: Integer,
     instant: Instant,
     freeze: ScalarLike,
-) -> tuple[GoalApproach, Count]:
+) -> tuple[GoalApproach, Integer]:
     """Return the approach to the goal, and the status code, updated for a breakaway.
 
     Both guards overrule plan and guidance: the height needed to end the descent, and the least distance to the true
@@ -279,8 +279,8 @@ def _approach_goal(
         mission.hold.settings.hold_turn,
     )
     has_left_plan = is_breakaway(status)
-    event = jnp.where(clearance.is_lost, BREAKAWAY, TOO_NEAR)
-    status = jnp.where((clearance.is_lost | is_too_near) & ~has_left_plan, event, status).astype(status.dtype)
+    next_status = jnp.where(clearance.is_lost, BREAKAWAY, TOO_NEAR)
+    status = jnp.where((clearance.is_lost | is_too_near) & ~has_left_plan, next_status, status).astype(status.dtype)
     approach = jnp.where(time >= plan.arrival_time - freeze, FROZEN, APPROACH)
     phase = jnp.where((time >= plan.arrival_time) | is_breakaway(status), HOLD, approach)
     return GoalApproach(
@@ -314,9 +314,9 @@ def fly_alone(
     """
     step = jnp.asarray(step, dtype=float)
 
-    def advance_step(state: VehicleState, number: Count) -> tuple[VehicleState, AircraftSample, Instant]:
+    def advance_step(state: VehicleState, number: Integer) -> tuple[VehicleState, AircraftSample, Instant]:
         instant = Instant(environment, number, step, randomness)
-        next_state, sample = act(vehicle, state, perceive(vehicle, state, instant), instant)
+        next_state, sample = command_and_move(vehicle, state, perceive(vehicle, state, instant), instant)
         return next_state, sample, instant
 
     return scan_steps(advance_step, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.numerics.arrays import cast_to_precision
 from anser.parts.perception import Instant
 from anser.planning.separation import Separation, closest_fraction, separation_ratio
-from anser.shapes import Count, Scalar, ScalarLike
+from anser.shapes import Integer, Scalar, ScalarLike
 from anser.simulation.closed_loop import HOLD, is_off_plan
 from anser.simulation.recorders import AbstractRecorder, AircraftSample, FleetSample
 from anser.spatial.rotations import safe_hypot, safe_norm
@@ -86,7 +86,7 @@ class SummaryRecorder(AbstractRecorder):
     """
 
     separation: Separation | None = None  #: Separation required of the fleet; None: no requirement.
-    last_sample: Count | None = None  #: Number of the last sample in the summary; None: no limit.
+    last_sample: Integer | None = None  #: Number of the last sample in the summary; None: no limit.
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
@@ -131,7 +131,7 @@ class SummaryRecorder(AbstractRecorder):
         self,
         recorder_state: tuple[FleetSummary, _PreviousSample],
         inputs: dict[str, Array],
-        number: Count,
+        number: Integer,
         step: ScalarLike,
     ) -> tuple[FleetSummary, _PreviousSample]:
         """Add the inputs of one more sample (keys of `_summary_inputs`, leading axis aircraft) to the summary."""

@@ -23,8 +23,8 @@ from anser.numerics.arrays import (
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.perception import GoalState, Instant, velocity_over_ground_n
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
-from anser.simulation.closed_loop import PLAN_TOO_NEAR, Perception, act, is_breakaway, perceive
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
+from anser.simulation.closed_loop import PLAN_TOO_NEAR, Perception, command_and_move, is_breakaway, perceive
 from anser.simulation.recorders import (
     AbstractRecorder,
     FleetSample,
@@ -42,7 +42,7 @@ class Timing(eqx.Module):
     """Periods of a flight, s."""
 
     step: Scalar  # sampling period of the aircraft's parts and step of the integrator
-    replan_steps: Count  # number of steps between plans; 0: only the first plan
+    replan_steps: Integer  # number of steps between plans; 0: only the first plan
     freeze: Scalar  # time before the arrival during which the plan is frozen
 
 
@@ -108,7 +108,7 @@ class FlightState(eqx.Module):
     planner: PyTree  #: State of the planner, with the current plan.
     #: Sample of the latest plan made between two steps, at which the loop makes none; or sample at which such a plan is
     #: needed first, because the planner may not make it in the loop. -1: none.
-    replan_sample: Count = eqx.field(default_factory=lambda: as_array(-1, np.int32))
+    replan_sample: Integer = eqx.field(default_factory=lambda: as_array(-1, np.int32))
 
 
 def assemble(
@@ -265,7 +265,7 @@ def plans_too_near(
 
 
 def _replan_if_due(
-    flight: Flight, state: FlightState, number: Count, reports: AircraftReport
+    flight: Flight, state: FlightState, number: Integer, reports: AircraftReport
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
     """Replan if the sample is due; return the planner state, and flags of new plans that end too near the goal."""
     timing, planner = cast_to_precision(flight.timing, float), flight.planner
@@ -302,7 +302,7 @@ def send_to_hold(
 
 
 def step_fleet(
-    flight: Flight, state: FlightState, number: Count, *, one_kernel: bool = False
+    flight: Flight, state: FlightState, number: Integer, *, one_kernel: bool = False
 ) -> tuple[FlightState, FleetSample, Instant]:
     """Fly the fleet over one step; returns the next state, and the sample at the step's start (see `fly`)."""
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
@@ -314,7 +314,7 @@ def step_fleet(
     vehicles = send_to_hold(flight, state.vehicles, refused)
 
     def act_one(vehicle: Vehicle, group_state: VehicleState, perceived: Perception, plan: AircraftPlan) -> Any:
-        return act(vehicle, group_state, perceived, instant, plan, flight.timing.freeze)
+        return command_and_move(vehicle, group_state, perceived, instant, plan, flight.timing.freeze)
 
     results = [
         kernel(group.vehicles.map)(act_one, group_state, perception, select_group_rows(plans, group, flight.count))
@@ -331,13 +331,13 @@ def step_fleet(
 def fly(
     flight: Flight,
     state: FlightState,
-    first_step: Count,
+    first_step: Integer,
     count: int = SEGMENT_STEPS,
     recorder: AbstractRecorder | None = None,
     recorder_state: Any = None,
     *,
     one_kernel: bool = False,
-    active_steps: Count | None = None,
+    active_steps: Integer | None = None,
 ) -> tuple[FlightState, Any, Any]:
     """Fly a fleet for `count` steps and record it.
 
@@ -366,7 +366,7 @@ def fly(
     recorder = History() if recorder is None else recorder
     recorder_state = recorder.init(flight.count) if recorder_state is None else recorder_state
 
-    def advance_step(flight_state: FlightState, number: Count) -> tuple[FlightState, FleetSample, Instant]:
+    def advance_step(flight_state: FlightState, number: Integer) -> tuple[FlightState, FleetSample, Instant]:
         return step_fleet(flight, flight_state, number, one_kernel=one_kernel)
 
     return scan_steps(

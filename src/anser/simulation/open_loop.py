@@ -8,13 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.aircraft.motion import MotionState, flight_condition, to_local_state
+from anser.aircraft.motion import MotionState, air_data_and_forces, to_local_state
 from anser.environment.environment import Environment
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.paths import PathCommand
 from anser.parts.perception import Belief, Instant, Truth
 from anser.parts.planners import AircraftPlan
-from anser.shapes import Count, ScalarLike, Vector3
+from anser.shapes import Integer, ScalarLike, Vector3
 from anser.simulation.closed_loop import FLYING
 from anser.simulation.recorders import CONTROLLER_COMMANDS, CONTROLLER_FLAGS, AircraftSample, record
 from anser.spatial.wind_axes import bank_about_velocity
@@ -45,13 +45,13 @@ class PrescribedControls(AbstractController):
     surfaces: Float[Array, "sample surface"]
     throttle: Float[Array, " sample"]
 
-    def init(self, state: AircraftState, attitude: Vector3) -> Count:
+    def init(self, state: AircraftState, attitude: Vector3) -> Integer:
         """Return the number of the first sample."""
         return jnp.asarray(0, dtype=jnp.int32)
 
     def control(
-        self, controller_state: Count, belief: Belief, command: Any, step: ScalarLike
-    ) -> tuple[Controls, None, Count]:
+        self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
+    ) -> tuple[Controls, None, Integer]:
         """Return the row of the sample."""
         number = controller_state
         return Controls(self.surfaces[number], self.throttle[number]), None, number + 1
@@ -74,13 +74,13 @@ class FeedbackControls(AbstractController):
     environment: Environment
     law: StateFeedback = eqx.field(static=True)
 
-    def init(self, state: AircraftState, attitude: Vector3) -> Count:
+    def init(self, state: AircraftState, attitude: Vector3) -> Integer:
         """Return the number of the first sample."""
         return jnp.asarray(0, dtype=jnp.int32)
 
     def control(
-        self, controller_state: Count, belief: Belief, command: Any, step: ScalarLike
-    ) -> tuple[Controls, None, Count]:
+        self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
+    ) -> tuple[Controls, None, Integer]:
         """Return the controls of the function."""
         time = controller_state * step
         names = belief.airframe.actuators.names
@@ -125,7 +125,7 @@ def start_point(
     airframe: AbstractAirframe, environment: Environment, state: AircraftState, controls: Controls
 ) -> TrimPoint:
     """Return any state in the form of a trim point, from which a flight starts."""
-    condition = flight_condition(airframe, environment, 0.0, state)
+    condition = air_data_and_forces(airframe, environment, 0.0, state)
     data = condition.air_data
     return TrimPoint(
         state=state,
@@ -145,7 +145,7 @@ def dataset_variables(
 ) -> dict[str, Array]:
     """Compute the variables of a state in still or steadily moving air by dataset name, in degrees, in open loop."""
     local_state = to_local_state(environment, state)
-    condition = flight_condition(airframe, environment, time, local_state)
+    condition = air_data_and_forces(airframe, environment, time, local_state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
     return _named_variables(Belief(airframe, local_state, condition, specific_force_b, sight=None, goal=None), controls)
 

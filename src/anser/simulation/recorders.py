@@ -20,7 +20,7 @@ from anser.parts.controllers import signal_variables
 from anser.parts.paths import polar
 from anser.parts.perception import Belief, GoalState, Instant, Truth, Uncertainty
 from anser.parts.planners import AircraftPlan, NetworkView
-from anser.shapes import Count, Vector3
+from anser.shapes import Integer, Vector3
 from anser.spatial.rotations import euler_from_quaternion, rotate, rotate_back, safe_norm
 from anser.spatial.vectors import safe_sqrt
 from anser.spatial.wind_axes import bank_about_velocity, path_angles
@@ -216,7 +216,7 @@ class GoalApproach(eqx.Module):
     plan: AircraftPlan  # the aircraft's plan
     # `APPROACH`: flies the plan; `FROZEN`: flies the plan, which no longer changes; `HOLD`: after the arrival or a
     # breakaway
-    phase: Count
+    phase: Integer
 
 
 class AircraftSample(eqx.Module):
@@ -229,7 +229,7 @@ class AircraftSample(eqx.Module):
     command: Any  #: Command of the guidance.
     reference_n: Vector3 | None  #: Position that the guidance follows, NED, m.
     approach: GoalApproach | None  #: Approach to the goal; None for an aircraft without a mission.
-    status: Count  #: Index into `STATUS_MESSAGES`.
+    status: Integer  #: Index into `STATUS_MESSAGES`.
     flow: AirFlow | None = None  #: Air flow at the aircraft, without gusts; None in air without gusts.
 
 
@@ -325,14 +325,14 @@ class History(AbstractRecorder):
 
 def scan_steps(
     # one step: maps state and sample number to the next state, the sample, and the instant
-    advance_step: Callable[[Any, Count], tuple[Any, Any, Instant]],
+    advance_step: Callable[[Any, Integer], tuple[Any, Any, Instant]],
     state: Any,  # state before the first step
-    first_sample: Count,  # number of the first sample, not batched
+    first_sample: Integer,  # number of the first sample, not batched
     count: int,  # number of steps, a multiple of the recorder's stride
     recorder: AbstractRecorder,
     recorder_state: Any,
     # number of steps to run, known only at run time; requires a stride of 1. None: `count`
-    active_steps: Count | None = None,
+    active_steps: Integer | None = None,
 ) -> tuple[Any, Any, Any]:
     """Run `count` steps in one compiled loop and record a row every `stride` samples.
 
@@ -345,7 +345,7 @@ def scan_steps(
     if stride < 1 or count % stride:
         raise ValueError(f"a row every {stride} samples does not fit a flight of {count} samples")
 
-    def step(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Any]:
+    def step(carry: tuple[Any, Any], number: Integer) -> tuple[tuple[Any, Any], Any]:
         state, recorder_state = carry
         next_state, sample, instant = advance_step(state, number)
         return (next_state, recorder.update(recorder_state, sample, instant)), recorder.output(sample, instant)
@@ -358,7 +358,7 @@ def scan_steps(
         traced, shapes = jax.make_jaxpr(step, return_shape=True)((state, recorder_state), first_sample)
         empty, unpack_row = ravel_pytree(jax.tree.map(lambda row: jnp.zeros(row.shape, row.dtype), shapes[1]))
 
-        def step_if_active(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Array]:
+        def step_if_active(carry: tuple[Any, Any], number: Integer) -> tuple[tuple[Any, Any], Array]:
             def packed_step() -> tuple[tuple[Any, Any], Array]:
                 results = jaxpr_as_fun(traced)(*jax.tree.leaves((carry, number)))
                 next_carry, row = jax.tree.unflatten(jax.tree.structure(shapes), results)
@@ -374,13 +374,13 @@ def scan_steps(
         return *states, records
     empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
-    def step_without_row(carry: tuple[Any, Any, Any], k: Count) -> tuple[tuple[Any, Any, Any], None]:
+    def step_without_row(carry: tuple[Any, Any, Any], k: Integer) -> tuple[tuple[Any, Any, Any], None]:
         state, recorder_state, number = carry[0], carry[1], carry[2][0]
         next_state, sample, instant = advance_step(state, number)
         first_row = jax.lax.cond(k == 0, lambda: recorder.output(sample, instant), lambda: carry[2][1])
         return (next_state, recorder.update(recorder_state, sample, instant), (number + 1, first_row)), None
 
-    def block(carry: tuple[Any, Any, Count], _: None) -> tuple[tuple[Any, Any, Count], Any]:
+    def block(carry: tuple[Any, Any, Integer], _: None) -> tuple[tuple[Any, Any, Integer], Any]:
         state, recorder_state, number = carry
         block_start = (state, recorder_state, (number, empty))
         (state, recorder_state, (number, first_record)), _ = jax.lax.scan(

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState
-from anser.aircraft.motion import angular_acceleration, flight_condition, modelled_condition
+from anser.aircraft.motion import air_data_and_forces, angular_acceleration, modelled_air_data_and_forces
 from anser.control.autopilot_state import AutopilotState, ModelResidual, initial_autopilot_state
 from anser.control.gains import AutopilotGains
 from anser.control.inversion_autopilot import InversionAutopilot, Loop, LoopCommand
@@ -123,7 +123,7 @@ def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike
 
 def exact_belief(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
     """Return the belief that equals the truth, at time 0, of an aircraft without a goal."""
-    condition = flight_condition(airframe, environment, 0.0, state)
+    condition = air_data_and_forces(airframe, environment, 0.0, state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
     return Belief(airframe, state, condition, specific_force_b, sight=None, goal=None)
 
@@ -133,7 +133,7 @@ def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
     belief = exact_belief(case.airframe, case.environment, state)
     if case.model is None:
         return belief
-    condition = modelled_condition(case.model, belief.condition, belief.condition.air_data, state)
+    condition = modelled_air_data_and_forces(case.model, belief.condition, belief.condition.air_data, state)
     return Belief(case.model, state, condition, belief.specific_force_b, sight=None, goal=None)
 
 

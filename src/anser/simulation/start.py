@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.numerics.arrays import strongly_typed
 from anser.parts.perception import Instant
 from anser.parts.planners import AircraftReport, Performance
@@ -49,7 +49,7 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, is_untrimmed | ~is_real))
         airframe, condition = perception.belief.airframe, perception.truth.condition
         if airframe is not vehicle.airframe:  # the planner uses the aircraft's own model
-            condition = flight_condition(airframe, environment, instant.time, trim.state)
+            condition = air_data_and_forces(airframe, environment, instant.time, trim.state)
         performance = performance_at(airframe, environment, condition, trim.state.surfaces)
         return (trim, state), (~is_untrimmed, aircraft_report(vehicle, perception, ~state.stopped), performance)
 

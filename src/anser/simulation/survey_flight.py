@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.motion import FlightCondition, MotionState, flight_condition
+from anser.aircraft.motion import AirDataAndForces, MotionState, air_data_and_forces
 from anser.control.autopilot import AutopilotSignals
 from anser.control.feedback import wrap_angle
 from anser.control.gains import AutopilotGains
@@ -141,7 +141,7 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
     )
 
 
-def outside_axes(airframe: AbstractAirframe, condition: FlightCondition, inside: FlightCondition) -> Bool[Array, "4"]:
+def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside: AirDataAndForces) -> Bool[Array, "4"]:
     """Flag the `TABLE_AXES` along which a condition is outside the airframe's data.
 
     The airframe reports only "outside". Altitude and Mach number are distinguished by replacing one of them by the
@@ -208,7 +208,7 @@ class SurveyRecorder(AbstractRecorder):
     """Recorder that keeps only the running summary of a survey flight; it stores no rows."""
 
     limits: FlightLimits  # limits of the autopilot
-    start: FlightCondition  # flight condition at the start, within the range of the airframe's data
+    start: AirDataAndForces  # flight condition at the start, within the range of the airframe's data
     # step of (V, gamma, chi), and tolerance of the settled error, m/s and rad
     size: Vector3
     tolerance: Vector3
@@ -297,7 +297,7 @@ def survey_flight(
     )
     step = jnp.asarray(step, dtype=float)
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
-    start = flight_condition(airframe, environment, 0.0, trim.state)
+    start = air_data_and_forces(airframe, environment, 0.0, trim.state)
     surfaces = len(airframe.actuators.names)
     recorder = SurveyRecorder(
         limits=limits, start=start, size=size, tolerance=tolerance, count=count, surfaces=surfaces

@@ -21,7 +21,7 @@ from anser.parts.perception import AbstractEstimator, AbstractSensors, GoalState
 from anser.parts.planners import Rendezvous
 from anser.planning.goals import GoalMotion
 from anser.planning.holds.hold_around_goal import HoldAroundGoal
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.spatial.rotations import normalize
 
 
@@ -32,26 +32,26 @@ class Faults(eqx.Module):
 
     Attributes
     ----------
-    thrust_time, thrust_ratio
+    thrust_loss_time, thrust_ratio
         Time of a thrust loss, s, and fraction of the thrust that remains afterwards (0..1).
-    sensor_time
+    goal_sensor_loss_time
         Time of a failure of the goal sensor, s.
     departure_time
         Time at which the aircraft leaves the fleet and flies its exit path, s; the fleet no longer waits for it.
     """
 
-    thrust_time: Scalar
+    thrust_loss_time: Scalar
     thrust_ratio: Scalar
-    sensor_time: Scalar
+    goal_sensor_loss_time: Scalar
     departure_time: Scalar
 
-    def thrust(self, time: ScalarLike) -> Scalar:
-        """Return the fraction of the thrust available at a time (s): 1 before a loss."""
-        return jnp.where(time >= self.thrust_time, self.thrust_ratio, 1.0)
+    def thrust_ratio_at(self, time: ScalarLike) -> Scalar:
+        """Return the fraction of the nominal thrust that is left at a time (s): 1 before a loss."""
+        return jnp.where(time >= self.thrust_loss_time, self.thrust_ratio, 1.0)
 
     def goal_sensor_works(self, time: ScalarLike) -> Flag:
         """Whether the goal sensor works at a time, s."""
-        return jnp.asarray(time < self.sensor_time)
+        return jnp.asarray(time < self.goal_sensor_loss_time)
 
     def has_departed(self, time: ScalarLike) -> Flag:
         """Whether the aircraft has left the fleet by a time, s."""
@@ -164,9 +164,9 @@ class Vehicle(eqx.Module):
         """Return the true airframe at a time, s."""
         return self.airframe if self.changes is None else changed_airframe(self.airframe, self.changes.at(time))
 
-    def thrust_at(self, time: ScalarLike) -> Scalar:
-        """Return the fraction of the thrust that is available at a time, s."""
-        thrust = self.faults.thrust(time)
+    def thrust_ratio_at(self, time: ScalarLike) -> Scalar:
+        """Return the fraction of the nominal thrust that faults and changes leave at a time (s)."""
+        thrust = self.faults.thrust_ratio_at(time)
         return thrust if self.changes is None else thrust * self.changes.at(time).thrust
 
 
@@ -180,6 +180,6 @@ class VehicleState(eqx.Module):
     guidance: Any
     controller: Any
     gusts: Any
-    status: Count  # index into `STATUS_MESSAGES`; 0 without an event
+    status: Integer  # index into `STATUS_MESSAGES`; 0 without an event
     stopped: Flag  # whether the aircraft no longer moves: on the ground, not trimmed, or with a non-finite state
-    index: Count  # fleet index, which selects the aircraft's random numbers
+    index: Integer  # fleet index, which selects the aircraft's random numbers

@@ -18,7 +18,7 @@ from anser.aircraft.actuators import without_lag
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.changes import AirframeChanges
 from anser.aircraft.engines import InstantEngine
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.analysis.trim_points import Inversion, resolve_airframe
 from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
 from anser.control.inversion_autopilot import InversionAutopilot
@@ -414,7 +414,7 @@ def _check_law(airframe: AbstractAirframe, feedback: FeedbackControls, point: Tr
     """Trace a law on shapes alone, and refuse one that JAX cannot trace, with the error of its own code."""
 
     def trace(start: TrimPoint) -> Any:
-        condition = flight_condition(airframe, feedback.environment, 0.0, start.state)
+        condition = air_data_and_forces(airframe, feedback.environment, 0.0, start.state)
         belief = Belief(airframe, start.state, condition, jnp.zeros(3), sight=None, goal=None)
         return feedback.control(jnp.asarray(0, dtype=jnp.int32), belief, None, 0.01)[0]
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.aircraft.motion import state_derivative
+from anser.aircraft.motion import flat_earth_derivative
 from anser.analysis.airframes import describe_airframe, valid_airspeed_range
 from anser.analysis.trim_points import TrimResult, airframe_label, resolve_airframe, trim
 from anser.compiling.options import compiled_quickly
@@ -211,7 +211,7 @@ def _derivatives(
     position_n = x[:3] * jnp.array([1.0, 1.0, -1.0])
     quaternion = quaternion_from_euler(roll, pitch, yaw)
     state = AircraftState(position_n, x[3:6], quaternion, x[9:12], actuators, engine)
-    rate = state_derivative(airframe, environment, 0.0, state, Controls(surfaces, throttle))
+    rate = flat_earth_derivative(airframe, environment, 0.0, state, Controls(surfaces, throttle))
     P, Q, R = x[9:12]
     turning = Q * jnp.sin(roll) + R * jnp.cos(roll)
     euler_rates = jnp.stack(

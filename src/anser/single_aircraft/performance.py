@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.f16 import AbstractF16
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.trim_points import airframe_label
 from anser.compiling.options import compiled, enable_compilation_cache
@@ -24,7 +24,7 @@ from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.results.documents import notebook_table, version_attributes
 from anser.results.variable_labels import unit_attributes
-from anser.shapes import Count, Scalar
+from anser.shapes import Integer, Scalar
 from anser.steady.performance import path_acceleration
 from anser.steady.trim import TRIM_OBSTACLES, TrimMapPoint, trim_map_point, trim_target
 from anser.units import RAD_DEG
@@ -86,7 +86,9 @@ class _Flights(NamedTuple):
 
 
 @compiled
-def _trim_points(airframe: AbstractAirframe, environment: Environment, points: _Points, climb_steps: Count) -> _Flights:
+def _trim_points(
+    airframe: AbstractAirframe, environment: Environment, points: _Points, climb_steps: Integer
+) -> _Flights:
     def trim_point(point: _Points) -> _Flights:
         heavier = eqx.tree_at(lambda a: a.mass_properties.mass, airframe, airframe.mass_properties.mass * point.mass)
         is_level = jnp.isnan(point.power)
@@ -95,7 +97,7 @@ def _trim_points(airframe: AbstractAirframe, environment: Environment, points: _
         def fly(path_angle: Scalar) -> tuple[TrimMapPoint, Scalar, Scalar]:
             target = trim_target(point.speed, point.altitude, path_angle, 0.0, point.turn_rate)
             flight = trim_map_point(heavier, environment, target)
-            condition = flight_condition(heavier, environment, 0.0, flight.trim.state)
+            condition = air_data_and_forces(heavier, environment, 0.0, flight.trim.state)
             surplus, full = (path_acceleration(heavier, condition, p) for p in (power, 100.0))
             # The acceleration along the path besides that of gravity, which the climb uses up.
             return flight, surplus, full

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.motion import FlightCondition
+from anser.aircraft.motion import AirDataAndForces
 from anser.environment.environment import Environment
 from anser.parts.planners import IdleDeceleration, Performance
 from anser.shapes import Scalar, ScalarLike, Vector
@@ -28,7 +28,7 @@ ACCELERATION_FLOOR = 0.1
 
 
 def performance_at(
-    airframe: AbstractAirframe, environment: Environment, condition: FlightCondition, surfaces: Vector
+    airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Performance:
     """Compute acceleration and deceleration along the path in steady level flight with the surfaces (rad) of the trim.
 
@@ -47,7 +47,7 @@ def performance_at(
     )
 
 
-def path_acceleration(airframe: AbstractAirframe, condition: FlightCondition, power: ScalarLike) -> Scalar:
+def path_acceleration(airframe: AbstractAirframe, condition: AirDataAndForces, power: ScalarLike) -> Scalar:
     """Compute (thrust - drag) / mass in the trimmed condition at a power (percent), m/s^2."""
     data = condition.air_data
     propulsive = airframe.engine.propulsion(power, data)
@@ -56,7 +56,7 @@ def path_acceleration(airframe: AbstractAirframe, condition: FlightCondition, po
 
 
 def _idle_decelerations(
-    airframe: AbstractAirframe, environment: Environment, condition: FlightCondition, surfaces: Vector
+    airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Float[Array, "2 entries"]:
     """Compute (drag - idle thrust) / mass at each airspeed of the table, m/s^2, for load factors 1 and `_PUSH_OVER`."""
     trimmed_flow = condition.air_data

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.aircraft.motion import angular_acceleration, flight_condition
+from anser.aircraft.motion import air_data_and_forces, angular_acceleration
 from anser.control.allocation import deflection_for_moment
 from anser.environment.atmosphere import Air
 from anser.environment.earth import AbstractEarth
@@ -312,7 +312,7 @@ class TrimMapPoint(eqx.Module):
 def trim_map_point(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimMapPoint:
     """Trim an aircraft and report the margins to its limits; see `solve_trim`."""
     point = solve_trim(airframe, environment, target)
-    condition = flight_condition(airframe, environment, 0.0, point.state)
+    condition = air_data_and_forces(airframe, environment, 0.0, point.state)
     data = condition.air_data
     # the flow angles have separate flags
     inside = eqx.tree_at(

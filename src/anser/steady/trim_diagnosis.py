@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool
 from anser.aircraft.air_data import AirData, Validity
 from anser.aircraft.air_data import is_outside as outside
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.motion import flight_condition
+from anser.aircraft.motion import air_data_and_forces
 from anser.compiling.options import compiled
 from anser.environment.environment import Environment
 from anser.shapes import Flag
@@ -190,7 +190,7 @@ def _changed_rate(target: TrimTarget) -> str:
 @compiled
 def _outside_data(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
     """Return whether altitude or Mach number is outside the airframe's data, and the air data of the point."""
-    data = flight_condition(airframe, environment, 0.0, point.state).air_data
+    data = air_data_and_forces(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
     within = dataclasses.replace(data, alpha=alpha, beta=beta)
     return airframe.outside_tables(within), data
@@ -200,7 +200,7 @@ def _outside_data(airframe: AbstractAirframe, environment: Environment, point: T
 def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> tuple[TrimPoint, Flags]:
     def trim_and_check(target: TrimTarget) -> tuple[TrimPoint, Flag]:
         point = solve_trim(airframe, environment, target)
-        data = flight_condition(airframe, environment, 0.0, point.state).air_data
+        data = air_data_and_forces(airframe, environment, 0.0, point.state).air_data
         return point, point.converged & (point.excess <= LIMIT_TOLERANCE) & ~airframe.outside_tables(data)
 
     return jax.vmap(trim_and_check)(targets)

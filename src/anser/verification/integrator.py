@@ -17,7 +17,7 @@ from anser.aircraft_files.library import load_body
 from anser.environment.earth import wgs84_earth
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.linear import cross
-from anser.shapes import Count, Scalar, ScalarLike
+from anser.shapes import Integer, Scalar, ScalarLike
 from anser.simulation.vehicle import advance
 from anser.spatial.frames import eci_from_ecef, rotation_ecef_from_eci, velocity_eci_from_ecef
 from anser.spatial.rotations import quaternion_from_euler, rotate_back, rotation_from_quaternion, safe_norm
@@ -31,9 +31,9 @@ _CONTROLS = Controls(jnp.zeros(3), jnp.zeros(()))
 
 @eqx.filter_jit
 def _fly(
-    body: SimpleBody, environment: Environment, start: EarthFixedState, step: ScalarLike, count: Count
+    body: SimpleBody, environment: Environment, start: EarthFixedState, step: ScalarLike, count: Integer
 ) -> EarthFixedState:
-    def advance_step(k: Count, state: EarthFixedState) -> EarthFixedState:
+    def advance_step(k: Integer, state: EarthFixedState) -> EarthFixedState:
         return advance(body, environment, k * step, state, _CONTROLS, step)
 
     return jax.lax.fori_loop(0, count, advance_step, start)

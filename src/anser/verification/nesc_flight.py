@@ -22,9 +22,9 @@ from anser.aircraft.engines import AbstractEngine, AbstractLaggedEngine
 from anser.aircraft.f16 import F16
 from anser.aircraft.motion import (
     EarthFixedState,
+    air_data_and_forces,
     earth_fixed_derivative,
     earth_fixed_state,
-    flight_condition,
     local_state,
     require_round_earth,
 )
@@ -252,7 +252,7 @@ def log_row(
     """
     earth = require_round_earth(environment)
     local = local_state(earth, state)
-    condition = flight_condition(airframe, environment, time, local)
+    condition = air_data_and_forces(airframe, environment, time, local)
     lat, lon, _ = earth.geodetic(local.position_n)
     R_be = rotation_from_quaternion(state.quaternion)
     velocity_n = rotate_back(condition.R_bn, local.velocity_b)
@@ -416,7 +416,7 @@ class _LogRecorder(AbstractRecorder):
 def _exact_belief(airframe: F16, environment: Environment, start: EarthFixedState) -> Belief:
     local_start = local_state(require_round_earth(environment), start)
     return Belief(
-        airframe, local_start, flight_condition(airframe, environment, 0.0, local_start), jnp.zeros(3), None, None
+        airframe, local_start, air_data_and_forces(airframe, environment, 0.0, local_start), jnp.zeros(3), None, None
     )
 
 
@@ -484,7 +484,7 @@ def _fly_law(
 def _trim_point(
     airframe: F16, environment: Environment, local_start: AircraftState, trim_controls: Controls
 ) -> TrimPoint:
-    data = flight_condition(airframe, environment, 0.0, local_start).air_data
+    data = air_data_and_forces(airframe, environment, 0.0, local_start).air_data
     zero = jnp.zeros(())
     return TrimPoint(
         local_start, trim_controls, zero, data.alpha, data.beta, local_start.power, jnp.asarray(True), zero, zero

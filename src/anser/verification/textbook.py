@@ -18,7 +18,7 @@ from anser.aircraft.air_data import AirData, Wrench
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls, MassProperties
 from anser.aircraft.engines import AbstractEngine, EnginePower
 from anser.aircraft.f16 import F16
-from anser.aircraft.motion import moment_for_acceleration, state_derivative
+from anser.aircraft.motion import flat_earth_derivative, moment_for_acceleration
 from anser.aircraft_files.library import load_f16
 from anser.compiling.options import compiled_quickly
 from anser.environment.atmosphere import AbstractAtmosphere, Air
@@ -160,7 +160,7 @@ def textbook_rates(
 ) -> TextbookState:
     """Return the time derivative of the textbook's state vector, in its units per second: subroutine F."""
     state = textbook_state(x, u)
-    rate = state_derivative(airframe, environment, 0.0, state, textbook_controls(u))
+    rate = flat_earth_derivative(airframe, environment, 0.0, state, textbook_controls(u))
     _, (V_dot, alpha_dot, beta_dot) = jax.jvp(flow_angles, (state.velocity_b,), (rate.velocity_b,))
     _, euler_rates = jax.jvp(euler_from_quaternion, (state.quaternion,), (rate.quaternion,))
     north, east, down = rate.position_n / FOOT_M

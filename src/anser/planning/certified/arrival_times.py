@@ -26,7 +26,7 @@ from anser.planning.certified.timed_profiles import (
     speeds_for_mean,
 )
 from anser.planning.separation import separation_ratio
-from anser.shapes import Count, Scalar
+from anser.shapes import Integer, Scalar
 
 _STEP_UP, _FIRST_STEP = 1.12, 1.06  # ratio of consecutive times, and of the first tried to the first admissible time
 RESOLUTION = 1.01
@@ -252,13 +252,13 @@ def _reachable_at(
     tasks: AircraftTask,
     airspace: Airspace,
     durations: Float[Array, " n"],
-    count: Count,
+    count: Integer,
     intervals: int,
     candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
     """Whether each aircraft, flying alone, can arrive after its duration (s); False for aircraft beyond `count`."""
 
-    def check_reachable(k: Count, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
+    def check_reachable(k: Integer, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
         # Sequential: a batch would take as long, and a partly filled batch longer.
         task = jax.tree.map(lambda leaf: leaf[k][None], tasks)
         options = fleet_candidates(task, airspace, durations[k][None], intervals, intervals, candidate_set)

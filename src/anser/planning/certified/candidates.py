@@ -38,7 +38,7 @@ from anser.planning.certified.turn_leg_paths import (
     solve_turn_leg_paths,
 )
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 _CLOSE_S = 0.02  # closer knots are merged, because accelerations from differences of positions lose digits
 
@@ -107,7 +107,7 @@ class Routes(NamedTuple):
 
     endpoints: PathEndpoints  # start and end conditions of each route
     turns_and_legs: TurnsAndLegs  # turns and legs between the endpoints
-    profile: Count  # index of the profile in `Candidates.profiles`
+    profile: Integer  # index of the profile in `Candidates.profiles`
 
 
 class Candidates(eqx.Module):
@@ -146,7 +146,7 @@ class Candidates(eqx.Module):
 class _Routed(NamedTuple):
     """Candidates made of turns and legs (no splines); the fields have the meaning that they have in `Candidates`."""
 
-    generator: Count
+    generator: Integer
     valid: Flag
     cost: Scalar
     total_turn: Scalar
@@ -161,7 +161,7 @@ def _routed_candidate(
     solution: TurnsAndLegs,
     fits: Flag,
     cost: Scalar,
-    profile: Count,
+    profile: Integer,
 ) -> _Routed:
     valid = timed.within_limits & solution.exists & fits & jnp.isfinite(timed.table.length)
     total_turn = jnp.sum(jnp.abs(solution.angles))
@@ -206,10 +206,10 @@ def _detours(
     gravity: Scalar,
     candidate_set: CandidateSet,
     timed: TimedProfile,
-    cost_and_profile: tuple[Scalar, Count],
-    word: Count,
-    kind: Count,
-    side: Count,
+    cost_and_profile: tuple[Scalar, Integer],
+    word: Integer,
+    kind: Integer,
+    side: Integer,
 ) -> _Routed:
     """Candidates from one direct path: detours of one `kind` to one `side` with the profile's length.
 
@@ -235,7 +235,7 @@ def _detours(
 
 
 def _turn_leg_paths(
-    task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, cost_and_profile: tuple[Scalar, Count]
+    task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, cost_and_profile: tuple[Scalar, Integer]
 ) -> _Routed:
     """Turn-and-leg paths with a profile's length, stacked; to either side, hence for tasks without prescribed side."""
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
@@ -326,7 +326,7 @@ def candidates_for_selected(
     empty = eqx.tree_at(lambda o: o.cost, empty, jnp.full_like(empty.cost, ABSENT))
     queue = jnp.argsort(~selected, stable=True)
 
-    def add(k: Count, candidates: Candidates) -> Candidates:
+    def add(k: Integer, candidates: Candidates) -> Candidates:
         aircraft_candidates = generate(*jax.tree.map(lambda leaf: leaf[queue[k]], (tasks, durations)))
         return jax.tree.map(lambda stored, leaf: stored.at[queue[k]].set(leaf), candidates, aircraft_candidates)
 

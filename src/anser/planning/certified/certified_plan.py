@@ -44,7 +44,7 @@ from anser.planning.certified.timed_profiles import EXTRA_SETS, STANDARD, Candid
 from anser.planning.limits import PathLimits
 from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 
 SMALL_FLEET = 12
 """Largest fleet, in aircraft, for which every kind of candidate is tried."""
@@ -74,24 +74,24 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
     all_cylinders, aircraft_indices = fleet_cylinders(candidates.tracks, fleet), jnp.arange(fleet)
 
     def shortfall(
-        aircraft: Count, options: Int[Array, " k"], cylinders: BoundingCylinders, chosen: Array, neighbours: Array
+        aircraft: Integer, options: Int[Array, " k"], cylinders: BoundingCylinders, chosen: Array, neighbours: Array
     ) -> Float[Array, " k"]:
         """Lack of separation of an aircraft's candidates from the neighbours' chosen candidates, as a sum of ratios."""
 
         def tracks_of(indices: Int[Array, " selected"]) -> Track:
             return jax.tree.map(lambda leaf: leaf[indices, chosen[indices]], candidates.tracks)
 
-        def lack(k: Count) -> Scalar:
+        def lack(k: Integer) -> Scalar:
             track, track_cylinders = jax.tree.map(lambda leaf: leaf[aircraft, k], (candidates.tracks, all_cylinders))
             ratio = fleet_clearance_ratio(track, track_cylinders, cylinders, tracks_of, neighbours, separation)
             return jnp.sum(jnp.maximum(1.0 - ratio, 0.0))
 
         return jax.vmap(lack)(options)
 
-    def choose(aircraft: Count, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> Count:
+    def choose(aircraft: Integer, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> Integer:
         """Candidate of least cost, including the cost of conflicts with the neighbours."""
 
-        def compare(carry: tuple[Count, Count, Scalar]) -> tuple[Count, Count, Scalar]:
+        def compare(carry: tuple[Integer, Integer, Scalar]) -> tuple[Integer, Integer, Scalar]:
             chunk, best, cost_min = carry
             options = jax.lax.dynamic_slice_in_dim(ranked[aircraft], chunk * _CHUNK_SIZE, _CHUNK_SIZE)
             missing = shortfall(aircraft, options, cylinders, chosen, neighbours)
@@ -100,7 +100,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
             better = total[k] < cost_min
             return chunk + 1, jnp.where(better, options[k], best), jnp.where(better, total[k], cost_min)
 
-        def may_improve(carry: tuple[Count, Count, Scalar]) -> Array:
+        def may_improve(carry: tuple[Integer, Integer, Scalar]) -> Array:
             chunk, _, cost_min = carry
             following = cost[aircraft, ranked[aircraft, jnp.minimum(chunk * _CHUNK_SIZE, ranked.shape[1] - 1)]]
             return (chunk < chunks) & (following < cost_min)
@@ -108,7 +108,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
         begin = (jnp.asarray(0), jnp.asarray(0, dtype=ranked.dtype), jnp.asarray(jnp.inf))
         return jax.lax.while_loop(may_improve, compare, begin)[1]
 
-    def assign(aircraft: Count, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> _Choice:
+    def assign(aircraft: Integer, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> _Choice:
         best = choose(aircraft, cylinders, chosen, neighbours & separated)
         cylinders = jax.tree.map(
             lambda chosen_cylinders, options: chosen_cylinders.at[aircraft].set(options[aircraft, best]),
@@ -117,7 +117,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
         )
         return cylinders, chosen.at[aircraft].set(best)
 
-    def first_choice(step: Count, carry: tuple[_Choice, Array]) -> tuple[_Choice, Array]:
+    def first_choice(step: Integer, carry: tuple[_Choice, Array]) -> tuple[_Choice, Array]:
         (cylinders, chosen), placed = carry
         aircraft = order[step]
         return assign(aircraft, cylinders, chosen, placed), placed.at[aircraft].set(True)
@@ -127,7 +127,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
     (cylinders, chosen), _ = jax.lax.fori_loop(0, fleet, first_choice, begin)
 
     def shortfalls(cylinders: BoundingCylinders, chosen: Array) -> Float[Array, " aircraft"]:
-        def aircraft_shortfall(aircraft: Count) -> Scalar:
+        def aircraft_shortfall(aircraft: Integer) -> Scalar:
             return shortfall(
                 aircraft, chosen[aircraft][None], cylinders, chosen, (aircraft_indices != aircraft) & separated
             )[0]
@@ -135,14 +135,14 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
         return jax.lax.map(aircraft_shortfall, aircraft_indices)
 
     def choose_again(
-        carry: tuple[Count, BoundingCylinders, Array, Array],
-    ) -> tuple[Count, BoundingCylinders, Array, Array]:
+        carry: tuple[Integer, BoundingCylinders, Array, Array],
+    ) -> tuple[Integer, BoundingCylinders, Array, Array]:
         step, cylinders, chosen, missing = carry
         # Only aircraft in conflict choose again, alternately in the order of choosing and in reverse order.
         rank = jnp.where(step % 2 == 0, -jnp.argsort(order), jnp.argsort(order))
         queue = jnp.argsort(jnp.where(missing > 0.0, rank, fleet))
 
-        def reassign(k: Count, carry: _Choice) -> _Choice:
+        def reassign(k: Integer, carry: _Choice) -> _Choice:
             return assign(queue[k], *carry, aircraft_indices != queue[k])
 
         cylinders, chosen = jax.lax.fori_loop(0, jnp.sum(missing > 0.0), reassign, (cylinders, chosen))
@@ -478,8 +478,8 @@ def _choose_best_placement(
     fleet = jnp.arange(valid.shape[0])
 
     def retry(
-        carry: tuple[Count, Array, Array, CertifiedPlan, Flag],
-    ) -> tuple[Count, Array, Array, CertifiedPlan, Flag]:
+        carry: tuple[Integer, Array, Array, CertifiedPlan, Flag],
+    ) -> tuple[Integer, Array, Array, CertifiedPlan, Flag]:
         round_index, remaining, fewest, best, _ = carry
         plan, placement = place_and_certify(remaining)
         failed = jnp.sum(active & ~plan.feasible)

@@ -22,7 +22,7 @@ from anser.planning.demand import coordinated_demand, normal_force_max
 from anser.planning.limits import PathLimits
 from anser.planning.separation import Separation, closest_fraction, separation_ratio
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 _TINY = 1e-9  # m^2
 
@@ -183,7 +183,7 @@ def fleet_clearance_ratios(
     def tracks_of(indices: Int[Array, " selected"]) -> Track:
         return jax.tree.map(lambda leaf: leaf[indices], tracks)
 
-    def ratios_of(aircraft: Count) -> Float[Array, " aircraft"]:
+    def ratios_of(aircraft: Integer) -> Float[Array, " aircraft"]:
         track, track_cylinders = jax.tree.map(lambda leaf: leaf[aircraft], (tracks, cylinders))
         neighbours = aircraft_indices != aircraft
         return fleet_clearance_ratio(track, track_cylinders, cylinders, tracks_of, neighbours, separation)

@@ -27,7 +27,7 @@ from anser.planning.certified.routes import (
 )
 from anser.planning.demand import demand
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 
 FULL_TURN = 2 * np.pi
 # Senses of the first and the last turn.
@@ -152,7 +152,7 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
     angle_rates, initial = _angle_rates(endpoints), roll_out(endpoints)
     straight = jnp.maximum(base.straight, 1.0 / endpoints.curvature_max)
 
-    def evaluate_and_step(k: Count, carry: tuple[Scalar, Scalar, _Aim]) -> tuple[Scalar, Scalar, _Aim]:
+    def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, _Aim]) -> tuple[Scalar, Scalar, _Aim]:
         """Evaluate the path at the angle `x`, and choose the next angle."""
         previous, x, former_aim = carry
         aim = _aim(endpoints, initial, base.angles + x * angle_rates, scales)
@@ -178,7 +178,7 @@ class Detour(eqx.Module):
     angle_max: Scalar  # greatest angle of the search, rad
 
 
-def detour(kind: Count | int, side: ScalarLike) -> Detour:
+def detour(kind: Integer | int, side: ScalarLike) -> Detour:
     """Return the shape of a detour of one kind (0 to DETOUR_KINDS - 1) to one side (+1 right, -1 left)."""
     headings, *parts_and_limit = (
         jnp.asarray(table)[kind] for table in (HEADINGS, FIRST_PARTS, SECOND_PARTS, FIXED_PARTS, ANGLE_MAX)

@@ -27,7 +27,7 @@ from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import PlannedHolds, broadcast_holds, choose_cell_count, move_with_goals
 from anser.planning.limits import PathLimits, acceleration_limits
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.steady.performance import ACCELERATION_FLOOR
 
 
@@ -52,7 +52,7 @@ class CertifiedPlanState(eqx.Module):
 
     plan: CertifiedPlan  # current plan
     # outcome of the latest replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`
-    replanning: Count
+    replanning: Integer
     holds: PlannedHolds | None  # planned holds after the arrivals; None: each aircraft's default hold
     # flight limits of each path, including the accelerations available from the engine; leading axis aircraft
     limits: PathLimits

@@ -31,7 +31,7 @@ from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profiles import MINIMAL
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
 _Plan = TypeVar("_Plan")
@@ -138,7 +138,7 @@ def arrival_delays(
     arrival_is_free: Flag,  # whether the arrival rule leaves the arrival times open
     latest_arrival: ScalarLike,  # latest allowed arrival time, s
     parts: tuple[float, ...] = DELAY_FRACTIONS,  # delays as fractions of the longest time to go
-) -> tuple[Float[Array, " delays"], Count]:
+) -> tuple[Float[Array, " delays"], Integer]:
     """Delays to try for a fleet's arrivals, s, from zero on, and the number of allowed delays, at least one.
 
     The delay is the same for the whole fleet, so that common arrivals stay common and the spacing of a sequence stays.
@@ -154,7 +154,7 @@ class AttemptLadder(eqx.Module):
     """Order of the attempts at a new plan in flight: every delay with the limits of a new path, then wider ones."""
 
     delays: Float[Array, " tries"]  # delays of the arrivals, s
-    delay_count: Count  # number of allowed delays, see `arrival_delays`
+    delay_count: Integer  # number of allowed delays, see `arrival_delays`
     limits: PathLimits  # limits of a new path
     relaxed_limits: PathLimits | None  # limits of a corrected path; None: the second round is omitted
 
@@ -168,7 +168,7 @@ class AttemptLadder(eqx.Module):
         relaxed_limits = self.limits if self.relaxed_limits is None else self.relaxed_limits
         attempt_count = self.delay_count if self.relaxed_limits is None else 2 * self.delay_count
 
-        def attempt(carry: tuple[Count, Flag, _Plan]) -> tuple[Count, Flag, _Plan]:
+        def attempt(carry: tuple[Integer, Flag, _Plan]) -> tuple[Integer, Flag, _Plan]:
             k = carry[0]
             delay = self.delays[k % self.delay_count]
             limits = jax.tree.map(
@@ -195,7 +195,7 @@ class ReplanningResult(eqx.Module):
     """Result of `replan_certified`."""
 
     plan: CertifiedPlan  # plan in force
-    status: Count  # index into `REPLANNING_MESSAGES`
+    status: Integer  # index into `REPLANNING_MESSAGES`
     replan_needed: Flag  # whether a new plan was needed that `allow_replanning` forbids
 
 
@@ -212,7 +212,7 @@ def correct_plan(
     # goals are known exactly
     covariances: Float[Array, "aircraft 6 6"] | None,
     correction_limits: PathLimits | None,  # limits of a corrected path; None: those of the tasks
-) -> tuple[CertifiedPlan, Count, Flag]:
+) -> tuple[CertifiedPlan, Integer, Flag]:
     """Correct a plan to the expected rendezvous; returns plan, index into `REPLANNING_MESSAGES`, and feasibility."""
     active = tasks.active > 0.0
     under_way = active & (plan.arrival_times > time)
@@ -374,7 +374,7 @@ def _correct_and_prepare(
     latest_arrival: Scalar,
     covariances: Float[Array, "aircraft 6 6"] | None,
     correction_limits: PathLimits | None,
-) -> tuple[tuple[CertifiedPlan, Count, Flag], ReplanningProblem]:
+) -> tuple[tuple[CertifiedPlan, Integer, Flag], ReplanningProblem]:
     correction = correct_plan(plan, time, tasks, airspace, freeze, covariances, correction_limits)
     paths = correction[0].paths
     return correction, replanning_problem(

@@ -37,7 +37,7 @@ from anser.planning.certified.splines import (
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import turn_radius
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Scalar, ScalarLike
+from anser.shapes import Integer, Scalar, ScalarLike
 
 _POINTS = 160  # intervals of a detour's polyline
 _CORNER_FRACTION, _ZIGZAG_FRACTION = 0.45, 0.25  # fractions of the starts; the remaining starts have circles
@@ -283,7 +283,7 @@ def find_splines(
         allowed = tighten_limits(problem, start.allowed, excess(path_and_bounds(state)[1], task.limits))
         return start_at(SplineStart(update_coefficients(start, cell, state.best), start.frame, allowed), metric)
 
-    def tighten(_: Count, fits: SearchState) -> SearchState:
+    def tighten(_: Integer, fits: SearchState) -> SearchState:
         return fit(jax.vmap(restart)(fits), _LAST_STEPS)
 
     fits = jax.lax.fori_loop(0, _TIGHTENING_ROUNDS, tighten, fits)

@@ -43,7 +43,7 @@ from anser.planning.certified.profile import (
 from anser.planning.certified.routes import PathEndpoints
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import side_force_max
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 RACETRACK = DETOUR_KINDS
 # Choices of the airspeed. One change of airspeed, such that: the mean is the preferred airspeed; the direct path takes
@@ -393,7 +393,7 @@ def _approach_direct_length(
         return mean, evaluate(mean)[1]
     evaluate = jax.jit(evaluate)  # traced once, for its shapes and for the loop
 
-    def iterate(k: Count, carry: tuple[Scalar, _NearbyPath]) -> tuple[Scalar, _NearbyPath]:
+    def iterate(k: Integer, carry: tuple[Scalar, _NearbyPath]) -> tuple[Scalar, _NearbyPath]:
         following, nearby = evaluate(carry[0])
         return jnp.where(k < rounds, following, carry[0]), nearby
 
@@ -417,7 +417,7 @@ def _match_direct_length(
         aimed = reaim(endpoints, nearby.shortest, jnp.ones(2))
         return widen_direct(endpoints, aimed, nearby.width).length / table.length - 1.0
 
-    def evaluate_and_step(k: Count, carry: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
+    def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
         """Evaluate the mismatch at the airspeed `current`, and choose the next airspeed."""
         previous, current, previous_mismatch = carry
         mismatch = mismatch_at(current)

@@ -30,7 +30,7 @@ from anser.planning.certified.routes import (
 from anser.planning.certified.task import KeepOuts
 from anser.planning.demand import side_force_max
 from anser.planning.limits import PathLimits
-from anser.shapes import Count, Scalar, ScalarLike
+from anser.shapes import Integer, Scalar, ScalarLike
 
 _FIRST_STEPS, _STEPS = 10, 24
 _DAMPING = least_squares.Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
@@ -47,7 +47,7 @@ Spot = Float[Array, "3"]
 """Point of a path: north and east, m, and length along the path up to this point, m."""
 
 
-def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar]:
+def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Integer, Scalar]:
     """Index of the grid point before a length, on a grid of `count` points from zero, and the fraction beyond it."""
     grid_position = jnp.clip(length / step, 0.0, count - 1.0)
     k = jnp.minimum(grid_position.astype(jnp.int32), count - 2)

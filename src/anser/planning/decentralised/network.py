@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics.randomness import INITIAL_SAMPLE, NETWORK, AbstractRandomness
 from anser.sensing.vehicle_sensors import Dropouts
-from anser.shapes import Count, Scalar
+from anser.shapes import Integer, Scalar
 from anser.spatial.rotations import safe_norm
 
 LinkMatrix = Bool[Array, "aircraft aircraft"]
@@ -57,8 +57,8 @@ class Network(eqx.Module):
     range: Scalar  # range of a link, m
     dropouts: Dropouts  # losses and outages of the links
     period: Scalar  # time between two exchanges, s
-    period_samples: Count  # time between two exchanges, sampling periods
-    delay: Count  # delay of messages, exchanges
+    period_samples: Integer  # time between two exchanges, sampling periods
+    delay: Integer  # delay of messages, exchanges
     slots: int = eqx.field(static=True)  # length of the ring buffer, more than the delay
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:
@@ -84,7 +84,7 @@ class Network(eqx.Module):
         positions_n: Float[Array, "aircraft 3"],  # positions of the aircraft, NED, m
         active: Bool[Array, " aircraft"],  # mask of the aircraft that send and receive
         # number and time (s) of the sample
-        number: Count,
+        number: Integer,
         time: Scalar,
         randomness: AbstractRandomness | None,
     ) -> NetworkState:
@@ -104,7 +104,7 @@ class Network(eqx.Module):
         outages: LinkMatrix,
         positions_n: Float[Array, "aircraft 3"],
         active: Bool[Array, " aircraft"],
-        number: Count | int,
+        number: Integer | int,
         randomness: AbstractRandomness | None,
     ) -> tuple[LinkMatrix, LinkMatrix]:
         """Return the links in an outage, and the links that are up, in the exchange at sample `number`."""
@@ -145,7 +145,7 @@ def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears:
 
 
 def _link_uniforms(
-    randomness: AbstractRandomness | None, number: Count | int, count: int
+    randomness: AbstractRandomness | None, number: Integer | int, count: int
 ) -> Float[Array, "2 aircraft aircraft"]:
     """Draw two uniform random numbers per link; the numbers do not depend on the size of the fleet."""
     if randomness is None:

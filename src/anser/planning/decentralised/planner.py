@@ -47,7 +47,7 @@ from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import ApproachAndHold, broadcast_holds, move_with_goals, pairwise_clearance_ratios
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.spatial.rotations import safe_norm
 
 LEAD_S = 6.0
@@ -404,7 +404,7 @@ class DecentralisedPlanner(AbstractPlanner):
         self,
         planner_state: DecentralisedPlanState,
         reports: AircraftReport,
-        number: Count,
+        number: Integer,
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:

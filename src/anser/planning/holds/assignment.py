@@ -32,7 +32,7 @@ from anser.planning.holds.hold_paths import (
 from anser.planning.limits import CERTIFIED_LIMITS
 from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.spatial.rotations import safe_norm
 
 _RATIO_CAP = 1e3  # of clearance to separation: larger ratios are equal
@@ -83,7 +83,7 @@ class _HoldOption(eqx.Module):
 
 
 def _clearance_ratios(
-    index: Count, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
+    index: Integer, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
 ) -> Float[Array, " aircraft"]:
     """Clearance ratio between one aircraft and each of the fleet, from the first arrival of the pair on."""
     is_other = jnp.arange(fleet.fits.shape[0]) != index
@@ -102,14 +102,14 @@ def _clearance_ratios(
     )
 
 
-_Search = tuple[Count, Count, Scalar, _HoldOption, Flag]
+_Search = tuple[Integer, Integer, Scalar, _HoldOption, Flag]
 """State of the search over circles: next circle, best circle, its value, its hold, and whether the hold is clear."""
 
 
 class _Choice(eqx.Module):
     """State of the assignment; leading axis aircraft."""
 
-    turn: Count
+    turn: Integer
     options: _HoldOption
     pick: Array  # index of the chosen circle
     clearance_ratio: Float[Array, "aircraft aircraft"]
@@ -147,7 +147,7 @@ def assign_holds(
     approaches = jax.vmap(bounded_track, in_axes=(0, None, 0, None))(paths, airspace, tasks.active, times)
 
     @jax.jit  # one trace
-    def evaluate_circle(index: Count, circle_index: Count) -> _HoldOption:
+    def evaluate_circle(index: Integer, circle_index: Integer) -> _HoldOption:
         task, path, approach_track = jax.tree.map(lambda leaf: leaf[index], (tasks, paths, approaches))
         circle, arrival = jax.tree.map(lambda leaf: leaf[index, circle_index], circles), arrival_times[index]
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
@@ -178,7 +178,7 @@ def assign_holds(
         return _HoldOption(held_path, circle, whole, hold_only, cylinders, cylinders_after, fits, keep_out_clearance)
 
     def choose_circle(
-        carry: tuple[_HoldOption, Array, Array], index: Count
+        carry: tuple[_HoldOption, Array, Array], index: Integer
     ) -> tuple[tuple[_HoldOption, Array, Array], None]:
         holds, pick, settled = carry
 
@@ -208,7 +208,7 @@ def assign_holds(
         order = jnp.argsort(arrival_times)
         (holds, pick, _), _ = jax.lax.scan(choose_circle, (state.options, state.pick, state.clear), order)
 
-        def ratios_of(index: Count) -> Float[Array, " aircraft"]:
+        def ratios_of(index: Integer) -> Float[Array, " aircraft"]:
             return _clearance_ratios(index, jax.tree.map(lambda leaf: leaf[index], holds), holds, separation)
 
         ratios = jax.lax.map(ratios_of, jnp.arange(fleet))

@@ -19,7 +19,7 @@ from anser.planning.certified import clearance
 from anser.planning.certified.clearance import Track, bounded_track, fleet_clearance_ratios
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot, safe_norm
 
 _SUBSTEPS = 4  # of the integration in each cell
@@ -227,10 +227,10 @@ def hold_path(
             turning=lateral_rate,
         )
 
-    def cell(state: _PointMass, k: Count) -> tuple[_PointMass, tuple[Array, Array]]:
+    def cell(state: _PointMass, k: Integer) -> tuple[_PointMass, tuple[Array, Array]]:
         step = span / _SUBSTEPS
 
-        def substep(j: Count, substep_state: _PointMass) -> _PointMass:
+        def substep(j: Integer, substep_state: _PointMass) -> _PointMass:
             return rk4_step(rates, k * span + j * step, substep_state, step)
 
         # Velocity rate by the chain rule, so that the knots have the true acceleration of the motion.

@@ -20,7 +20,7 @@ from anser.planning.published.trajectory import (
     solve_lateral_bend,
     with_even_speed,
 )
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm
 
 PLANNED, GOAL_OUTRUNS, NO_COMMON_TIME, NO_BEND, DIRECTION_UNATTAINABLE, INACTIVE = range(6)
@@ -59,7 +59,7 @@ class FleetPlan(eqx.Module):
     lengths: Float[Array, " aircraft"]  # lengths of the planned paths, m
     # lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew
     lateral_bends: Float[Array, " aircraft"]
-    farthest: Count  # index of the aircraft that flies its nominal path, because this path is the longest
+    farthest: Integer  # index of the aircraft that flies its nominal path, because this path is the longest
     converged: Bool[Array, " aircraft"]  # whether the aircraft's trajectory has the reference length and arrival time
     goal_reachable: Bool[Array, " aircraft"]
     status: Int[Array, " aircraft"]  # status of each aircraft: index into PLAN_MESSAGES

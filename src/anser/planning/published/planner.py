@@ -16,7 +16,7 @@ from anser.planning.demand import demand
 from anser.planning.limits import PathLimits
 from anser.planning.published.coordination import FleetPlan, PlanningTask, coordinate, replan
 from anser.planning.published.trajectory import Trajectory, bend_trajectory, solve_lateral_bend, with_even_speed
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.spatial.vectors import safe_sqrt
 
 _SAME_DISTANCE = 1.0  # m: smaller differences are ignored, because rendezvous points often limit both sides equally
@@ -121,7 +121,7 @@ class LimitReport(eqx.Module):
     level_off_altitude: Scalar
     # whether each limit is satisfied, in the order of LIMIT_MESSAGES from the second on
     is_satisfied: Bool[Array, " limits"]
-    status: Count  # index of the first violated limit in LIMIT_MESSAGES; 0: none
+    status: Integer  # index of the first violated limit in LIMIT_MESSAGES; 0: none
 
 
 def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
@@ -230,7 +230,7 @@ class PublishedPlanner(AbstractPlanner):
         self,
         planner_state: PublishedPlanState,
         reports: AircraftReport,
-        number: Count,
+        number: Integer,
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> PublishedPlanState:
