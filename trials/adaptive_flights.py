@@ -27,7 +27,7 @@ from anser.scenario.build_sensing import build_navigation_estimator, build_vehic
 from anser.scenario.schema_sensing import Navigation
 from anser.sensing.adaptation import adaptive_estimator
 from anser.sensing.fault_detection import CENTRE_OF_GRAVITY, ENGINE, ICE, NO_FAULT, SURFACE
-from anser.sensing.goal_sensors import NoisySensors
+from anser.sensing.noisy_sensors import NoisySensors
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.open_loop import PrescribedCommand
 from anser.simulation.recorders import History

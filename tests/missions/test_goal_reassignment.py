@@ -101,28 +101,28 @@ def test_the_nearest_aircraft_takes_over_the_goal(monkeypatch):
     _, _, goals, (outcome,) = reassign(monkeypatch, [("c", "nearest")])
     # a is 12.2 km from goal three, b 9.5, d 10.3
     assert goals == ("one", "three", "three", "one")
-    assert outcome.planned
-    assert outcome.whom == "b"
+    assert outcome.has_valid_plan
+    assert outcome.subject == "b"
     assert outcome.message == 'goes to the goal "three" of "c" instead of "two"'
 
 
 def test_a_spare_aircraft_shares_its_goal_with_another_aircraft(monkeypatch):
     _, _, goals, (outcome,) = reassign(monkeypatch, [("c", "spare")])
     assert goals == ("one", "two", "three", "three")
-    assert outcome.whom == "d"
+    assert outcome.subject == "d"
 
 
 def test_an_aircraft_without_a_plan_is_passed_over(monkeypatch):
     _, _, goals, (outcome,) = reassign(monkeypatch, [("c", "nearest")], refused=[("b", "three")])
     assert goals == ("one", "two", "three", "three")
-    assert outcome.whom == "d"
+    assert outcome.subject == "d"
 
 
 def test_a_goal_without_a_feasible_successor_is_reported(monkeypatch):
     refused = [(name, "three") for name in POSITIONS]
     _, _, goals, (outcome,) = reassign(monkeypatch, [("c", "nearest")], refused=refused)
     assert goals == tuple(GOAL_NAMES.values())
-    assert not outcome.planned
+    assert not outcome.has_valid_plan
     assert outcome.message == 'no aircraft can take over its goal "three" in time'
 
 
@@ -130,20 +130,20 @@ def test_simultaneously_freed_goals_are_assigned_with_the_least_total_distance(m
     _, _, goals, outcomes = reassign(monkeypatch, [("c", "nearest"), ("b", "nearest")])
     # a to two 9.5 km and d to three 10.3, rather than a to three 12.2 and d to two 12.2
     assert goals == ("two", "two", "three", "three")
-    assert {outcome.whom for outcome in outcomes} == {"a", "d"}
+    assert {outcome.subject for outcome in outcomes} == {"a", "d"}
 
 
 def test_a_shared_goal_is_not_free(monkeypatch):
     _, _, goals, (outcome,) = reassign(monkeypatch, [("a", "nearest")])
     assert goals == tuple(GOAL_NAMES.values())
-    assert outcome.planned
+    assert outcome.has_valid_plan
     assert outcome.message == 'its goal "one" is not free: "d" flies to it'
 
 
 def test_the_last_aircraft_of_a_goal_is_not_spare(monkeypatch):
     _, _, goals, outcomes = reassign(monkeypatch, [("a", "spare"), ("c", "spare")])
     assert goals == tuple(GOAL_NAMES.values())
-    assert [outcome.planned for outcome in outcomes] == [True, False]
+    assert [outcome.has_valid_plan for outcome in outcomes] == [True, False]
 
 
 @pytest.mark.long

@@ -41,7 +41,7 @@ def test_a_flight_is_replanned_where_a_new_plan_is_needed(monkeypatch, needs):
 
     monkeypatch.setattr(segments, "fly_segment", fly_part)
     monkeypatch.setattr(segments, "without_replanning", lambda flight: "without replanning")
-    monkeypatch.setattr(segments, "replan_between_steps", replan)
+    monkeypatch.setattr(segments, "replan_stopped_flight", replan)
     state, rows = fly_with_replanning("flight", SimpleNamespace(replan_sample=-1), 500, 25)
     assert (tuple(replanned), state.reached) == (needs, 525)
     np.testing.assert_array_equal(rows["sample"], np.arange(500, 525))

@@ -10,7 +10,7 @@ from anser.analysis.step_tests import PUBLISHED_STEPS
 from anser.analysis.trim_points import trim
 from anser.missions.batches import Progress, no_progress
 from anser.missions.plans import plan
-from anser.missions.segments import fly_with_replanning, prepare_flight, replan_between_steps
+from anser.missions.segments import fly_with_replanning, prepare_flight, replan_stopped_flight
 from anser.scenario.schema import Scenario
 
 
@@ -27,7 +27,7 @@ def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) 
         if not planned.refusals:
             flight, state = planned.flight, planned.initial_state()
             fly_with_replanning(flight, state, 0, 1)
-            replan_between_steps(flight, state, 0)
+            replan_stopped_flight(flight, state, 0)
 
     condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     tasks: list[tuple[str, Callable[[], Any]]] = [

@@ -10,4 +10,4 @@ Progress = Callable[[str, float | None], None]
 
 
 def no_progress(message: str, completed_share: float | None) -> None:
-    """Ignore a progress report: the `Progress` callback for silent computations."""
+    """Ignore a report of progress; the `Progress` callback for computations without display."""

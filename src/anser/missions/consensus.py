@@ -22,6 +22,7 @@ from anser.missions.first_plan import (
     start_next,
     trim_and_build_tasks_compiled,
 )
+from anser.missions.refusal import Refusal
 from anser.numerics.arrays import as_array, select_rows
 from anser.planning.certified.arrival_times import first_index
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify, choose_interval_count
@@ -95,7 +96,7 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         if plan_state is not None:
             program = initialize_compiled.prepare(flight, fleet, plan_state).start()
             start_next(prepare_next, flight, program.shapes)
-        refusals = (reason,) if reason else ()
+        refusals = (Refusal(reason),) if reason else ()
         return cls(scenario, flight, fleet, refusals, plan_state, padded_tasks=tasks, agreed_after_s=agreed_after_s)
 
     @classmethod
@@ -106,7 +107,7 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         return cls(scenario, flight, fleet, (), plan_state, padded_tasks=tasks, agreed_after_s=agreed_after_s)
 
     def saved_state(self) -> Agreement:
-        """Return the content of a plan file: paths, holds and the duration of the negotiation."""
+        """Return the content of a plan file: paths, holds and the duration of the negotiation (s)."""
         return Agreement(self._planned_state(), as_array(self.agreed_after_s))
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any]:
@@ -159,7 +160,7 @@ class MessageFlood:
 def negotiate_plan(
     scenario: Scenario, flight: Flight, tasks: AircraftTask, on_progress: Callable[[str], None] = lambda message: None
 ) -> tuple[CertifiedPlan | None, PlannedHolds | None, float, str]:
-    """Negotiate a plan before the flight, see `DecentralisedFirstPlan.make`.
+    """Negotiate a plan before the flight by messages, as `DecentralisedFirstPlan.make` describes.
 
     Returns the plan and the holds (None without an agreement), the duration of the negotiation (s), and the reason for
     a failure, else "".

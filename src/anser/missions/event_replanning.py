@@ -38,10 +38,10 @@ EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2,
 
 
 class FleetSnapshot(NamedTuple):
-    """A fleet in flight at one sample, as input of the planner."""
+    """Planning tasks and fixed paths of a fleet in flight at one sample, as input of the planner."""
 
     # planning tasks from the planned positions to the sensed goals; active: aircraft that can be replanned
-    tasks: AircraftTask
+    replannable_tasks: AircraftTask
     fixed_paths: FixedPaths  # paths in force of the other flying aircraft: arrived, about to arrive, or departed
     flying_tasks: AircraftTask  # the same tasks with every flying aircraft active, departed aircraft included
 
@@ -111,7 +111,7 @@ def plan_exit(
 
 
 def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
-    """Return the state of the fleet with another plan in force."""
+    """Return the state of the fleet with `plan` in force."""
     return eqx.tree_at(lambda s: s.planner, state, plan)
 
 
@@ -128,29 +128,34 @@ def _certificate(plan: CertifiedPlan, tasks: Any, airspace: Any, time: Any) -> A
 
 @dataclass(frozen=True)
 class EventOutcome:
-    """What an event has meant for the plan."""
+    """Effect of an event on the plan."""
 
-    # time, type and subject (aircraft, goal or keep-out) of the event
     time_s: float
-    kind: str
-    whom: str
-    planned: bool  # whether the fleet has a valid plan
+    kind: str  # type of the event, as in the scenario
+    subject: str  # name of the aircraft, goal or keep-out
+    has_valid_plan: bool  # whether the fleet has a valid plan afterwards
     message: str  # the action, in one sentence
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the entry of the flight's summary."""
-        return dataclasses.asdict(self)
+        """Return the entry of the list `events` in `summary.json`, with the keys of the file."""
+        return {
+            "time_s": self.time_s,
+            "kind": self.kind,
+            "whom": self.subject,
+            "planned": self.has_valid_plan,
+            "message": self.message,
+        }
 
 
 def apply_event(
     scenario: Scenario,
     flight: Flight,
     state: FlightState,
-    number: int,
+    sample: int,
     event: Event,
     on_progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Flight, FlightState, EventOutcome]:
-    """Apply an event's effect on the plan at its sample; return flight, state and outcome.
+    """Apply an event's effect on the plan at sample `sample`; return flight, state and outcome.
 
     The event's effect on aircraft and goals (less thrust, a lost sensor, a turning goal) is not applied here: it is
     part of the flight from its start, see `anser.scenario.build`. A change of a goal's motion therefore needs no action
@@ -168,9 +173,9 @@ def apply_event(
         departing = names.index(str(event.aircraft))
         plan = _plan_exit(
             state.planner.plan,
-            snapshot_at(flight, state, number).flying_tasks,
+            snapshot_at(flight, state, sample).flying_tasks,
             aircraft_planner(flight).airspace,
-            as_array(number * scenario.timing.step_s),
+            as_array(sample * scenario.timing.step_s),
             as_array(departing, np.int32),
             as_array(scenario.timing.duration_s),
             _exit_turns(state, departing, event),
@@ -183,12 +188,12 @@ def apply_event(
         if not scenario.fleet.is_central:
             message = "its path is replanned within its remaining thrust, and the others wait for it"
             return flight, state, outcome(True, message)
-    state, is_planned, message = _replan_if_needed(scenario, flight, state, number, event, on_progress)
+    state, is_planned, message = _replan_if_needed(scenario, flight, state, sample, event, on_progress)
     return flight, state, outcome(is_planned, message)
 
 
 def _exit_turns(state: FlightState, aircraft: int, event: Event) -> Any:
-    """Turns to try for a departing aircraft, rad: onto its prescribed course, or else `EXIT_TURNS`.
+    """Turns to try for a departing aircraft, rad, right positive: onto its prescribed course, or else `EXIT_TURNS`.
 
     The number of turns is always the same, so that one compiled program serves both cases.
     """
@@ -241,7 +246,7 @@ def _replan_if_needed(
     scenario: Scenario,
     flight: Flight,
     state: FlightState,
-    number: int,
+    sample: int,
     event: Event,
     on_progress: Callable[[str], None],
 ) -> tuple[FlightState, bool, str]:
@@ -249,9 +254,9 @@ def _replan_if_needed(
 
     If replanning fails, the plan in force stays. Returns the state, whether the fleet has a valid plan, and the action.
     """
-    plan_state, now_s = state.planner, number * scenario.timing.step_s
-    snapshot = snapshot_at(flight, state, number)
-    can_replan = np.asarray(snapshot.tasks.active) > 0.0
+    plan_state, now_s = state.planner, sample * scenario.timing.step_s
+    snapshot = snapshot_at(flight, state, sample)
+    can_replan = np.asarray(snapshot.replannable_tasks.active) > 0.0
     times_s = np.asarray(plan_state.plan.arrival_times)
     planner = aircraft_planner(flight)
     limited_tasks = _with_limits(snapshot.flying_tasks, planner.correction_limits(plan_state.limits))
@@ -274,33 +279,33 @@ def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
 
 
 def _with_gentle_acceleration(limits: PathLimits) -> PathLimits:
-    """Return the limits with only the acceleration along the path that an engine delivers within a few seconds."""
+    """Return the limits with an acceleration along the path (m/s^2) that an engine delivers within a few seconds."""
     limited = np.minimum(np.asarray(limits.acceleration_max), _ACCELERATION_M_S2)
     return eqx.tree_at(lambda fields: fields.acceleration_max, limits, as_array(limited))
 
 
-def snapshot_at(flight: Flight, state: FlightState, number: int) -> FleetSnapshot:
+def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapshot:
     """Take the snapshot of a fleet in flight at a sample, by compiled programs."""
-    time, reports = as_array(number * float(flight.timing.step)), sense_fleet(flight, state, as_array(number, np.int32))
+    time, reports = as_array(sample * float(flight.timing.step)), sense_fleet(flight, state, as_array(sample, np.int32))
     return _take_snapshot(flight, state, time, reports)
 
 
 def replan_fleet(
-    scenario: Scenario, flight: Flight, state: FlightState, number: int, on_progress: Callable[[str], None]
+    scenario: Scenario, flight: Flight, state: FlightState, sample: int, on_progress: Callable[[str], None]
 ) -> FlightState | None:
     """Search for a new plan from a sample on, first with the arrival times in force.
 
     Returns the state of the flight with the new plan, or None if no plan is found.
     """
-    times_s, now_s = np.asarray(state.planner.plan.arrival_times), number * scenario.timing.step_s
-    snapshot = snapshot_at(flight, state, number)
-    if not (np.asarray(snapshot.tasks.active) > 0.0).any():
+    times_s, now_s = np.asarray(state.planner.plan.arrival_times), sample * scenario.timing.step_s
+    snapshot = snapshot_at(flight, state, sample)
+    if not (np.asarray(snapshot.replannable_tasks.active) > 0.0).any():
         return None
     return _search_plan(scenario, flight, state, snapshot, now_s, times_s, on_progress)
 
 
 def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, event: Event) -> np.ndarray:
-    """Arrival times that the arrival rule requires of the fleet after an event, s."""
+    """Arrival times (s after the start, one per aircraft) that the arrival rule requires after an event."""
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
     arrival = scenario.arrival
@@ -316,7 +321,7 @@ def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarra
 def _requests(
     scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, now_s: float, target_times_s: np.ndarray
 ) -> Any:
-    """Requests to try in a search, in order: the target times, the times in force, then times by the arrival rule."""
+    """Arrival requests to try in a search, in order: target times, times in force, then times by the arrival rule."""
     latest_s = scenario.timing.latest_arrival_s - now_s
     rule = scenario.arrival.rule
     remaining_times = [
@@ -347,14 +352,14 @@ def _search_plan(
     departed aircraft keep their paths.
     """
     plan_state, planner = state.planner, aircraft_planner(flight)
-    can_replan = np.asarray(snapshot.tasks.active) > 0.0
+    can_replan = np.asarray(snapshot.replannable_tasks.active) > 0.0
     times_s = np.asarray(plan_state.plan.arrival_times)
     requests = _requests(scenario, times_s, can_replan, now_s, target_times_s)
     limit_sets = _with_gentle_acceleration(plan_state.limits), planner.correction_limits(plan_state.limits)
     for request, limits in itertools.product(requests, limit_sets):
         outcome, holds = planner.search_plan(
             now_s,
-            _with_limits(snapshot.tasks, limits),
+            _with_limits(snapshot.replannable_tasks, limits),
             request,
             scenario.timing.duration_s,
             on_progress,

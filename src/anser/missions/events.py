@@ -62,7 +62,7 @@ class _FleetGoals:
         `_INFEASIBLE_M` if even a straight flight at the greatest airspeed with the wind would arrive too late, or if
         the aircraft may not change its present goal. Whether the remaining pairs are feasible is decided by the search.
         """
-        tasks, names = self.snapshot.tasks, [aircraft.name for aircraft in self.scenario.aircraft]
+        tasks, names = self.snapshot.replannable_tasks, [aircraft.name for aircraft in self.scenario.aircraft]
         positions_n = np.asarray(tasks.position_n)
         can_replan = np.asarray(tasks.active)[: len(names)] > 0.0
         latest_s = self.arrival_times_s
@@ -84,11 +84,11 @@ class _FleetGoals:
 
 
 def reassign_goals(
-    # the fleet at sample `number`, after the aircraft have left
+    # the fleet at sample `sample`, after the aircraft have left
     scenario: Scenario,
     flight: Flight,
     state: FlightState,
-    number: int,
+    sample: int,
     departures: Sequence[Event],  # events by which the aircraft left
     goals: Sequence[str],  # name of the goal of each aircraft
     on_progress: Callable[[str], None] = lambda message: None,  # called with a description of the current work
@@ -104,10 +104,10 @@ def reassign_goals(
     if not requests:
         return flight, state, tuple(goals), []
     on_progress("looking for aircraft that take over a goal")
-    names, now_s = [aircraft.name for aircraft in scenario.aircraft], number * scenario.timing.step_s
+    names, now_s = [aircraft.name for aircraft in scenario.aircraft], sample * scenario.timing.step_s
     event_of = {names.index(str(event.aircraft)): event for event in requests}
     fleet = _FleetGoals(
-        scenario, tuple(goals), snapshot_at(flight, state, number), np.asarray(state.planner.plan.arrival_times), now_s
+        scenario, tuple(goals), snapshot_at(flight, state, sample), np.asarray(state.planner.plan.arrival_times), now_s
     )
     open_goals: list[int] = []  # aircraft that have left a goal to which nobody else flies
 
@@ -135,7 +135,7 @@ def reassign_goals(
         reassigned_flight, reassigned_state = flight, state
         for taker, giver in givers.items():
             reassigned_flight, reassigned_state = _hand_over_goal(reassigned_flight, reassigned_state, giver, taker)
-        replanned_state = replan_fleet(scenario, reassigned_flight, reassigned_state, number, on_progress)
+        replanned_state = replan_fleet(scenario, reassigned_flight, reassigned_state, sample, on_progress)
         if replanned_state is not None:
             new_goals = tuple(goals[givers.get(aircraft, aircraft)] for aircraft in range(len(goals)))
             for taker, giver in givers.items():
@@ -148,7 +148,7 @@ def reassign_goals(
 
 
 def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) -> tuple[Flight, FlightState]:
-    """Give the goal, the rendezvous and the goal estimate of one aircraft (`giver`) to another (`taker`)."""
+    """Give goal, rendezvous and goal estimate of the aircraft `giver` to the aircraft `taker` (fleet indices)."""
     (giver_group, giver_row), (taker_group, taker_row) = _group_and_row(flight, giver), _group_and_row(flight, taker)
 
     def mission(group: int) -> Any:
@@ -232,30 +232,30 @@ class EventSchedule:
         # index of the last goal event among the outcomes, and the searches left for it
         self._goal_event: tuple[int, int] | None = None
 
-    def apply_due(self, flight: Flight, state: FlightState, number: int) -> tuple[Flight, FlightState]:
+    def apply_due(self, flight: Flight, state: FlightState, sample: int) -> tuple[Flight, FlightState]:
         """Apply the events that are due at a sample, and return flight and state after them."""
         due_events: list[Event] = []
-        while self._coming and self._coming[0][0] <= number:
+        while self._coming and self._coming[0][0] <= sample:
             due_events.append(self._coming.pop(0)[1])
         for event in due_events:
-            flight, state, outcome = apply_event(self._scenario, flight, state, number, event, self._on_progress)
+            flight, state, outcome = apply_event(self._scenario, flight, state, sample, event, self._on_progress)
             self.outcomes.append(outcome)
             if event.kind in GOAL_EVENTS and self._scenario.fleet.is_central:
                 self._goal_event = len(self.outcomes) - 1, _SEARCHES_MAX
         flight, state, self.goals, handovers = reassign_goals(
-            self._scenario, flight, state, number, due_events, self.goals, self._on_progress
+            self._scenario, flight, state, sample, due_events, self.goals, self._on_progress
         )
         self.outcomes += handovers
         return flight, state
 
-    def steps_until_next(self, number: int, steps_max: int) -> int:
+    def steps_until_next(self, sample: int, steps_max: int) -> int:
         """Number of steps from a sample to the next event or the next check of the replanning, at most `steps_max`."""
-        steps = min([steps_max, *(event_step - number for event_step, _ in self._coming[:1])])
+        steps = min([steps_max, *(event_step - sample for event_step, _ in self._coming[:1])])
         if self._goal_event is not None and self._replan_steps:
-            steps = min(steps, -number % self._replan_steps + 1)
+            steps = min(steps, -sample % self._replan_steps + 1)
         return steps
 
-    def check_replanning(self, flight: Flight, state: FlightState, number: int) -> FlightState:
+    def check_replanning(self, flight: Flight, state: FlightState, sample: int) -> FlightState:
         """Search for a new plan if the periodic replanning has failed after a change of a goal; return the state.
 
         Periodic replanning, in the compiled loop, tries small corrections only; the complete search takes longer and
@@ -263,14 +263,14 @@ class EventSchedule:
         """
         if self._goal_event is None:
             return state
-        (outcome_index, tries_left), now_s = self._goal_event, number * self._scenario.timing.step_s
+        (outcome_index, tries_left), now_s = self._goal_event, sample * self._scenario.timing.step_s
         event = self.outcomes[outcome_index]
         if int(np.asarray(state.planner.replanning)) not in (UNCHANGED, PARTLY_CORRECTED):
             if now_s > event.time_s + _SETTLED_S:
                 self._goal_event = None
             return state
         self._on_progress(f"planning anew at {now_s:g} s")
-        replanned_state = replan_fleet(self._scenario, flight, state, number, self._on_progress)
+        replanned_state = replan_fleet(self._scenario, flight, state, sample, self._on_progress)
         message = f"{NO_PLAN_MESSAGE if replanned_state is None else 'planned anew'} ({now_s:g} s)"
         self.outcomes[outcome_index] = dataclasses.replace(event, planned=replanned_state is not None, message=message)
         self._goal_event = (outcome_index, tries_left - 1) if tries_left > 1 and replanned_state is None else None

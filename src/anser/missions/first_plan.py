@@ -15,6 +15,7 @@ from anser.compiling.options import compiled, compiled_quickly
 from anser.compiling.program import PreparedProgram
 from anser.environment.environment import AbstractWind
 from anser.missions.refusal import (
+    Refusal,
     describe_sequence_start,
     diagnose_missing_holds,
     diagnose_refusal,
@@ -73,7 +74,7 @@ class FirstPlan(abc.ABC):
     scenario: Scenario  #: Planned scenario.
     flight: Flight  #: Arrays of the flight, padded with inactive aircraft to a multiple of a fixed size.
     fleet: TrimmedFleet  #: The aircraft of `flight`, trimmed at the start.
-    refusals: tuple[str, ...]  #: Reasons for a missing plan, one sentence each; empty if a plan exists.
+    refusals: tuple[Refusal, ...]  #: Reasons for a missing plan, one sentence each; empty if a plan exists.
     plan_state: Any = None  # the planner's first state with the plan of all aircraft of `flight`; None without a plan
     start_state: FlightState | None = None  # state of the fleet at the start, if computed together with the plan
     state_type: ClassVar[type]  # type of `saved_state`, by which a plan file is read
@@ -93,7 +94,7 @@ class FirstPlan(abc.ABC):
     @functools.cached_property
     @abc.abstractmethod
     def plan(self) -> Any:
-        """The planner's plan; raises `NoPlanError` if there is no plan."""
+        """The planner's plan, of the type that the planner makes; raises `NoPlanError` if there is no plan."""
 
     @abc.abstractmethod
     def problems(self) -> tuple[str, ...]:
@@ -132,12 +133,12 @@ class FirstPlan(abc.ABC):
 
     @property
     def arrivals_s(self) -> np.ndarray:
-        """Planned arrival time of each aircraft, s."""
+        """Planned arrival time of each aircraft of the scenario, s after the start of the flight."""
         return np.broadcast_to(np.asarray(self.plan.arrival_times), len(self.scenario.aircraft))
 
     @property
     def arrival_s(self) -> float:
-        """Planned arrival time of the last aircraft, s."""
+        """Planned arrival time of the last aircraft, s after the start of the flight."""
         return float(np.max(self.arrivals_s))
 
     def __repr__(self) -> str:
@@ -174,7 +175,7 @@ class FirstPlan(abc.ABC):
 
 @compiled_quickly
 def initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: Any) -> FlightState:
-    """State of a flight at time 0 with the planner's first state `plan_state`, computed by a compiled program."""
+    """Return the state of a flight at time 0 with the planner's first state, by a compiled program."""
     return initialize_flight(flight, fleet, flight.planner.initial_state(plan_state, flight.randomness))
 
 
@@ -229,7 +230,7 @@ class PublishedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def plan(self) -> FleetPlan:
-        """Plan of the scenario's aircraft."""
+        """Plan of the scenario's aircraft, without the padding of `flight`."""
         return first_rows(self._all, len(self.scenario.aircraft))
 
     @property
@@ -239,7 +240,7 @@ class PublishedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def limits(self) -> LimitReport:
-        """Extremes of each path and comparison with the scenario's limits; leading axis aircraft."""
+        """Extremes of each path at samples, compared with the scenario's limits; leading axis aircraft."""
         report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
         return first_rows(report, len(self.scenario.aircraft))
 
@@ -315,7 +316,7 @@ def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft,
 
 
 def trim_and_build_tasks(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
-    """Trim the fleet at its start and build the planning tasks."""
+    """Trim the fleet at its start, and build the planning task of each aircraft from its first readings."""
     fleet = trimmed_fleet(flight)
     return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
@@ -328,10 +329,10 @@ def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits
     return CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, limits)
 
 
-def _diagnose_wind_field(
+def _search_without_difference(
     planner: CertifiedPlanner, scenario: Scenario, tasks: AircraftTask, fleet_task: FleetTask, outcome: SearchOutcome
-) -> tuple[str, ...]:
-    """Search again without the difference between a wind field and its layers; the reason if that finds a plan."""
+) -> tuple[Refusal, ...]:
+    """Search again without the difference between a wind field and its layers; if a plan exists then, return why."""
     if not isinstance(planner.airspace.wind, FittedWind):
         return ()
     no_difference = eqx.tree_at(lambda p: p.airspace.wind.residuals, planner, replace_fn=np.zeros_like)
@@ -366,7 +367,7 @@ class CertifiedFirstPlan(FirstPlan):
             return cls(scenario, flight, fleet, (), plan_state, padded_tasks=tasks, outcome=outcome)
         on_progress("diagnosing the refusal")
         fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
-        refusals = _diagnose_wind_field(planner, scenario, tasks, fleet_task, outcome.leading(count))
+        refusals = _search_without_difference(planner, scenario, tasks, fleet_task, outcome.leading(count))
         if not refusals:
             refusals = (
                 diagnose_refusal(scenario, fleet_task, outcome.leading(count))
@@ -398,7 +399,7 @@ class CertifiedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def plan(self) -> CertifiedPlan:
-        """The plan; raises `NoPlanError` with the reasons if there is no plan."""
+        """Certified plan of the scenario's aircraft; raises `NoPlanError` with the reasons if there is no plan."""
         return self._planned_state().plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
@@ -455,7 +456,7 @@ class CertifiedFirstPlan(FirstPlan):
 
 
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
-    """Arrival rule of a scenario with its times, as input of the search.
+    """Return the arrival rule of a scenario with the times requested (s), as input of the search.
 
     Padded to `count` aircraft by repeating the times of the last aircraft.
     """

@@ -257,9 +257,10 @@ def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: Output
 
 
 class _FlightGroup:
-    """Collects flights of equal structure that wait for a batch.
+    """Flights of equal structure that wait for a batch.
 
-    Remembers which leaves (arrays) have differed between its flights: these are batched, the rest is shared.
+    `stacked` records in the group which leaves (arrays) have differed between flights: these are batched from then on,
+    the rest is shared.
     """
 
     def __init__(self) -> None:
@@ -319,7 +320,7 @@ def _fly_batch(
     outputs: OutputRecording | None,
     on_share: Callable[[float], None],
 ) -> list[FlightRow]:
-    """Trim, plan and fly one batch; the batch is padded beyond the cases.
+    """Trim, plan and fly one batch, which is padded beyond the cases; return the result rows of the cases.
 
     `on_share` is called with the completed share of the batch, 0..1; searches of plans count as half of the work.
     """
@@ -364,7 +365,10 @@ def _search_plans(
     refusals: dict[int, str],
     on_share: Callable[[float], None],
 ) -> dict[int, CertifiedPlanState]:
-    """Search the first plans of a batch, by index in the batch; adds the flights without a plan to `refusals`."""
+    """Search the first plans of a batch; return them by index in the batch.
+
+    Adds the reasons of the flights without a plan to `refusals`.
+    """
     plans: dict[int, CertifiedPlanState | None] = {}
     plans_by_input: dict[bytes, CertifiedPlanState | None] = {}
     for k in [k for k in range(len(cases)) if k not in refusals]:

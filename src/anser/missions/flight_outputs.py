@@ -83,7 +83,7 @@ class FlightOutput(Table):
 
     @property
     def labels(self) -> tuple[str, str]:
-        """Unit and description."""
+        """Unit and description of the output, for datasets and pages."""
         verb = "time of" if self.reduction == "time" else self.reduction
         aircraft = "" if self.aircraft is None else f" of {self.aircraft}"
         until = " until the arrival" if self.until == "arrival" else ""
@@ -199,12 +199,12 @@ class OutputRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True)
 
     def init(self, aircraft: int) -> tuple[Any, Any]:
-        """State before the first sample."""
+        """Return the pair (state of the inner recorder, running values) before the first sample."""
         running = tuple((jnp.asarray(value), jnp.asarray(weight)) for value, weight in (f.start for f in self.formulas))
         return self.inner.init(aircraft), running
 
     def update(self, recorder_state: tuple[Any, Any], sample: FleetSample, instant: Instant) -> tuple[Any, Any]:
-        """State after one more sample."""
+        """Return the pair (state of the inner recorder, running values) after one more sample."""
         inner_state, running = recorder_state
 
         def extended() -> tuple[Any, ...]:
@@ -225,7 +225,7 @@ class OutputRecorder(AbstractRecorder):
         return self.inner.update(inner_state, sample, instant), extended_values
 
     def output(self, sample: FleetSample, instant: Instant) -> Any:
-        """Row of the inner recorder."""
+        """Return the row that the inner recorder stores for a sample; the outputs store no rows."""
         return self.inner.output(sample, instant)
 
 

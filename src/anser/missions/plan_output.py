@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordedPlan:
-    """Samples of a plan over time, with the planner's report on it."""
+    """Samples of a plan over time, and the planner's report on the plan (`summary`)."""
 
     samples: PlanSamples
     details: PlanDetails
@@ -131,7 +131,7 @@ def record_certified(
 
 
 def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
-    """Proven bounds of the paths by key of the limit.
+    """Proven bounds of the flight quantities along each path, by key of the limit, in SI units and radians.
 
     Accelerations are converted to values of equal demand at the start of each aircraft.
     """
@@ -172,7 +172,7 @@ def _record(
 
 
 def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
-    """Position of a scenario's goal at each time, (time, NED axis), m."""
+    """Positions of a scenario's goal at times (s), (time, NED axis), m."""
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()
         start = goal.position_m(0.0)

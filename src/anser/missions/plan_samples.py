@@ -98,7 +98,7 @@ def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"
 def _distances_at_samples(
     positions: Float[Array, "time aircraft 3"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " time"], Int[Array, " time"], Float[Array, "aircraft aircraft"]]:
-    """Smallest distance in the fleet at each sample, m, its pair, and the smallest distance of each pair over time, m.
+    """Smallest distance in the fleet at each sample, m, its pair, and that of each pair over all samples.
 
     The pair is an index into the flattened matrix of pairs.
     """
@@ -120,9 +120,9 @@ def _distances_at_samples(
 def _closest_approaches(
     motion: SampledMotion, pairs: Int[Array, "pairs 2"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " pairs"], Float[Array, "pairs 3"]]:
-    """Find the smallest distance of each pair until the first arrival, m.
+    """Compute the smallest distance of each pair of aircraft until the pair's first arrival.
 
-    Also its time, s, and the difference of the positions at this time, NED, m.
+    Returns the distances, m, their times, s, and the differences of the positions at these times, NED, m.
     """
     fine = _fine_times(motion.times)
 
@@ -249,7 +249,7 @@ class PlannedPath(Protocol):
     """Interface of a path in time that any planner delivers; NED, SI units."""
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time (s)."""
+        """Position, velocity and acceleration over the ground at a time (s)."""
         ...
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
@@ -347,7 +347,7 @@ def sample_extremes(
     gravity: ScalarLike,
     limits: PathLimits | None = None,
 ) -> PlanExtremes:
-    """Find the extremes of each path from the start to the arrival; arguments as in `sample_paths`.
+    """Compute the extremes (greatest or least values) of each path at its samples, not proven between the samples.
 
     With `limits`, accelerations are converted to values of equal demand at the start of each aircraft.
     """
@@ -397,7 +397,10 @@ def sample_plan(
     keep_outs: tuple[KeepOut, ...],
     limits: PathLimits | None = None,  # as in `sample_extremes`
 ) -> PlanSamples:
-    """Sample a plan: motion, demand, extremes and closest approaches."""
+    """Sample a plan: motion, demand, extremes at the samples (not proven between them), and closest approaches.
+
+    `times` are the sample times (s) and the mask of the regular times, from `sample_times`.
+    """
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = sampled_motion(times[0], history)
     margins, margin_times = keep_out_margins(motion, keep_outs)

@@ -53,7 +53,7 @@ UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep
 
 
 def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
-    """One sentence for each aircraft whose path is not proven (`feasible` is False)."""
+    """Return one sentence for each aircraft whose path is not proven (`feasible` is False)."""
     pairs = zip(scenario.aircraft, feasible, strict=True)
     return tuple(
         Refusal(f'aircraft "{aircraft.name}": {UNPROVEN}', [aircraft.name])
@@ -318,7 +318,7 @@ def _no_common_time(
 
 
 def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> Refusal:
-    """Reason with the largest separation for which a plan exists, found by new searches."""
+    """Return the reason that names the largest separation (m) for which new searches have a plan."""
     separation = fleet.airspace.separation
     horizontal, vertical = float(separation.horizontal), float(separation.vertical)
     if horizontal == 0.0:

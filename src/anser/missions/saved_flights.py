@@ -18,7 +18,7 @@ PLAN = "plan.npz"
 
 
 class RunFolderError(ValueError):
-    """The folder contains no run, or files that cannot be read."""
+    """The folder contains no recorded flight, or files that cannot be read."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -49,7 +49,7 @@ def fly_with_replanning(
         if int(next_state.replan_sample) != int(state.replan_sample):
             reached = int(next_state.replan_sample)
             next_state, rows = _fly_until(reached, light_flight, state, sample)
-            next_state = replan_between_steps(flight, next_state, reached)
+            next_state = replan_stopped_flight(flight, next_state, reached)
         parts.append(rows)
         state, sample = next_state, reached
     return state, {key: np.concatenate([rows[key] for rows in parts]) for key in parts[0]}
@@ -64,9 +64,9 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
 
 
 @compiled_quickly
-def sense_fleet(flight: Flight, state: FlightState, number: Integer) -> AircraftReport:
-    """Reports of a fleet in flight to its planner at sample `number`, in fleet order, by a compiled program."""
-    instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
+def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> AircraftReport:
+    """Reports of a fleet in flight to its planner at sample `sample`, in fleet order, by a compiled program."""
+    instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     return cast_to_precision(fleet_reports(flight, state, instant)[1], float)
 
 
@@ -75,12 +75,12 @@ def _replan(planner: AbstractPlanner, planner_state: Any, time: Scalar, reports:
     return planner.replan(planner_state, time, reports)
 
 
-def replan_between_steps(flight: Flight, state: FlightState, sample: int) -> FlightState:
+def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> FlightState:
     """Replan a fleet in flight before the step from sample `sample` on, as the planner does in a compiled loop."""
     number, planner = as_array(sample, np.int32), flight.planner
     reports, time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
     if isinstance(planner, CertifiedPlanner):
-        planner_state = planner.replan_between_steps(state.planner, time_s, reports)
+        planner_state = planner.replan_outside_loop(state.planner, time_s, reports)
     else:
         planner_state = _replan(planner, state.planner, as_array(time_s), reports)
     return FlightState(state.vehicles, planner_state, number)

@@ -32,7 +32,7 @@ class PathThroughAir(eqx.Module):
     wind: AbstractWind
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Return the motion over the ground at a time (s)."""
+        """Return position, velocity and acceleration over the ground at a time (s)."""
         return self.trajectory.at(time)
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
@@ -63,11 +63,11 @@ class UserFirstPlan(FirstPlan):
 
     @property
     def arrivals_s(self) -> np.ndarray:
-        """Planned arrival time of each aircraft, s."""
+        """Planned arrival time of each aircraft, s after the start of the flight."""
         return np.broadcast_to(np.asarray(self.plan.arrival_time), len(self.scenario.aircraft))
 
     def notes(self) -> tuple[str, ...]:
-        """No notes: a user-defined planner is not asked for them."""
+        """Return no notes: the interface of planners has none."""
         return ()
 
     def problems(self) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ class UserFirstPlan(FirstPlan):
         return (type(self.flight.planner).__name__,) * len(self.scenario.aircraft)
 
     def saved_state(self) -> Any:
-        """Raise ValueError: the file of a plan does not tell how a user-defined planner is built."""
+        """Raises ValueError: the file of a plan does not tell how a user-defined planner is built."""
         raise ValueError(
             "a plan by a user-defined planner is not written to a file; plan again in the process that flies it"
         )

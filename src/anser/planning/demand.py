@@ -68,7 +68,7 @@ def coordinated_demand(
     forward: Scalar,
     up: Scalar,  # vertical acceleration plus gravity, m/s^2
 ) -> Demand:
-    """Compute the demand of a motion that is resolved along and across its course."""
+    """Compute airspeed and specific force (`Demand`) of a motion that is resolved along and across its course."""
     speed = jnp.sqrt(level**2 + climb**2)
     return Demand(speed, side, (level * up - climb * forward) / speed, (level * forward + climb * up) / speed)
 

@@ -25,14 +25,14 @@ class GoalMotion(eqx.Module):
         return jnp.where(spans > 0.0, 1.0 / jnp.where(spans > 0.0, spans, 1.0), 0.0)[:, None] * steps
 
     def position_n(self, time: ScalarLike) -> Vector3:
-        """Position at a time, NED, m."""
+        """Position at a time (s), in the chart, NED, m."""
         # Sum of the travelled parts of the legs: no search, and padded legs contribute 0.
         covered = jnp.clip(time - self.times[:-1], 0.0, self.times[1:] - self.times[:-1])
         travelled = jnp.sum(covered[:, None] * self._leg_velocities(), axis=0)
         return self.positions_n[0] + travelled + jnp.maximum(time - self.times[-1], 0.0) * self.velocity_after_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity at a time, NED, m/s; at a waypoint, the velocity of the leg that starts there."""
+        """Velocity at a time (s), NED, m/s; at a waypoint, the velocity of the leg that starts there."""
         on_leg = (time >= self.times[:-1]) & (time < self.times[1:])
         on_path = jnp.sum(jnp.where(on_leg[:, None], self._leg_velocities(), 0.0), axis=0)
         return jnp.where(time >= self.times[-1], self.velocity_after_n, on_path)

@@ -61,7 +61,7 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit of a path: which extreme of which variable it bounds, and how it is named and displayed."""
+    """One limit of a path: the bounded extreme (greatest or least value) of a flight quantity, with name and unit."""
 
     key: str  # name of the bounded extreme: "airspeed_min"
     field: str  # name of the value in `PathLimits`: "speed_min"
@@ -75,7 +75,7 @@ class Limit:
 
     @property
     def name(self) -> str:
-        """Name of the extreme with its unit."""
+        """Name of the extreme with its unit, as in datasets."""
         return f"{self.key}_{self.suffix}" if self.suffix else self.key
 
     @property
@@ -103,7 +103,7 @@ class Limit:
         value: Scalar,  # the extreme
         limit: Scalar,  # the limit; infinite: no limit
     ) -> Scalar:
-        """How far an extreme exceeds the limit, relative to the limit (at least 1); at most 0 within the limit.
+        """Relative excess of an extreme over the limit: difference / max(|limit|, 1); at most 0 within the limit.
 
         For angles, tangents are compared. An infinite limit is never exceeded; a NaN is never within the limit.
         """

@@ -33,7 +33,10 @@ def closest_fraction(
     change: Any,
     square_min: float = 1e-200,  # lower bound of the squared change, m^2; keeps derivatives finite
 ) -> Any:
-    """Fraction (0 to 1) at which a relative position on a straight line is closest to zero; 0 if it is constant."""
+    """Fraction (0 to 1) of a straight relative motion, `begin` + fraction * `change`, with the least distance.
+
+    0 if the relative position is constant.
+    """
     xp = begin.__array_namespace__()
     square = xp.sum(change * change, axis=-1)
     return xp.clip(-xp.sum(begin * change, axis=-1) / xp.maximum(square, square_min), 0.0, 1.0)

@@ -21,7 +21,10 @@ def hermite_quintic(
     span: ScalarLike,  # time between the states, s, positive
     u: ScalarLike,  # fraction of the time, 0 to 1
 ) -> Float[Array, "3 3"]:
-    """Rows value, first and second time derivative of the quintic that joins two states; columns are the axes."""
+    """Rows: value, first and second time derivative of the quintic that joins two states; columns: NED axes.
+
+    `begin` and `end` have the same rows, `span` is the time between them (s), `u` the fraction of it (0 to 1).
+    """
     # Relative to the parabola from the first state: small differences keep their digits.
     parabola = begin[0] + span * begin[1] + 0.5 * span**2 * begin[2]
     p = end[0] - parabola

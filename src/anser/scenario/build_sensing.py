@@ -13,10 +13,11 @@ from anser.scenario.schema_sensing import Estimator, Navigation
 from anser.scenario.schema_sensing import GoalSensor as GoalSensorTable
 from anser.sensing.estimators import Briefing, DirectEstimator, TrackingEstimator
 from anser.sensing.goal_filters import GoalFilter
-from anser.sensing.goal_sensors import FieldOfView, NoisyGoalSensor, NoisySensors, queue_slots
+from anser.sensing.goal_sensors import FieldOfView, NoisyGoalSensor, queue_slots
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.sensing.motion_models import AbstractMotionModel, CoordinatedTurn, SteadyMotion
 from anser.sensing.navigation import AirFilter, NavigationFilter
+from anser.sensing.noisy_sensors import NoisySensors
 from anser.sensing.vehicle_sensors import AirDataSensors, Dropouts, InertialSensors, SatelliteNavigation, VehicleSensors
 from anser.shapes import Vector3
 from anser.units import DEG_RAD

@@ -1,7 +1,8 @@
 from .estimators import DirectEstimator, TrackingEstimator
 from .goal_filters import GoalFilter
-from .goal_sensors import FieldOfView, NoisyGoalSensor, NoisySensors
+from .goal_sensors import FieldOfView, NoisyGoalSensor
 from .ideal_sensors import DelayedSensors, IdealSensors
+from .noisy_sensors import NoisySensors
 from .vehicle_sensors import VehicleSensors
 
 __all__ = [

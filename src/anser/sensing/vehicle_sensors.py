@@ -98,7 +98,7 @@ class AirDataSensors(eqx.Module):
     vane_noise: Scalar
 
 
-class VehicleSensorErrors(eqx.Module):
+class VehicleSensorState(eqx.Module):
     """State of `VehicleSensors` between two samples: the present errors, and the last fix."""
 
     # Gauss-Markov errors, m (as of the last fix) and rad
@@ -128,12 +128,12 @@ class VehicleSensors(eqx.Module):
     inertial: InertialSensors
     air_data: AirDataSensors
 
-    def init(self, truth: Truth, instant: Instant) -> VehicleSensorErrors:
+    def init(self, truth: Truth, instant: Instant) -> VehicleSensorState:
         """Draw the errors before the first sample: stationary Gauss-Markov errors, and the biases of this flight."""
         normals = instant.normals(VEHICLE_SENSORS, _NORMALS, once=True)
         satellite, inertial, air = self.satellite, self.inertial, self.air_data
         velocity_n = velocity_over_ground_n(truth.condition, truth.state)
-        return VehicleSensorErrors(
+        return VehicleSensorState(
             position_n=satellite.position_sigma * instant.normals(SATELLITES, _FIX_NORMALS, once=True)[0:3],
             attitude_b=inertial.attitude_sigma * normals[0:3],
             rates_b=inertial.rates_bias * normals[3:6],
@@ -143,8 +143,8 @@ class VehicleSensors(eqx.Module):
         )
 
     def read(
-        self, sensor_state: VehicleSensorErrors, truth: Truth, instant: Instant
-    ) -> tuple[VehicleReading, VehicleSensorErrors]:
+        self, sensor_state: VehicleSensorState, truth: Truth, instant: Instant
+    ) -> tuple[VehicleReading, VehicleSensorState]:
         """Return the measurements of this sample, and the errors after it."""
         normals, inertial, air = instant.normals(VEHICLE_SENSORS, _NORMALS), self.inertial, self.air_data
         # the initial random numbers apply to the first sample
@@ -170,7 +170,7 @@ class VehicleSensors(eqx.Module):
             velocity_air_b=_air_velocity_b(*measured),
             fix=fix,
         )
-        errors = VehicleSensorErrors(
+        errors = VehicleSensorState(
             position_n, attitude_b, sensor_state.rates_b, sensor_state.force_b, sensor_state.air, fix
         )
         return reading, errors

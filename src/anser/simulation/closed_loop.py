@@ -86,7 +86,7 @@ class Perception(eqx.Module):
 
 
 def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
-    """Return the truth that the sensors measure: aircraft, air data, goal and disturbances at an instant."""
+    """Return the truth that the sensors measure: aircraft, air data, forces, goal and disturbances at an instant."""
     time = instant.time
     airframe = vehicle.airframe_at(time)
     disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.thrust_ratio_at(time))
@@ -96,7 +96,7 @@ def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gus
 
 
 def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
-    """Return the quantities that determine the gusts at an aircraft; the ground is at altitude 0."""
+    """Return the quantities that determine the gusts at an aircraft: airspeed, height, attitude, wind; ground at 0."""
     wind_n = instant.environment.wind.at(state.position_n, instant.time)
     R_bn = rotation_from_quaternion(state.quaternion)
     airspeed = safe_norm(state.velocity_b - rotate(R_bn, wind_n))
@@ -111,7 +111,7 @@ def for_aircraft(instant: Instant, index: Integer) -> Instant:
 
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
-    """Return the initial state of an aircraft in the steady flight `trim`, with every part's state settled."""
+    """Return the initial state of an aircraft in the steady flight `trim`, with every part's state settled in it."""
     return start_vehicle(vehicle, instant, trim, index)[0]
 
 
@@ -143,7 +143,10 @@ def start_vehicle(
 
 
 def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perception:
-    """Read the sensors and update the estimator at one sample."""
+    """Read the sensors and update the estimator at one sample; the aircraft does not move.
+
+    The new states of sensors and estimator are in the result, not yet in `state`; `command_and_move` stores them.
+    """
     instant = for_aircraft(instant, state.index)
     local_state = to_local_state(instant.environment, state.aircraft)
     flow = air_flow(local_state, instant)
@@ -236,7 +239,7 @@ def command_and_move(
 def _vehicle_status(
     vehicle: Vehicle, status: Integer, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
 ) -> Integer:
-    """Return the status code, updated for a departure from the fleet and for a goal without usable estimate."""
+    """Return the status code after a check for a departure from the fleet and for a goal without usable estimate."""
     time = instant.time
     has_departed = (status == FLYING) & vehicle.faults.has_departed(time)
     status = jnp.where(has_departed, LEFT_FLEET, status).astype(status.dtype)

@@ -72,7 +72,7 @@ class FleetSummary(eqx.Module):
 
 
 class _PreviousSample(NamedTuple):
-    """Previous sample of the aircraft."""
+    """Signals of the previous sample that the summary needs; leading axis aircraft."""
 
     position_n: Float[Array, "aircraft 3"]
     offset_n: Float[Array, "aircraft 3"]
@@ -218,7 +218,7 @@ def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:
 
 
 def _offset_length(start_n: Array, end_n: Array, part: Array) -> Array:
-    """Interpolate between two offsets (n, 3) at the fraction `part` and return the lengths (n,), m."""
+    """Interpolate between two offsets (n, 3), m, at the fraction `part` (0 to 1) and return the lengths (n,), m."""
     return jax.vmap(safe_norm)(start_n + part[:, None] * (end_n - start_n))
 
 

@@ -39,7 +39,7 @@ from anser.steady.trim import TrimTarget
 
 
 class Timing(eqx.Module):
-    """Periods of a flight, s."""
+    """Sampling period and freeze time of a flight, s, and steps between plans."""
 
     step: Scalar  # sampling period of the aircraft's parts and step of the integrator
     replan_steps: Integer  # number of steps between plans; 0: only the first plan
@@ -57,7 +57,7 @@ class AircraftGroup(eqx.Module):
 
 
 class Flight(eqx.Module):
-    """Complete definition of a flight."""
+    """Complete definition of a flight: environment, aircraft groups, planner, periods and random numbers."""
 
     environment: Environment
     #: The fleet by aircraft groups. `AircraftGroup.members` maps a group's rows to the fleet's aircraft axis.
@@ -219,7 +219,7 @@ def aircraft_report(vehicle: Vehicle, perception: Perception, active: Flag) -> A
 def fleet_reports(
     flight: Flight, state: FlightState, instant: Instant, *, one_kernel: bool = False
 ) -> tuple[list[Perception], AircraftReport]:
-    """Read all sensors; return the perceptions by group, and the reports to the planner in fleet order."""
+    """Read the sensors of every aircraft; return perceptions by group, and reports to the planner in fleet order."""
     kernel = as_single_kernel if one_kernel else lambda function: function
 
     def perceive_one(vehicle: Vehicle, vehicle_state: VehicleState) -> Perception:
@@ -241,7 +241,7 @@ def fleet_reports(
 def plans_too_near(
     flight: Flight, plans: AircraftPlan, reports: AircraftReport, time: ScalarLike
 ) -> Bool[Array, " aircraft"]:
-    """Flag aircraft whose plan ends nearer to the goal than the least distance allowed.
+    """Flag the aircraft whose plan ends nearer to the goal than `Mission.distance_min`.
 
     The goal's position at the arrival is extrapolated from the report at constant velocity.
     """
@@ -265,18 +265,18 @@ def plans_too_near(
 
 
 def _replan_if_due(
-    flight: Flight, state: FlightState, number: Integer, reports: AircraftReport
+    flight: Flight, state: FlightState, sample: Integer, reports: AircraftReport
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
     """Replan if the sample is due; return the planner state, and flags of new plans that end too near the goal."""
     timing, planner = cast_to_precision(flight.timing, float), flight.planner
-    time = number * timing.step
+    time = sample * timing.step
     plans = planner.plans(state.planner)
     is_frozen = time >= plans.arrival_time - timing.freeze
     is_needed = ~jnp.all(is_frozen | ~reports.active)
     # The same for all flights of a batch: with a batched condition, the costly planning would run at every step.
-    is_due = (timing.replan_steps > 0) & (number % jnp.maximum(timing.replan_steps, 1) == 0) & any_in_batch(is_needed)
+    is_due = (timing.replan_steps > 0) & (sample % jnp.maximum(timing.replan_steps, 1) == 0) & any_in_batch(is_needed)
 
-    is_open = is_needed & (number != state.replan_sample)
+    is_open = is_needed & (sample != state.replan_sample)
 
     def replan() -> tuple[Any, Bool[Array, " aircraft"]]:
         replanned = planner.replan(state.planner, time, reports)
@@ -302,28 +302,28 @@ def send_to_hold(
 
 
 def step_fleet(
-    flight: Flight, state: FlightState, number: Integer, *, one_kernel: bool = False
+    flight: Flight, state: FlightState, sample: Integer, *, one_kernel: bool = False
 ) -> tuple[FlightState, FleetSample, Instant]:
     """Fly the fleet over one step; returns the next state, and the sample at the step's start (see `fly`)."""
-    instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
+    instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     kernel = as_single_kernel if one_kernel else lambda function: function
     perceptions, reports = fleet_reports(flight, state, instant, one_kernel=one_kernel)
     reports = cast_to_precision(reports, float)
-    planner, refused = _replan_if_due(flight, state, number, reports)
+    planner, refused = _replan_if_due(flight, state, sample, reports)
     plans = cast_to_precision(flight.planner.plans(planner), instant.step.dtype)
     vehicles = send_to_hold(flight, state.vehicles, refused)
 
-    def act_one(vehicle: Vehicle, group_state: VehicleState, perceived: Perception, plan: AircraftPlan) -> Any:
+    def move(vehicle: Vehicle, group_state: VehicleState, perceived: Perception, plan: AircraftPlan) -> Any:
         return command_and_move(vehicle, group_state, perceived, instant, plan, flight.timing.freeze)
 
     results = [
-        kernel(group.vehicles.map)(act_one, group_state, perception, select_group_rows(plans, group, flight.count))
+        kernel(group.vehicles.map)(move, group_state, perception, select_group_rows(plans, group, flight.count))
         for group, group_state, perception in zip(flight.groups, vehicles, perceptions, strict=True)
     ]
     step = cast_to_precision(flight.timing.step, float)
     is_replan_missing = flight.planner.replan_needed(planner) & ~flight.planner.replan_needed(state.planner)
-    replan_sample = jnp.where(is_replan_missing, number, state.replan_sample)
-    planner = flight.planner.observe(planner, reports, number, step, flight.randomness)
+    replan_sample = jnp.where(is_replan_missing, sample, state.replan_sample)
+    planner = flight.planner.observe(planner, reports, sample, step, flight.randomness)
     next_state = FlightState(tuple(states for states, _ in results), planner, replan_sample)
     return next_state, FleetSample(tuple(samples for _, samples in results), flight.members), instant
 

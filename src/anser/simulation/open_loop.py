@@ -52,7 +52,7 @@ class PrescribedControls(AbstractController):
     def control(
         self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, None, Integer]:
-        """Return the row of the sample."""
+        """Return the controls in the table's row of the present sample, no signals, and the next sample's number."""
         number = controller_state
         return Controls(self.surfaces[number], self.throttle[number]), None, number + 1
 
@@ -81,7 +81,7 @@ class FeedbackControls(AbstractController):
     def control(
         self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, None, Integer]:
-        """Return the controls of the function."""
+        """Return the controls that `law` computes from time and state, no signals, and the next sample's number."""
         time = controller_state * step
         names = belief.airframe.actuators.names
         values = dataset_variables(belief.airframe, self.environment, time, belief.state, self.reference)
@@ -115,7 +115,7 @@ class PrescribedCommand(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the command of the sample, without rates; the reference position is the aircraft's own."""
+        """Return the command in the table's row of the present sample; the reference position is the aircraft's own."""
         zero = jnp.zeros(())
         V, gamma, chi = self.values[instant.number]
         return PathCommand(V, gamma, chi, zero, zero, zero), belief.state.position_n, None
@@ -124,7 +124,7 @@ class PrescribedCommand(AbstractGuidance):
 def start_point(
     airframe: AbstractAirframe, environment: Environment, state: AircraftState, controls: Controls
 ) -> TrimPoint:
-    """Return any state in the form of a trim point, from which a flight starts."""
+    """Return any state and controls in the form of a trim point, from which a flight starts; no trim is solved."""
     condition = air_data_and_forces(airframe, environment, 0.0, state)
     data = condition.air_data
     return TrimPoint(

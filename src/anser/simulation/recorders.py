@@ -205,7 +205,7 @@ def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
 
 
 class GoalApproach(eqx.Module):
-    """Approach of one aircraft to its goal at one instant."""
+    """Approach of one aircraft to its goal at one instant: true goal, rendezvous, distances, clearance and phase."""
 
     goal: GoalState  # true state of the goal
     rendezvous_n: Vector3  # rendezvous position, NED, m
@@ -220,7 +220,7 @@ class GoalApproach(eqx.Module):
 
 
 class AircraftSample(eqx.Module):
-    """Signals of one aircraft at one sampling instant."""
+    """Signals of one aircraft at one sampling instant, before the step: truth, belief, controls and status."""
 
     truth: Truth  #: True state.
     belief: Belief  #: Estimated state.
@@ -307,7 +307,7 @@ class History(AbstractRecorder):
         """Do nothing: the history consists of the rows that `output` returns, and carries nothing between samples."""
 
     def output(self, sample: FleetSample | AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Variables by aircraft, SI units and radians.
+        """Return the selected variables by name, leading axis aircraft, SI units and radians.
 
         Raises
         ------

@@ -56,7 +56,7 @@ class ConstantCommand(AbstractGuidance):
 
 
 class Response(eqx.Module):
-    """Time histories of one step response; leading axis samples."""
+    """Time histories of one loop's step response, SI units and radians; leading axis samples."""
 
     time: Float[Array, " steps"]  # time, s
     measured: Float[Array, "steps 3"]  # outputs of the commanded loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)
@@ -152,7 +152,7 @@ def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
 
 
 def believed_motion(belief: Belief) -> PathMotion:
-    """Compute path and attitude angles from the estimated state in a belief."""
+    """Compute path and attitude angles (rad) from the estimated state in a belief."""
     condition, mass = belief.condition, belief.airframe.mass_properties.mass
     return path_motion(condition, condition.wrench.force_b, belief.state.velocity_b, mass, condition.earth.gravity)
 
@@ -173,7 +173,7 @@ _END = 0.1
 
 
 class StepMetrics(eqx.Module):
-    """Metrics of a step response of a loop's three channels."""
+    """Metrics of a step response, one value for each of the loop's three channels."""
 
     stepped: Bool[Array, "3"]  # channels with a step. The next four metrics apply to these channels and are 0 otherwise
     rise_time: Vector3  # time from 10 to 90 percent of the step, s; infinite if 90 percent is not reached

@@ -27,7 +27,7 @@ from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
 
 
 class TrimmedFleet(eqx.Module):
-    """A fleet trimmed at its start, before the first plan."""
+    """Trim points, first reports and performance of a fleet at its start, before the first plan."""
 
     trims: tuple[TrimPoint, ...]  # trim points by aircraft group; leading axis: aircraft of the group
     is_trimmed: Bool[Array, " aircraft"]  # whether a steady flight within the limits exists; leading axis aircraft
@@ -79,7 +79,7 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
 def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> FlightState:
     """Return the state of a flight at time 0 from the trimmed fleet and the planner's state, which has the first plan.
 
-    An aircraft with a plan that ends too near to its goal goes to its hold instead, see `PLAN_TOO_NEAR`.
+    An aircraft with a plan that ends nearer to its goal than allowed goes to its hold instead (`PLAN_TOO_NEAR`).
     """
     plans = flight.planner.plans(planner)
     vehicles = send_to_hold(flight, fleet.vehicles, plans_too_near(flight, plans, fleet.reports, 0.0))

@@ -142,7 +142,7 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
 
 
 def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside: AirDataAndForces) -> Bool[Array, "4"]:
-    """Flag the `TABLE_AXES` along which a condition is outside the airframe's data.
+    """Flag the `TABLE_AXES` along which the air data of `condition` are outside the airframe's data.
 
     The airframe reports only "outside". Altitude and Mach number are distinguished by replacing one of them by the
     value of `inside`, a condition within the data.

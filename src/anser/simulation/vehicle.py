@@ -120,7 +120,7 @@ class Mission(eqx.Module):
         return jnp.where(self.airborne, AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M)
 
     def goal_at(self, time: ScalarLike) -> GoalState:
-        """Return the true position and velocity of the goal at a time, s."""
+        """Return the true position (m) and velocity (m/s) of the goal at a time (s), NED in the chart."""
         return GoalState(self.goal.position_n(time), self.goal.velocity_n(time))
 
 
@@ -161,7 +161,7 @@ class Vehicle(eqx.Module):
     excitation: Excitation | None = None
 
     def airframe_at(self, time: ScalarLike) -> AbstractAirframe:
-        """Return the true airframe at a time, s."""
+        """Return the true airframe at a time (s), with the changes that have occurred by then."""
         return self.airframe if self.changes is None else changed_airframe(self.airframe, self.changes.at(time))
 
     def thrust_ratio_at(self, time: ScalarLike) -> Scalar:

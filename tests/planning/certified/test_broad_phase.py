@@ -8,7 +8,7 @@ import pytest
 from anser.compiling.options import compiled_quickly
 from anser.planning import Separation
 from anser.planning.certified.clearance import (
-    EXACT_PAIRS,
+    CHORD_BOUNDED_PAIRS,
     INTERVALS_PER_CYLINDER,
     Track,
     bounding_cylinders,
@@ -73,8 +73,8 @@ def test_cylinders_bound_the_exact_ratios(wide):
 
 def test_the_ratios_of_conflicts_in_a_sparse_fleet_are_exact():
     exact, bound, ratios = (np.asarray(x) for x in rooms(tracks(2, 60e3)))
-    assert FLEET > EXACT_PAIRS
-    assert np.max(np.sum((bound < 1.0) & OTHER, axis=1)) <= EXACT_PAIRS
+    assert FLEET > CHORD_BOUNDED_PAIRS
+    assert np.max(np.sum((bound < 1.0) & OTHER, axis=1)) <= CHORD_BOUNDED_PAIRS
     # So each pair that is not known to be apart has its own room, not a bound.
     undecided = (bound < 1.0) & OTHER
     assert np.any(exact[undecided] < 1.0)

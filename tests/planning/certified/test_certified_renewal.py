@@ -21,8 +21,8 @@ from anser.planning.certified.replanning import (
     REPLANNED,
     UNCHANGED,
     arrival_delays,
+    correct_or_replace_plan,
     rendezvous_has_moved,
-    replan_between_steps,
     replan_certified,
 )
 from anser.planning.certified.routes import PIECES
@@ -72,7 +72,7 @@ def replan(plan, tasks, arrival_is_free=YES, covariances=None, time=NOW):
     """Replanned in a compiled loop; between two steps the same plan is made."""
     numbers = jnp.asarray(2.0), jnp.asarray(jnp.inf)
     result = _renew(plan, jnp.asarray(time), tasks, SPACE, arrival_is_free, *numbers, covariances=covariances)
-    outside, status = replan_between_steps(plan, time, tasks, SPACE, arrival_is_free, *numbers, covariances)
+    outside, status = correct_or_replace_plan(plan, time, tasks, SPACE, arrival_is_free, *numbers, covariances)
     assert status == int(result.status)
     for leaf, reference in zip(jax.tree.leaves(outside), jax.tree.leaves(result.plan), strict=True):
         np.testing.assert_allclose(leaf, reference, rtol=1e-9, atol=1e-6)

@@ -1,8 +1,8 @@
 """The certified planner: paths within flight limits, separation and keep-outs, with rigorous bounds as the proof.
 
 Modules roughly top-down, from a fleet's plan to the mathematics below it. From outside, `anser.missions` calls this
-package: ``first_plan`` before the flight, ``replanning`` after an event, and ``refusal`` for the reasons of a missing
-plan. In flight, the closed loop calls ``planner``.
+package: ``first_plan`` before the flight, ``event_replanning`` after an event, ``segments`` for a plan
+between two steps, and ``refusal`` for the reasons of a missing plan. In flight, the closed loop calls ``planner``.
 
 ======================  ===============================================================================================
 ``planner``             the planner in the loop: first plan, corrections in flight, replanning

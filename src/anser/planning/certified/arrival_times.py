@@ -40,7 +40,7 @@ def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, 
     `one_by_one`, then in doubled steps, and back by bisection between the last infeasible and the first feasible index.
     Feasible times may have gaps, hence the small steps near the first time.
 
-    Returns the index of the first feasible time; None if every time is infeasible.
+    Returns the index of the first feasible time (generator's return value); None if every time is infeasible.
     """
     low, index, step = -1, 0, 1
     while low < count - 1:
@@ -67,7 +67,7 @@ def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Ge
     eighth over the rising times that meet the necessary conditions, because feasible times may have gaps, then by
     bisection between the last infeasible and the first feasible time, down to a ratio of `RESOLUTION`.
 
-    Returns the earliest feasible time, s: at most the feasible `latest_time`.
+    Returns the earliest feasible time, s after the start of the plan: at most the feasible `latest_time`.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time
@@ -99,7 +99,7 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below the endpoints: the range of detou
 
 
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
-    """Greatest wind speed and greatest vertical wind speed, m/s, over the altitudes of all endpoints plus a margin."""
+    """Greatest wind speed and vertical wind speed, m/s, over the altitudes of starts and rendezvous plus a margin."""
     down_positions = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
     heights = np.linspace(
         np.min(down_positions) - _ALTITUDE_MARGIN_M, np.max(down_positions) + _ALTITUDE_MARGIN_M, _ALTITUDES
@@ -375,7 +375,7 @@ def arrival_sets(
 
 
 def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
-    """Intervals (s) for the time of the first arrival such that every aircraft, later by its offset, can arrive."""
+    """Intervals (s after the start) of first arrivals for which every aircraft can arrive later by its offset (s)."""
     common: Intervals = [(0.0, float("inf"))]
     for intervals, offset in zip(arrivals, offsets_s, strict=True):
         first_arrivals = [(a - offset, b - offset) for a, b in intervals]
@@ -384,7 +384,7 @@ def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Inte
 
 
 def sample_interval(low: float, high: float) -> list[float]:
-    """Sample times of an interval, more densely at its beginning."""
+    """Sample an interval of arrival times from `low` to `high` (s), more densely at the beginning; returns times, s."""
     if not high > low:
         return [low]
     top = min(high, 2.5 * low + 10.0)

@@ -44,7 +44,7 @@ _CLOSE_S = 0.02  # closer knots are merged, because accelerations from differenc
 
 
 def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> Float[Array, " knots"]:
-    """Knot times of a path, s: equal intervals and `marks`; a time within `_CLOSE_S` of the previous one equals it."""
+    """Knot times of a path, s: equal intervals and the times `marks`; times closer than `_CLOSE_S` become one."""
     even = duration * jnp.linspace(0.0, 1.0, intervals + 1)
     times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
     times = jnp.where(duration - times < _CLOSE_S, duration, times)
@@ -59,8 +59,8 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
 def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
     """Convert a profile and a route to a timed path from a start time (s).
 
-    Knots are at equal intervals and at every kink of curvature, climb or speed. The profile's length equals the route's
-    to a part in a million; the airspeed absorbs the difference.
+    Knots are at equal intervals and at every kink of curvature, climb or speed. The profile's length through
+    the air equals the route's to a part in a million; the airspeed absorbs the difference.
     """
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
@@ -283,7 +283,7 @@ def _aircraft_candidates(
 def _tracked(
     task: AircraftTask, airspace: Airspace, times: Array, routed: _Routed, profiles: TabulatedProfile
 ) -> tuple[Any, ...]:
-    """First fields of `Candidates` for detours and turn-and-leg paths, with tracks at the sample times (s)."""
+    """Return the fields that `_common_fields` lists for detours and turn-and-leg paths; tracks at sample times (s)."""
     samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
 
     def track(routes: Routes, speed: Scalar) -> tuple[Track, Flag]:
@@ -304,7 +304,7 @@ def fleet_candidates(
     instants: int,
     candidate_set: CandidateSet,
 ) -> Candidates:
-    """Generate all candidates of a fleet, with their tracks at common sample times up to the last arrival."""
+    """Generate all candidates of a fleet, with tracks at `instants` common sample times up to the last arrival."""
     return jax.vmap(_generator(airspace, durations, intervals, instants, candidate_set))(tasks, durations)
 
 
@@ -362,7 +362,7 @@ def knot_count(candidates: Candidates) -> int:
 
 
 def _common_fields(candidates: Candidates) -> tuple[Any, ...]:
-    """Return the fields that every candidate has, whatever its generator; the first ones of `Candidates`."""
+    """Return the first fields of `Candidates`, in order: those that every candidate has, whatever its generator."""
     c = candidates
     return c.generator, c.valid, c.cost, c.total_turn, c.speed, c.tracks, c.penetration
 

@@ -63,7 +63,7 @@ class Placement(eqx.Module):
 
 
 def place_candidates(candidates: Candidates, separation: Separation, order: Int[Array, " aircraft"]) -> Placement:
-    """Choose one candidate per aircraft, clear of each other, in the given order, see the module docstring."""
+    """Choose one candidate per aircraft, separated from each other; `order` has the aircraft indices in turn."""
     cost = candidates.cost + jnp.where(candidates.valid, 0.0, _INVALID_COST)
     cost = cost + jnp.where(candidates.penetration > 0.0, _CONFLICT_COST + candidates.penetration, 0.0)
     fleet, count = cost.shape
@@ -89,7 +89,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
         return jax.vmap(lack)(options)
 
     def choose(aircraft: Integer, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> Integer:
-        """Candidate of least cost, including the cost of conflicts with the neighbours."""
+        """Index of the candidate of least cost, including the cost of conflicts with the neighbours."""
 
         def compare(carry: tuple[Integer, Integer, Scalar]) -> tuple[Integer, Integer, Scalar]:
             chunk, best, cost_min = carry
@@ -157,7 +157,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
 
 
 def choice_order(candidates: Candidates) -> Int[Array, " aircraft"]:
-    """Order in which the aircraft choose: those with the fewest valid candidates first."""
+    """Aircraft indices in the order of choice: those with the fewest valid candidates first."""
     return jnp.argsort(jnp.sum(candidates.valid & (candidates.penetration <= 0.0), axis=1))
 
 
@@ -232,12 +232,12 @@ class FixedPaths(eqx.Module):
 
 
 def fleet_bounds(paths: TimedPath, airspace: Airspace) -> PathBounds:
-    """Compute the bounds of each of the stacked paths."""
+    """Compute proven bounds of the flight quantities (`PathBounds`) along each of the stacked paths."""
     return jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
 
 
 def within_limits(bounds: PathBounds, limits: PathLimits) -> Bool[Array, " aircraft"]:
-    """Whether each aircraft's path, given its bounds, keeps the aircraft's limits."""
+    """Whether the proven bounds of each aircraft's path are within the aircraft's limits."""
     return jnp.all(jax.vmap(excess)(bounds, limits) <= _ROUNDING, axis=1)
 
 

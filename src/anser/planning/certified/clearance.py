@@ -2,7 +2,7 @@
 
 Over a short interval a path stays within acceleration x interval^2 / 8 of the chord between its ends, and two straight
 motions have their least distance in closed form. In a large fleet, bounding cylinders give a lower bound first (the
-broad phase), and the exact distance is computed for the nearest pairs only.
+broad phase), and the bound by chords is computed for the nearest pairs only.
 
 A clearance ratio is the ratio of distance to required separation: at least 1 means separated.
 """
@@ -28,7 +28,7 @@ _TINY = 1e-9  # m^2
 
 
 class Track(eqx.Module):
-    """A path at equally spaced times."""
+    """A path at equally spaced times. `path_track` makes it with proven error bounds, `route_track` with estimates."""
 
     positions_n: Float[Array, "*batch instants 3"]  # over the ground, (time, axis), NED, m
     # bound of the distance between the path and its chord in each interval, m
@@ -51,14 +51,15 @@ def _magnitude_min(begin: Float[Array, "*b"], end: Float[Array, "*b"]) -> Float[
 def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separation) -> Float[Array, "*batch"]:
     """Lower bound of the ratio of distance to separation between two paths over time; at least 1 means separated.
 
+    Proven if both tracks are of `path_track`; with a track of `route_track`, an estimate that selects candidates.
     In each interval the larger of the horizontal and the vertical ratio counts; infinite without a required separation.
     Batches broadcast; the ranks must agree.
     """
     offset = neighbour.positions_n - subject.positions_n
     error_bound = subject.error_bound + neighbour.error_bound
-    level = _vector_length_min(offset[..., :-1, :2], offset[..., 1:, :2]) - error_bound
+    horizontal = _vector_length_min(offset[..., :-1, :2], offset[..., 1:, :2]) - error_bound
     height = _magnitude_min(offset[..., :-1, 2], offset[..., 1:, 2]) - error_bound
-    ratio = separation_ratio(level, height, separation.horizontal, separation.vertical)
+    ratio = separation_ratio(horizontal, height, separation.horizontal, separation.vertical)
     return jnp.min(jnp.where(subject.included * neighbour.included > 0.0, ratio, jnp.inf), axis=-1)
 
 
@@ -85,8 +86,8 @@ def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scal
 
 INTERVALS_PER_CYLINDER = 4
 """Intervals per bounding cylinder; divides every number of intervals in use."""
-EXACT_PAIRS = 24
-"""Number of nearest neighbours for which an aircraft's clearance is exact; in a smaller fleet every pair is exact."""
+CHORD_BOUNDED_PAIRS = 24
+"""Number of nearest neighbours whose distance is bounded by chords; of all others by cylinders, a lower bound."""
 _CYLINDER_TINY = (
     1e-9  # m^2: keeps the derivatives of roots finite; added to radii as well, so that the bound stays a lower bound
 )
@@ -104,7 +105,7 @@ class BoundingCylinders(eqx.Module):
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Bounding cylinder of every `size` intervals. Raises ValueError if `size` does not divide their number."""
+    """Bounding cylinders, one for `size` intervals each. Raises ValueError if `size` does not divide their number."""
     batch, count = track.error_bound.shape[:-1], track.error_bound.shape[-1]
     if count % size:
         raise ValueError(f"track: arrived {count} intervals; expected a multiple of {size}")
@@ -125,8 +126,8 @@ def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> Boun
 
 
 def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Bounding cylinders for `fleet_clearance_ratio`; empty for a small fleet, with exact clearance."""
-    if fleet > EXACT_PAIRS:
+    """Bounding cylinders for `fleet_clearance_ratio`; empty for a small fleet, in which chords bound every pair."""
+    if fleet > CHORD_BOUNDED_PAIRS:
         return bounding_cylinders(tracks, size)
     empty = jnp.zeros((*tracks.error_bound.shape[:-1], 0))
     return BoundingCylinders(jnp.zeros((*empty.shape, 2)), empty, empty, empty, empty)
@@ -138,10 +139,10 @@ def cylinder_clearance_ratio(
     """Lower bound of `pair_clearance_ratio`; infinite without a required separation."""
     offset = neighbour.centre - subject.centre
     radius = subject.radius + neighbour.radius
-    level = jnp.sqrt(jnp.maximum(jnp.sum(offset * offset, axis=-1), _CYLINDER_TINY)) - radius
+    horizontal = jnp.sqrt(jnp.maximum(jnp.sum(offset * offset, axis=-1), _CYLINDER_TINY)) - radius
     height = jnp.maximum(neighbour.low - subject.high, subject.low - neighbour.high)
     # The distance of overlapping cylinders has no positive lower bound.
-    ratio = jnp.maximum(separation_ratio(level, height, separation.horizontal, separation.vertical), 0.0)
+    ratio = jnp.maximum(separation_ratio(horizontal, height, separation.horizontal, separation.vertical), 0.0)
     return jnp.min(jnp.where(subject.included * neighbour.included > 0.0, ratio, jnp.inf), axis=-1)
 
 
@@ -155,22 +156,24 @@ def fleet_clearance_ratio(
     neighbours: Bool[Array, " aircraft"],  # mask of the aircraft to compare with; the ratio is infinite elsewhere
     separation: Separation,
 ) -> Float[Array, " aircraft"]:
-    """Clearance ratio between one path and each path of a fleet: exact for near neighbours, else a lower bound.
+    """Lower bounds of the clearance ratio between one path and each path of a fleet, tight for near neighbours.
 
-    Returns the `pair_clearance_ratio` for the `EXACT_PAIRS` aircraft with the nearest cylinders; elsewhere, the lower
-    bound from the cylinders.
+    `pair_clearance_ratio` for the `CHORD_BOUNDED_PAIRS` aircraft with the nearest cylinders; elsewhere, the lower bound
+    from the cylinders.
     """
     count = neighbours.shape[0]
 
-    def exact(indices: Int[Array, " selected"]) -> Float[Array, " selected"]:
+    def chord_bounds(indices: Int[Array, " selected"]) -> Float[Array, " selected"]:
         return pair_clearance_ratio(jax.tree.map(lambda leaf: leaf[None], track), tracks_of(indices), separation)
 
-    if count <= EXACT_PAIRS:
-        return jnp.where(neighbours, exact(jnp.arange(count)), jnp.inf)
+    if count <= CHORD_BOUNDED_PAIRS:
+        return jnp.where(neighbours, chord_bounds(jnp.arange(count)), jnp.inf)
     bound = cylinder_clearance_ratio(jax.tree.map(lambda leaf: leaf[None], cylinders), fleet, separation)
     bound = jnp.where(neighbours, bound, jnp.inf)
-    nearest = jax.lax.top_k(-bound, EXACT_PAIRS)[1]
-    return bound.at[nearest].set(jnp.where(neighbours[nearest], jnp.maximum(exact(nearest), bound[nearest]), jnp.inf))
+    nearest = jax.lax.top_k(-bound, CHORD_BOUNDED_PAIRS)[1]
+    return bound.at[nearest].set(
+        jnp.where(neighbours[nearest], jnp.maximum(chord_bounds(nearest), bound[nearest]), jnp.inf)
+    )
 
 
 def fleet_clearance_ratios(
@@ -213,7 +216,7 @@ class ProfileSamples(eqx.Module):
 
 
 def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) -> ProfileSamples:
-    """Evaluate a profile at times (s after its start)."""
+    """Evaluate altitude, length through the air, drift, wind and speeds of a profile at times (s after its start)."""
 
     def sample(t: Scalar) -> ProfileSamples:
         inside = jnp.clip(t, 0.0, table.profile.duration)
@@ -227,8 +230,8 @@ def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) ->
     return jax.vmap(sample)(times)
 
 
-class _Instant(eqx.Module):
-    """Position and acceleration of a candidate at one time."""
+class _CandidatePoint(eqx.Module):
+    """Position (NED, m) and acceleration of a candidate at one time, and whether its limits are kept there."""
 
     position_n: Vector3
     acceleration: Scalar  # magnitude of the acceleration over the ground, m/s^2
@@ -236,13 +239,13 @@ class _Instant(eqx.Module):
     within_limits: Flag
 
 
-def _instant(
+def _candidate_point(
     sample: ProfileSamples, horizontal: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike
-) -> _Instant:
+) -> _CandidatePoint:
     """Evaluate a candidate at one sample of its profile; the route is `scale` times as long as the profile's path."""
     route_position, heading, curvature = horizontal.at(scale * sample.length)
     direction = cis(heading)
-    level = route_position + sample.since_end * sample.speed * direction
+    horizontal_position = route_position + sample.since_end * sample.speed * direction
     down = -sample.altitude - sample.since_end * sample.climb
     air_drift = sample.drift_n[:2] + sample.since_end * sample.wind_n[:2]
     # The force follows from the acceleration over the ground, which includes the change of the wind with altitude.
@@ -259,8 +262,12 @@ def _instant(
     lift_min = (1.0 - _LIMIT_FRACTION * (1.0 - limits.load_factor_min)) * gravity
     bank_excess, load_excess, along_excess = required.excess(bank, normal, lift_min, faster, slower)
     within = (bank_excess <= 0.0) & (load_excess <= 0.0) & (along_excess <= 0.0)
-    position = jnp.stack([jnp.real(level) + air_drift[0], jnp.imag(level) + air_drift[1], down])
-    return _Instant(position, jnp.sqrt(side**2 + forward**2 + sample.climb_dot**2), within | (sample.since_end > 0.0))
+    position = jnp.stack(
+        [jnp.real(horizontal_position) + air_drift[0], jnp.imag(horizontal_position) + air_drift[1], down]
+    )
+    return _CandidatePoint(
+        position, jnp.sqrt(side**2 + forward**2 + sample.climb_dot**2), within | (sample.since_end > 0.0)
+    )
 
 
 def route_track(
@@ -282,7 +289,7 @@ def route_track(
     horizontal = route(endpoints, turns_and_legs)
     scale = horizontal.length / jnp.maximum(table.length, 1.0)
     step = times[1] - times[0]
-    motions = jax.vmap(lambda sample: _instant(sample, horizontal, scale, limits, gravity))(samples)
+    motions = jax.vmap(lambda sample: _candidate_point(sample, horizontal, scale, limits, gravity))(samples)
     # A curvature ramp may raise the acceleration between the sample times.
     tightest = jnp.min(turns_and_legs.scales)
     ramp_allowance = 0.25 * step * turn_limits(endpoints, tightest)[1] * speed**3

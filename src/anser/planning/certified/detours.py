@@ -87,7 +87,7 @@ def _word_angles(
 
 
 class _Aim(NamedTuple):
-    """Lengths of a direct path with given turns, m."""
+    """Lengths, m, of a direct path whose turn angles are fixed."""
 
     straight: Scalar  # straight part
     miss: Scalar  # miss distance at the end; positive if the end lies to the right of the path
@@ -95,7 +95,7 @@ class _Aim(NamedTuple):
 
 
 def _aim(endpoints: PathEndpoints, initial: RollOut, angles: Float[Array, "2"], scales: Float[Array, "2"]) -> _Aim:
-    """Compute the lengths of a direct path with given turns after the roll-out `initial`.
+    """Compute the lengths (m) of a direct path with fixed turn angles after the roll-out `initial`.
 
     `angles` are the turn angles (rad, right positive), `scales` the radius of each turn over the tightest radius.
     """
@@ -140,7 +140,7 @@ def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
 def _make_direct(
     initial: RollOut, aim: _Aim, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
 ) -> DirectPath:
-    """Build the direct path with given turn angles (rad), scales and lengths; invalid if it misses its end."""
+    """Build the direct path from turn angles (rad), turn scales and lengths (m); invalid if it misses its end."""
     is_hit = jnp.abs(aim.miss) <= _END_TOLERANCE * jnp.abs(aim.length) + 1e-6
     exists = may_exist & is_hit & (aim.straight >= 0.0)
     heading, straight = initial.heading + angles[0], jnp.maximum(aim.straight, 0.0)
@@ -327,7 +327,7 @@ def widen_directs(endpoints: PathEndpoints, base: DirectPath) -> DirectPath:
 
 
 def _first_existing(options: TurnsAndLegs, fallback: TurnsAndLegs) -> TurnsAndLegs:
-    """Return the first valid path of a stack, or the fallback if none is valid."""
+    """Return the first valid path of the stack `options`, or `fallback` if no path is valid."""
     picked = jax.tree.map(lambda leaf: leaf[jnp.argmax(options.exists)], options)
     return jax.tree.map(lambda a, b: jnp.where(jnp.any(options.exists), a, b), picked, fallback)
 

@@ -79,7 +79,7 @@ class FieldSamples(NamedTuple):
 
 
 class Way(NamedTuple):
-    """Box of airspace that contains starts, goals and rendezvous of a flight, and what the flight can reach beyond."""
+    """Box of airspace around starts, goals and rendezvous of a flight, and the larger box that the flight can reach."""
 
     least_m: Float[np.ndarray, "3"]  #: Least northward and eastward position and altitude, m.
     greatest_m: Float[np.ndarray, "3"]  #: Greatest northward and eastward position and altitude, m.
@@ -137,12 +137,12 @@ def _to_length_m(field: FieldSamples, axis: int, coordinates: np.ndarray) -> np.
 
 
 def _geometric(field: FieldSamples, altitude: np.ndarray) -> np.ndarray:
-    """Convert altitudes of a field to geometric altitude, m."""
+    """Convert altitudes of a field (geometric or geopotential, m) to geometric altitude, m."""
     return GEOPOTENTIAL_RADIUS_M * altitude / (GEOPOTENTIAL_RADIUS_M - altitude) if field.is_geopotential else altitude
 
 
 def _field_altitude(field: FieldSamples, altitude: np.ndarray) -> np.ndarray:
-    """Convert geometric altitudes, m, to altitudes of a field."""
+    """Convert geometric altitudes, m, to altitudes of a field (geometric or geopotential, m)."""
     return GEOPOTENTIAL_RADIUS_M * altitude / (GEOPOTENTIAL_RADIUS_M + altitude) if field.is_geopotential else altitude
 
 
@@ -170,8 +170,8 @@ def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east:
 def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np.ndarray, np.ndarray]:
     """Return altitudes (geometric, m) and velocities (NED, m/s) of layers: the mean profile of columns.
 
-    Of the levels next to the way's altitudes and between them, those are chosen that the straight lines between the
-    others miss most.
+    The layers lie at the levels, next to the way's altitudes and between them, at which linear interpolation between
+    the layers chosen before has the greatest error.
     """
     columns = columns.reshape(-1, *columns.shape[-2:])
     heights = _geometric(field, columns[..., 3])

@@ -69,7 +69,10 @@ class PathBounds(eqx.Module):
 def bernstein_coefficients(
     knots: Float[Array, "knots 3 3"], spans: Float[Array, " cells"]
 ) -> tuple[Float[Array, "cells 3 6"], Float[Array, "cells 3 5"], Float[Array, "cells 3 4"]]:
-    """Bernstein coefficients of position, velocity and acceleration, (cell, axis, coefficient)."""
+    """Bernstein coefficients of position, velocity and acceleration over time, each (cell, axis, coefficient).
+
+    `knots` has (knot, order of derivative, axis); `spans` the durations of the cells, s.
+    """
     h = spans[:, None]
     begin, end = knots[:-1], knots[1:]
     p0, v0, a0 = begin[:, 0], begin[:, 1], begin[:, 2]
@@ -195,7 +198,9 @@ def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Floa
 
 
 def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> PathBounds:
-    """Compute the bounds of a path in a wind (steady, layered or fitted to a field) under a gravity (m/s^2).
+    """Compute proven bounds of the flight quantities along a path in a wind; gravity in m/s^2.
+
+    The wind is steady, layered or fitted to a field.
 
     Notes
     -----
@@ -257,7 +262,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Upper bound, per cell, of a polynomial divided by the root of another; 0 if the ratio is negative.
+    """Upper bound, per cell, of the polynomial `upper` divided by the root of `square`; 0 if the ratio is negative.
 
     The root is between `slow` and `fast`. For any m the root of s is at least 2 m s / (m^2 + s), a close bound if m is
     close to the root.
@@ -271,7 +276,7 @@ def _ratio_to_root_max(
 
 
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:
-    """Lower and upper bound of a length, per cell, from the coefficients of its square, widened by an error."""
+    """Lower and upper bound of a vector's length per cell, from the coefficients of its square, widened by `error`."""
     low, high = bernstein.bounds(square)
     return jnp.maximum(safe_sqrt(low) - error, 0.0), safe_sqrt(high) + error
 

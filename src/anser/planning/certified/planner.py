@@ -20,7 +20,7 @@ from anser.planning.certified.certified_plan import (
     choose_interval_count,
     prepare_plan_at,
 )
-from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, replan_between_steps, replan_certified
+from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, correct_or_replace_plan, replan_certified
 from anser.planning.certified.search import SearchOutcome, search
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
 from anser.planning.holds.assignment import assign_holds
@@ -42,7 +42,7 @@ def _assign_holds(
     cells: int,
     former: PlannedHolds | None,
 ) -> PlannedHolds:
-    """Assign holds; holds in use (`former`) move with their goals."""
+    """Assign a hold to each aircraft until `end_time` (s); holds in use (`former`) move with their goals."""
     moved = None if former is None else move_with_goals(former, tasks, time)
     return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved, one_kernel=True)
 
@@ -199,7 +199,10 @@ class CertifiedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: CertifiedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> CertifiedPlanState:
-        """Correct, replace or keep the plan, see `replan_certified`; a new plan gets new holds."""
+        """Correct, replace or keep the plan so that it leads to the goals measured now; a new plan gets new holds.
+
+        The order of the attempts is that of `replan_certified`.
+        """
         tasks = self.aircraft_tasks(reports, planner_state.limits)
         result = replan_certified(
             planner_state.plan,
@@ -227,12 +230,15 @@ class CertifiedPlanner(AbstractPlanner):
         holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
         return CertifiedPlanState(result.plan, result.status, holds, planner_state.limits, replan_needed)
 
-    def replan_between_steps(
+    def replan_outside_loop(
         self, planner_state: CertifiedPlanState, time: float, reports: AircraftReport
     ) -> CertifiedPlanState:
-        """`replan` outside of a compiled loop, with the compiled programs of a search; not traceable by JAX."""
+        """Correct, replace or keep the plan at a time (s), by the compiled programs of a search; not traceable by JAX.
+
+        The same attempts as `replan`, which a compiled loop contains.
+        """
         tasks, correction_limits = _replanning_tasks(self, planner_state, reports)
-        plan, status = replan_between_steps(
+        plan, status = correct_or_replace_plan(
             planner_state.plan,
             time,
             tasks,
@@ -251,11 +257,14 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(plan, status_index, holds, planner_state.limits, planner_state.replan_needed)
 
     def replan_needed(self, planner_state: CertifiedPlanState) -> Flag:
-        """See `AbstractPlanner`."""
+        """Whether a new plan was due but not allowed (`allow_replanning`): the flight then stops for it."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: CertifiedPlanState) -> AircraftPlan:
-        """See `AbstractPlanner`. The status is always "planned": a fleet without a plan is refused before take-off."""
+        """Present the plan to the closed loop: path, arrival time (s) and hold of each aircraft.
+
+        The status is always "planned": a fleet without a plan is refused before take-off.
+        """
         plan = planner_state.plan
         planned = jnp.zeros(plan.lengths.shape, dtype=jnp.int32)
         return AircraftPlan(
@@ -269,7 +278,7 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def aircraft_tasks(self, reports: AircraftReport, limits: PathLimits) -> AircraftTask:
-        """Return the planning problem of each aircraft; steady straight flight is assumed, as at the start."""
+        """Return the planning problem of each aircraft from its report, assumed in steady straight flight."""
         return AircraftTask(
             position_n=reports.position_n,
             air_velocity_n=reports.air_velocity_n,

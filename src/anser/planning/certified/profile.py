@@ -32,7 +32,7 @@ _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path f
 
 
 class ProfileState(eqx.Module):
-    """Altitude, airspeed and their rates at one time."""
+    """Altitude (m), vertical speed and airspeed (m/s) and their rates (m/s^2) at one time."""
 
     altitude: Scalar
     climb: Scalar  # over the ground, m/s
@@ -42,7 +42,7 @@ class ProfileState(eqx.Module):
 
 
 class Profile(eqx.Module):
-    """Altitude and airspeed over time, for a given duration."""
+    """Altitude and airspeed over time, from the start to `duration`."""
 
     duration: Scalar  # s
     # initial altitude, m; initial and final vertical speed over the ground, m/s, and its initial rate, m/s^2
@@ -103,7 +103,7 @@ class Profile(eqx.Module):
         return climb, rate
 
     def at(self, t: ScalarLike) -> ProfileState:
-        """Altitude, airspeed and their rates `t` seconds after the start."""
+        """Altitude (m), airspeed (m/s) and their rates `t` seconds after the start."""
         ramp, total = self.climb_ramp, self.duration
         rise, rise_dot, risen = _smoothstep(t / ramp)
         fall, fall_dot, fallen = _smoothstep((t - total + ramp) / ramp)
@@ -134,7 +134,7 @@ class Profile(eqx.Module):
 
 
 def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """Value, slope and integral from 0 of the smoothstep from 0 to 1."""
+    """Value, slope and integral from 0 of the smoothstep, which rises from 0 at u = 0 to 1 at u = 1."""
     v = jnp.clip(u, 0.0, 1.0)
     return v * v * (3 - 2 * v), 6 * v * (1 - v), v**3 * (1 - 0.5 * v) + jnp.maximum(u - 1.0, 0.0)
 
@@ -201,7 +201,7 @@ def make_profile(
     speed_dot_0: ScalarLike,
     rates: Rates = _SPEED_RATES,
 ) -> Profile:
-    """Make the profile between two altitudes and two vertical speeds over the ground."""
+    """Make the profile between two altitudes (m) and two vertical speeds over the ground (m/s, up positive)."""
     duration = jnp.asarray(duration, dtype=float)
     rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)
     shortest = jnp.clip(duration / 8, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), _GENTLE_RAMP_S)
@@ -229,21 +229,21 @@ def make_profile(
 
 
 class TabulatedProfile(eqx.Module):
-    """A profile in a wind, tabulated at equal intervals."""
+    """A profile in a wind, tabulated at equally spaced times from the start to the end, intervals + 1 rows."""
 
     profile: Profile  # the tabulated profile
     wind: AbstractWind  # motion of the air over the ground
-    lengths: Float[Array, " intervals"]  # horizontal length flown through the air since the start, m
-    drifts_n: Float[Array, "intervals 3"]  # displacement of the air since the start, NED, m
+    lengths: Float[Array, " times"]  # horizontal length flown through the air since the start, m
+    drifts_n: Float[Array, "times 3"]  # displacement of the air since the start, NED, m
 
     @property
     def length(self) -> Scalar:
-        """Length of the whole horizontal path, m."""
+        """Length of the whole horizontal path through the air, m."""
         return self.lengths[..., -1]
 
     @property
     def drift_n(self) -> Vector3:
-        """Total displacement of the air, NED, m."""
+        """Displacement of the air from the start to the end of the profile, NED, m."""
         return self.drifts_n[..., -1, :]
 
     def rates(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
@@ -259,7 +259,7 @@ class TabulatedProfile(eqx.Module):
         return self.lengths[k] + length, self.drifts_n[k] + drift
 
     def time_at(self, length: ScalarLike) -> Scalar:
-        """Time at which a horizontal length has been flown, s after the start."""
+        """Time, s after the start, at which a horizontal length (m) has been flown through the air."""
         count = self.lengths.shape[0] - 1
         step = self.profile.duration / count
         k = jnp.clip(jnp.searchsorted(self.lengths, length, side="right") - 1, 0, count - 1)
@@ -280,14 +280,17 @@ def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tup
 
 
 def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
-    """Horizontal length flown and displacement of the air (NED), m, from `begin` for a `span` without kink, s."""
+    """Horizontal length flown through the air, m, and displacement of the air, NED, m, in `span` s from `begin` s on.
+
+    The quadrature is accurate if the profile has no kink within the span.
+    """
     speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
     weights = span * jnp.asarray(_RULE.weights)
     return jnp.sum(weights * speeds), jnp.sum(weights[:, None] * winds, axis=0)
 
 
 def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedProfile:
-    """Tabulate a profile at `intervals` equal intervals."""
+    """Tabulate length through the air and air drift of a profile at the bounds of `intervals` equal intervals."""
     step = profile.duration / intervals
     lengths, drifts = jax.vmap(lambda k: flown_between(profile, wind, k * step, step))(
         jnp.asarray(np.arange(intervals) * 1.0)
@@ -329,5 +332,5 @@ def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarL
 
 
 def within_profile_limits(excess: Float[Array, "6"]) -> Flag:
-    """Whether every limit is satisfied, to rounding."""
+    """Whether all six excesses of `profile_excess` are at most 0, to rounding."""
     return jnp.all(excess <= 1e-9)

@@ -57,7 +57,7 @@ DELAY_FRACTIONS = (0.0, 0.03, 0.08, 0.15)
 
 
 def interval_count(paths: TimedPath) -> int:
-    """Number of equal intervals between the knots of a path."""
+    """Number of equal intervals into which the knots divide the duration of a path (kinks not counted)."""
     return paths.times.shape[-1] - 1 - (PIECES - 1) - KINKS
 
 
@@ -119,7 +119,7 @@ def rendezvous_has_moved(
 
 
 def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """Return the task with its start moved to the planned state at a time (s).
+    """Return the planning problem that starts at the planned state of `path` at a time (s).
 
     Velocity and acceleration of a new path thus continue without a jump.
     """
@@ -184,7 +184,7 @@ class AttemptLadder(eqx.Module):
         return is_success, plan, self.delays[jnp.maximum(count - 1, 0) % self.delay_count]
 
     def attempts(self) -> Iterator[tuple[float, PathLimits]]:
-        """Yield the delay (s) and the limits of each attempt; not traceable by JAX."""
+        """Yield the delay of the arrivals (s) and the path limits of each attempt; not traceable by JAX."""
         delays = np.asarray(self.delays)[: int(self.delay_count)]
         for limits in (self.limits, self.relaxed_limits):
             if limits is not None:
@@ -192,7 +192,7 @@ class AttemptLadder(eqx.Module):
 
 
 class ReplanningResult(eqx.Module):
-    """Result of `replan_certified`."""
+    """Plan in force after `replan_certified`, the action taken, and whether a new plan was due but not allowed."""
 
     plan: CertifiedPlan  # plan in force
     status: Integer  # index into `REPLANNING_MESSAGES`
@@ -213,7 +213,10 @@ def correct_plan(
     covariances: Float[Array, "aircraft 6 6"] | None,
     correction_limits: PathLimits | None,  # limits of a corrected path; None: those of the tasks
 ) -> tuple[CertifiedPlan, Integer, Flag]:
-    """Correct a plan to the expected rendezvous; returns plan, index into `REPLANNING_MESSAGES`, and feasibility."""
+    """Correct a plan to the rendezvous expected from the goals measured now.
+
+    Returns the plan, the index into `REPLANNING_MESSAGES`, and whether the corrected plan satisfies every constraint.
+    """
     active = tasks.active > 0.0
     under_way = active & (plan.arrival_times > time)
     correction_tasks = _with_limits(tasks, correction_limits)
@@ -245,7 +248,7 @@ class ReplanningProblem(eqx.Module):
     ladder: AttemptLadder
 
     def accept(self, new_plan: CertifiedPlan, durations: Float[Array, " aircraft"]) -> tuple[Flag, CertifiedPlan]:
-        """Certify a fleet's new plan with paths of given durations (s); returns feasibility and plan."""
+        """Certify a fleet's new plan, whose paths take `durations` (s); returns feasibility and plan."""
         # Aircraft with a fixed path keep its length, turn and speed.
         new_plan = eqx.tree_at(
             _plan_sizes, new_plan, select_rows(self.replannable, _plan_sizes(new_plan), _plan_sizes(self.plan))
@@ -289,7 +292,7 @@ def replanning_problem(
     arrival_is_free: Flag,  # whether the arrival times may be postponed, see `arrival_delays`
     latest_arrival: ScalarLike,  # latest allowed arrival time, s
 ) -> ReplanningProblem:
-    """Collect the data of the attempts at another plan."""
+    """Collect the data of the attempts at another plan, for a plan whose corrected paths violate a constraint."""
     active = tasks.active > 0.0
     replannable = active & (plan.arrival_times - time > jnp.maximum(freeze, COMMITTED_S))
     planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
@@ -386,7 +389,7 @@ _accept = compiled_quickly(ReplanningProblem.accept)
 _correct_partly = compiled_quickly(ReplanningProblem.correct_partly)
 
 
-def replan_between_steps(
+def correct_or_replace_plan(
     plan: CertifiedPlan,
     time: float,
     tasks: AircraftTask,
@@ -397,7 +400,7 @@ def replan_between_steps(
     covariances: Float[Array, "aircraft 6 6"] | None = None,
     correction_limits: PathLimits | None = None,
 ) -> tuple[CertifiedPlan, int]:
-    """`replan_certified` outside of a compiled loop, with the compiled programs of a search; not traceable by JAX.
+    """Correct or replace a plan, in the order of `replan_certified`, by compiled programs; not traceable by JAX.
 
     Returns the plan in force and the index into `REPLANNING_MESSAGES`.
     """
@@ -444,7 +447,7 @@ def _recertify(
     under_way: Bool[Array, " aircraft"],
     bounds: PathBounds | None = None,
 ) -> CertifiedPlan:
-    """Replace the paths and arrival times of a plan and certify it from the current time (s) on."""
+    """Replace paths and arrival times (s) of a plan, and certify the result from the current time (s) on."""
     tasks_under_way = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
     certificate = certify(paths, tasks_under_way, airspace, interval_count(paths), time, bounds)
     remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
@@ -530,7 +533,7 @@ def _blend(u: Scalar) -> Scalar:
 def _integrated(
     times: Float[Array, " knots"], slopes: Float[Array, "knots 3"], rates: Float[Array, "knots 3"]
 ) -> Float[Array, "knots 3"]:
-    """Integrate over time from the first knot on, from slopes and their rates at the knots, by Hermite's rule."""
+    """Integrate `slopes` over `times` (s) from the first knot on, by Hermite's rule with the `rates` of the slopes."""
     span = (times[1:] - times[:-1])[:, None]
     steps = 0.5 * span * (slopes[1:] + slopes[:-1]) + span**2 / 12.0 * (rates[:-1] - rates[1:])
     return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, axis=0)])

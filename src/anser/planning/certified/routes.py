@@ -26,7 +26,7 @@ _ODD = tuple((-1) ** k / (math.factorial(2 * k + 1) * (4 * k + 3)) for k in reve
 
 
 def cis(angle: ScalarLike) -> Plane:
-    """Unit vector in the direction of a heading (rad)."""
+    """Unit vector in the direction of a heading (rad), as the complex number north + i east."""
     return jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
 
@@ -130,7 +130,7 @@ class RollOut(eqx.Module):
 
 
 def roll_out(endpoints: PathEndpoints) -> RollOut:
-    """Find where an aircraft that starts in a turn can first fly straight."""
+    """Compute where an aircraft that starts in a turn can first fly straight; lengths in m, angles in rad."""
     sign = jnp.where(endpoints.curvature < 0.0, -1.0, 1.0)
     length = jnp.abs(endpoints.curvature) / endpoints.sharpness
     heading = endpoints.heading + 0.5 * endpoints.curvature * length
@@ -149,11 +149,14 @@ class Route(eqx.Module):
 
     @property
     def length(self) -> Float[Array, "*batch"]:
-        """Length of the whole path, m."""
+        """Length of the whole route in the drifting air, m."""
         return self.marks[..., -1]
 
     def at(self, length: ScalarLike) -> tuple[Plane, Scalar, Scalar]:
-        """Position (m), heading (rad) and curvature (1/m) at a length along the path, m; straight after the end."""
+        """Position (north + i east, m), heading (rad) and curvature (1/m) at a length (m) through the air.
+
+        After the end of the route, the path goes on straight.
+        """
         clipped_length = jnp.clip(length, 0.0, self.marks[-1])
         k = jnp.sum(clipped_length >= self.marks[1:-1], dtype=jnp.int32)
         kind = jnp.asarray(_PIECE_KINDS)[k]
@@ -187,7 +190,7 @@ def turn_limits(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Sc
 
 
 def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
-    """Build the route of four turns with legs between them from its start."""
+    """Resolve turns and legs into the pieces of a route, from the start of the path on."""
     initial, angles = roll_out(endpoints), solved.angles
     curvatures, sharpest = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, solved.scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpest)

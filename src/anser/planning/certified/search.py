@@ -56,7 +56,7 @@ _DIRECT_INTERVALS = 64
 
 @dataclass(frozen=True)
 class FleetTask:
-    """Planning problem of a fleet."""
+    """Planning problem of a fleet: tasks of the aircraft, airspace, and arrival rule."""
 
     tasks: AircraftTask  # planning problem of each aircraft, stacked
     airspace: Airspace  # environment that the aircraft share
@@ -79,7 +79,7 @@ class FleetTask:
 
     @property
     def has_fixed_times(self) -> bool:
-        """Whether the arrival rule fixes every arrival time."""
+        """Whether the arrival rule prescribes the arrival time of every aircraft."""
         return self.request.rule in ("at", "times")
 
     @property
@@ -211,7 +211,7 @@ class _Delays:
 def _delays(
     fleet: FleetTask, indices: Int[np.ndarray, " group"], first_times: ArrivalTimes, delay_min: float, delay_max: float
 ) -> _Delays:
-    """Admissible arrival times between `delay_min` and `delay_max` times the first times; offsets stay."""
+    """Admissible arrival times from `delay_min` to `delay_max` (factors) times the first times (s); offsets stay."""
     windows, offsets = fleet.request.windows_s, fleet.offsets
     factors = DELAY_RATIO ** np.arange(
         np.ceil(np.log(delay_min) / np.log(DELAY_RATIO)), np.log(delay_max) / np.log(DELAY_RATIO)
@@ -367,7 +367,7 @@ FailedAfterArrival = Callable[[CertifiedPlan], np.ndarray]
 
 @dataclass(frozen=True)
 class SearchOutcome:
-    """Result of a search."""
+    """Result of a search: the plan, or the attempts closest to a plan."""
 
     plan: CertifiedPlan | None  #: The plan; None if the search failed.
     attempts: int  #: Number of attempts: sets of arrival times and candidates.
@@ -419,7 +419,7 @@ class _Search:
         return SearchOutcome(None, len(self.tried), self.best_attempt, arrivals, self.plan_without_holds)
 
     def _latest_failure_before(self, times: ArrivalTimes) -> CertifiedPlan | None:
-        """Failed attempt with the latest times before the given ones; of equal times, the one tried last."""
+        """Failed attempt with the latest arrival times before `times` (s); of equal times, the attempt made last."""
         failures = [past for past in self.tried if past.failed.any() and np.sum(past.times) < np.sum(times)]
         return max(reversed(failures), key=lambda past: float(np.sum(past.times))).plan if failures else None
 
@@ -440,12 +440,12 @@ class _Search:
                 proposal = stage.send(np.zeros_like(self.fleet.active) if failed is None else failed)
 
     def failed_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> FailedAircraft | None:
-        """Mask of the aircraft that failed with these times and candidates; None if not attempted."""
+        """Mask of the aircraft that failed with the arrival times (s) and the candidate set; None if not attempted."""
         past = self.attempt_at(times, candidate_set)
         return None if past is None else past.failed
 
     def attempt_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> _Attempt | None:
-        """Return the attempt with these times and candidates, or None."""
+        """Return the attempt with the arrival times (s) and the candidate set; None if not attempted."""
         for past in self.tried:
             if past.candidate_set is candidate_set and np.allclose(times, past.times, rtol=_TIME_TOLERANCE, atol=0.0):
                 return past

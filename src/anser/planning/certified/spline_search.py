@@ -109,7 +109,7 @@ def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
 
 
 def make_guesses(count: int, seed: int = 0) -> Guess:
-    """Draw `count` guesses, stacked."""
+    """Draw `count` initial guesses of the spline search, stacked; equal for equal seeds."""
     return Guess(*(jnp.asarray(field_values) for field_values in _random_guesses(count, seed)))
 
 
@@ -147,7 +147,7 @@ def _last_velocity(
 
 
 def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStart:
-    """Build the initial spline of a search from a guess.
+    """Build the initial spline of a search, with `cells` equal intervals, from a guess.
 
     The path through the air runs straight on from the start, makes its detour, and ends with a straight leg in the
     direction of arrival; constant airspeed and climb, plus the mean wind.

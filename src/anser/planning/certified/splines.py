@@ -74,7 +74,7 @@ def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) ->
 
 
 def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
-    """Position, velocity and acceleration at times (s after the start): (time, derivative, axis)."""
+    """Position, velocity, acceleration over the ground at times (s after the start): (time, derivative, axis), NED."""
     share = times / spline.cell
     interval = jnp.clip(jnp.floor(share), 0, spline.cells - 1)
     scale = jnp.stack([spline.cell**-order for order in range(3)])
@@ -118,7 +118,7 @@ def wind_along(
 def _crossings(
     spline: Spline, edges: Float[Array, " layers"], intervals: int, max_count: int
 ) -> tuple[Float[Array, " crossings"], Float[Array, " crossings"]]:
-    """Find when the spline crosses altitudes (`edges`, m).
+    """Detect when the spline crosses the altitudes of the wind layers (`edges`, m), on a grid of `intervals` times.
 
     Returns times, s, and directions (up 1, down -1), padded with the last time and 0. A crossing is detected between
     grid points on different sides of an edge; at most `max_count` crossings.
@@ -196,7 +196,7 @@ _LEVEL_MIN = 1.0  # m/s
 
 
 class SplineProblem(NamedTuple):
-    """Problem of a spline search: task and airspace of one aircraft, and the flight duration, s."""
+    """Problem of a spline search: task and airspace of one aircraft, and the duration of the flight, s."""
 
     task: AircraftTask
     airspace: Airspace
@@ -277,7 +277,7 @@ def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float
 
 
 def initial_state_n(problem: SplineProblem) -> Float[Array, "3 3"]:
-    """Position, velocity and acceleration over the ground at the start: (order, axis)."""
+    """Position (m), velocity (m/s) and acceleration (m/s^2) over the ground at the start, NED: (order, axis)."""
     task, airspace, _ = problem
     down, rate = task.position_n[2], task.air_velocity_n[2]
     (wind,), (by_climb,) = wind_along(airspace.wind, -down[None], jnp.ones(1))
@@ -344,7 +344,7 @@ def _violations(
 def update_coefficients(
     start: SplineStart, cell: Scalar, unknowns: Float[Array, "groups 12"]
 ) -> Float[Array, "coefficients 3"]:
-    """Return the coefficients for given unknowns: changes of the inner coefficients and of the arrival's motion.
+    """Return the spline coefficients (m) for the unknowns: changes of inner coefficients and of the arrival's motion.
 
     The last group of unknowns contains the changes of the last velocity and acceleration.
     """

@@ -54,7 +54,7 @@ PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE
 
 
 class CandidateSet(NamedTuple):
-    """Which candidates to generate for each aircraft."""
+    """Selection of the candidates that are generated for each aircraft."""
 
     # one entry per profile: choice of the airspeed (`PREFERRED` to `LATE_SLOW`), and detour in altitude, m
     speeds: tuple[int, ...]
@@ -145,7 +145,7 @@ _LEVEL_MIN = 1.0  # m/s: keeps the horizontal airspeed of a vertical arrival fin
 
 
 class ArrivalMotion(eqx.Module):
-    """Motion at the arrival."""
+    """Velocity and direction of flight at the arrival."""
 
     climb: Scalar  # vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's
     heading: Scalar  # heading of the velocity through the air, rad; if free, along the straight line over the ground
@@ -232,7 +232,7 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
 
 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
-    """Greatest rates of gain and loss of airspeed, m/s^2; the rest of the limits is for climb and descent."""
+    """Rates of gain and loss of airspeed for profiles, m/s^2: a part of the limits; climb and descent need the rest."""
     limits = task.limits
     return jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max), jnp.minimum(
         _LOSS, _RATE_FRACTION * limits.deceleration_max
@@ -252,7 +252,7 @@ def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) 
 def _profile(
     task: AircraftTask, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], altitude_detour: ScalarLike
 ) -> tuple[Profile, ArrivalMotion]:
-    """Make the profile with given middle and final airspeeds (m/s); also return the motion at the arrival."""
+    """Make the profile whose middle and final airspeeds are `speeds` (m/s); also return the motion at the arrival."""
     begin = task.position_n
     end_down = task.meeting_n(duration)[2]
     wind_0 = airspace.wind.at(begin, 0.0)
@@ -297,7 +297,7 @@ def _path_endpoints(
 
 
 def direct_paths(endpoints: PathEndpoints) -> DirectPath:
-    """Return the direct paths of the four words, the shortest first."""
+    """Return the shortest direct path of each of the four Dubins words, stacked in the order of length."""
     paths = jax.vmap(lambda word: direct_path(endpoints, word))(jnp.asarray(WORDS))
     order = jnp.argsort(paths.length)
     return jax.tree.map(lambda leaf: leaf[order], paths)
@@ -331,7 +331,7 @@ def profile_paths(
     altitude_detour: ScalarLike,
     speeds: tuple[Scalar, Scalar],
 ) -> ProfilePaths:
-    """Make the profile with given middle and final airspeeds (m/s) and find its direct paths."""
+    """Make the profile whose middle and final airspeeds are `speeds` (m/s), and its direct paths."""
     profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
     table = tabulate(profile, airspace.wind, intervals)
     endpoints = _path_endpoints(task, airspace, table, arrival)
@@ -346,7 +346,7 @@ def timed_profile(
     altitude_detour: Scalar,
     speeds: tuple[Scalar, Scalar],
 ) -> TimedProfile:
-    """Make the profile with given middle and final airspeeds (m/s), with direct paths and limits."""
+    """Make the profile whose middle and final airspeeds are `speeds` (m/s), with its direct paths and limits."""
     table, arrival, endpoints, directs = profile_paths(task, airspace, duration, intervals, altitude_detour, speeds)
     excess = profile_excess(table, task.limits, airspace.gravity)
     wide_directs = jax.vmap(widen_directs, in_axes=(None, 0))(endpoints, directs)
@@ -410,7 +410,7 @@ def _match_direct_length(
     """
 
     def mismatch_at(mean: Scalar) -> Scalar:
-        """Relative excess of the direct path's length over the profile's length."""
+        """Relative excess of the direct path over the profile in length through the air, at an airspeed (m/s)."""
         profile, arrival = _profile(task, airspace, duration, speeds_for_mean(task, duration, mean), 0.0)
         table = tabulate(profile, airspace.wind, intervals)
         endpoints = _path_endpoints(task, airspace, table, arrival)

@@ -108,7 +108,7 @@ def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " interva
 
 
 def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOutsAlongPath:
-    """Tabulate the keep-outs over the length along a profile's path."""
+    """Tabulate the keep-outs, as seen from the drifting air, over the length (m) along a profile's path."""
     step, times = _even_times(table)
     _, drifts = jax.vmap(table.flown_at)(times)
     altitudes = jax.vmap(lambda t: table.profile.at(t).altitude)(times)
@@ -171,7 +171,7 @@ class TurnLegProblem(eqx.Module):
 
 
 class _Flown(eqx.Module):
-    """The part of a path up to a point, with derivatives by the unknowns (last axis, fields `..._by`)."""
+    """Displacement, length and heading from start to a point of a path, with derivatives by the unknowns (`..._by`)."""
 
     position: Float[Array, "2"]  # north and east, m
     heading: Scalar
@@ -194,7 +194,7 @@ def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
 
 
 class _EvaluatedPath(NamedTuple):
-    """A path for given unknowns, and the linearized equations there."""
+    """Path for one set of unknowns, and the equations linearized at the unknowns."""
 
     residual: Float[Array, "*batch equations"]
     jacobian: Float[Array, "*batch equations unknowns"]
@@ -209,7 +209,7 @@ class _EvaluatedPath(NamedTuple):
 def _evaluate_path(
     x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
 ) -> _EvaluatedPath:
-    """Compute the path for given unknowns, its residuals, and their derivatives.
+    """Compute the path for the unknowns `x`, the residuals of the constraints, and the derivatives by the unknowns.
 
     Residuals: miss distance and length, relative to the path's length; heading, in half turns; depth inside each
     keep-out. The derivatives are composed by hand, because a turn depends on three numbers only, not on eleven

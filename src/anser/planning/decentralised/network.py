@@ -37,7 +37,7 @@ class Broadcast(eqx.Module):
 
 
 class NetworkState(eqx.Module):
-    """State of a network between two exchanges."""
+    """State of a network between two exchanges: knowledge, outages, and messages that have not arrived."""
 
     outages: LinkMatrix  # links in an outage, (aircraft, aircraft)
     hears: LinkMatrix  # links with a message in the last exchange: (receiver, sender)
@@ -83,15 +83,18 @@ class Network(eqx.Module):
         broadcast: Broadcast,  # data that the aircraft send about themselves
         positions_n: Float[Array, "aircraft 3"],  # positions of the aircraft, NED, m
         active: Bool[Array, " aircraft"],  # mask of the aircraft that send and receive
-        # number and time (s) of the sample
-        number: Integer,
+        # number and time (s) of the present sample
+        sample: Integer,
         time: Scalar,
         randomness: AbstractRandomness | None,
     ) -> NetworkState:
-        """Send the messages of one exchange, and update the knowledge from the messages that arrive."""
+        """Send every aircraft's knowledge, and merge the messages that arrive in the exchange at this sample.
+
+        Valid at the samples of exchanges only, every `period_samples`.
+        """
         knowledge = _with_broadcasts(state.knowledge, broadcast, time)
-        outages, up = self.links(state.outages, positions_n, active, number, randomness)
-        exchange = number // jnp.maximum(self.period_samples, 1)
+        outages, up = self.links(state.outages, positions_n, active, sample, randomness)
+        exchange = sample // jnp.maximum(self.period_samples, 1)
         send_slot, receive_slot = exchange % self.slots, (exchange - self.delay) % self.slots
         messages = jax.tree.map(lambda buffer, entry: buffer.at[send_slot].set(entry), state.messages, knowledge)
         message_links = state.message_links.at[send_slot].set(up)
@@ -104,12 +107,12 @@ class Network(eqx.Module):
         outages: LinkMatrix,
         positions_n: Float[Array, "aircraft 3"],
         active: Bool[Array, " aircraft"],
-        number: Integer | int,
+        sample: Integer | int,
         randomness: AbstractRandomness | None,
     ) -> tuple[LinkMatrix, LinkMatrix]:
-        """Return the links in an outage, and the links that are up, in the exchange at sample `number`."""
+        """Return the links in an outage, and the links that are up, in the exchange at `sample`; (receiver, sender)."""
         count = active.shape[0]
-        uniforms = _link_uniforms(randomness, number, count)
+        uniforms = _link_uniforms(randomness, sample, count)
         outages = self.dropouts.next_outage(outages, self.period, uniforms[0])
         distances = jax.vmap(jax.vmap(safe_norm))(positions_n[:, None, :] - positions_n[None, :, :])
         up = (distances <= self.range) & ~self.dropouts.is_lost(outages, uniforms[1])
@@ -145,13 +148,13 @@ def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears:
 
 
 def _link_uniforms(
-    randomness: AbstractRandomness | None, number: Integer | int, count: int
+    randomness: AbstractRandomness | None, sample: Integer | int, count: int
 ) -> Float[Array, "2 aircraft aircraft"]:
-    """Draw two uniform random numbers per link; the numbers do not depend on the size of the fleet."""
+    """Draw two uniform random numbers per link at number `sample`; they do not depend on the size of the fleet."""
     if randomness is None:
         raise ValueError("a network draws random numbers: the flight has no seed")
     indices = np.arange(count)
     later, earlier = np.maximum.outer(indices, indices), np.minimum.outer(indices, indices)
     pair = np.where(later > earlier, later * (later - 1) // 2 + earlier, 0)
-    uniforms = randomness.uniforms(NETWORK, number, max(count * (count - 1), 2))
+    uniforms = randomness.uniforms(NETWORK, sample, max(count * (count - 1), 2))
     return jnp.stack([uniforms[2 * pair], uniforms[2 * pair + 1]])

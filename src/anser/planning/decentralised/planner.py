@@ -72,7 +72,7 @@ class ClockedPath(AbstractReference):
     time: Scalar  # time to which clock and rate belong, s
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time."""
+        """Position, velocity and acceleration over the ground at a time of the flight (s), NED."""
         clock = self.clock + self.rate * (time - self.time)
         on_next_path = self.has_next_path & (clock >= self.next_path.start_time)
         point = jax.tree.map(lambda a, b: jnp.where(on_next_path, a, b), self.next_path.at(clock), self.path.at(clock))
@@ -81,7 +81,7 @@ class ClockedPath(AbstractReference):
 
     @property
     def duration(self) -> Scalar:
-        """Duration of the path by its clock, s."""
+        """Duration of the path by the aircraft's clock, s."""
         return self.path.duration
 
 
@@ -170,7 +170,7 @@ class DecentralisedPlanner(AbstractPlanner):
     tube: Scalar  # greatest distance of an aircraft's path from its agreed path, m
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
-        """Raise ValueError: the aircraft agree on a plan before the flight, see `anser.missions.consensus`."""
+        """Raises ValueError: the aircraft agree on a plan before the flight (`anser.missions.consensus`)."""
         raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
 
     def initial_state(
@@ -197,7 +197,7 @@ class DecentralisedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: DecentralisedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> DecentralisedPlanState:
-        """Process messages, and correct each path to the rendezvous predicted now."""
+        """Let each aircraft process received messages, and correct its path to the rendezvous predicted now."""
         plan = planner_state.plan
         state = planner_state.exchange
         clocks = planner_state.clocks
@@ -408,7 +408,7 @@ class DecentralisedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:
-        """Exchange messages if due, and advance the clocks."""
+        """Exchange messages if sample `number` is one of an exchange, and advance the clocks by one step (s)."""
         time, is_due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
 
         def communicate() -> tuple[NetworkState, Array]:
@@ -451,11 +451,11 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def replan_needed(self, planner_state: DecentralisedPlanState) -> Flag:
-        """See `AbstractPlanner`."""
+        """Whether an aircraft must search a new path but may not (`allow_replanning`): the flight then stops for it."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:
-        """Present paths in time; arrivals and holds are delayed with the clocks."""
+        """Present paths, arrivals and holds in flight time: the clock of each aircraft delays or advances them."""
         plan, clocks, time = planner_state.plan, planner_state.clocks, planner_state.time
         lag = time - clocks.clock
         to_go = plan.arrival_times - clocks.clock

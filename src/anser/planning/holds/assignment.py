@@ -85,7 +85,7 @@ class _HoldOption(eqx.Module):
 def _clearance_ratios(
     index: Integer, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
 ) -> Float[Array, " aircraft"]:
-    """Clearance ratio between one aircraft and each of the fleet, from the first arrival of the pair on."""
+    """Ratio of distance to separation between one aircraft and each of the fleet, from the pair's first arrival on."""
     is_other = jnp.arange(fleet.fits.shape[0]) != index
 
     def least_ratio(

@@ -43,7 +43,7 @@ class HoldCircle(eqx.Module):
 
 
 class PlannedHolds(eqx.Module):
-    """Holds of a fleet; leading axis aircraft."""
+    """Planned holds of a fleet, from arrival to the end of the flight; leading axis aircraft."""
 
     paths: TimedPath  # paths from the arrivals to the end of the flight
     circles: HoldCircle  # circles at the end of the paths
@@ -103,7 +103,7 @@ class HoldReference(AbstractReference):
     now: Scalar  # time of the offset, s
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time."""
+        """Position, velocity and acceleration over the ground at a time (s), NED."""
         planned = self.path.at(time)
         return PathPoint(
             planned.position_n + self.goal_offset_n + (time - self.now) * self.goal_offset_rate_n,

@@ -141,7 +141,7 @@ def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, "
 
 
 def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
-    """Find the least duration (s) that equals the flight time of the longest path at a mean airspeed.
+    """Solve for the least duration (s) that equals the flight time of the longest path at a mean airspeed (m/s).
 
     Also returns whether there is such a duration, and the mask of the aircraft with reachable goals. Without a
     solution, the duration is the time along straight lines.

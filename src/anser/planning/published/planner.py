@@ -108,7 +108,7 @@ _PULL_SHARE = 0.75
 
 
 class LimitReport(eqx.Module):
-    """Extremes along a trajectory, and which limits they satisfy."""
+    """Extremes of the flight quantities at samples of a trajectory (not proven between them), and limits satisfied."""
 
     speed_min: Scalar  # least airspeed, m/s
     speed_max: Scalar  # greatest airspeed, m/s

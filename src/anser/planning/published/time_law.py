@@ -85,7 +85,10 @@ def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: i
 
 
 class Clock(eqx.Module):
-    """Path parameter `s` at one time, with its first time derivative (1/s) and its second (1/s^2)."""
+    """Path parameter s (0 at the start, 1 at the end of the path, no unit) at one time, and its first two rates.
+
+    The rates are per second and per second squared.
+    """
 
     s: Scalar
     s_dot: Scalar
@@ -93,7 +96,7 @@ class Clock(eqx.Module):
 
 
 class Cell(eqx.Module):
-    """One section of a path, from s to s + width; rows: the nodes of the quadrature rule, and the end of the cell."""
+    """Section of a path from path parameter s to s + width; rows: quadrature nodes, and the end of the cell."""
 
     slopes: Float[Array, " rows"]  # |dr/ds|, m
     lengths: Float[Array, " rows"]  # length from the start of the cell, m
@@ -123,7 +126,7 @@ def _cell(path: PathPolynomials, s: ScalarLike, width: ScalarLike) -> Cell:
 
 
 class _CellMotion(eqx.Module):
-    """Motion at an offset of s in a cell."""
+    """Motion at an offset of the path parameter s from the start of a cell."""
 
     slope: Scalar  # |dr/ds|, m
     speed: Scalar  # airspeed, m/s
@@ -132,7 +135,7 @@ class _CellMotion(eqx.Module):
 
 
 class TimeLaw(eqx.Module):
-    """Path parameter over time; the fields from `exchange` on describe the even law."""
+    """Path parameter s (0 to 1, no unit) over time; the fields from `exchange` on describe the even law."""
 
     even: Flag  # whether the speed changes evenly; otherwise s is linear in time
     exchange: Scalar  # energy exchange: fraction of the potential energy lost that becomes kinetic, 0 to 1

@@ -45,15 +45,15 @@ class Trajectory(AbstractReference):
     law: TimeLaw  # time law: path parameter s as a function of time
 
     def clock(self, time: ScalarLike) -> Clock:
-        """Path parameter s and its rates at a time: s is 0 at the start, 1 at the rendezvous."""
+        """Path parameter s (0 at the start, 1 at the rendezvous) and its rates (1/s, 1/s^2) at a time (s)."""
         return self.law.clock(self.coefficients_n, time - self.start_time, self.duration)
 
     def phase(self, time: ScalarLike) -> Scalar:
-        """Path parameter s at a time."""
+        """Path parameter s (0 at the start, 1 at the rendezvous) at a time (s)."""
         return self.clock(time).s
 
     def path_derivative(self, phase: ScalarLike, order: int) -> Vector3:
-        """Derivative of the air-frame path with respect to s, of order 0 to 3, m."""
+        """Derivative, m, of the path in the drifting air by the path parameter `phase` (0 to 1), of order 0 to 3."""
         return path_derivative(self.coefficients_n, phase, order)
 
     def at(self, time: ScalarLike) -> PathPoint:
