@@ -24,8 +24,7 @@ import anser
 from anser.planning.published.planner import PublishedPlanner
 from anser.scenario import build_flight
 from anser.simulation import Flight, FlightState, SummaryRecorder, fly, start_flight
-from anser.simulation.flight import SEGMENT_STEPS
-from anser.simulation.precision import PRECISIONS, Precision, cast_flight, cast_state
+from anser.simulation.flight import PRECISIONS, SEGMENT_STEPS, Precision, cast_flight, cast_state
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
 SPREAD_M = 50.0

@@ -17,7 +17,7 @@ from anser.campaigns.sampling import flight_seeds
 from anser.missions import fly_many
 from anser.missions.flight_batches import FlightCase
 from anser.results.flight_rows import FlightRow
-from anser.simulation.precision import PRECISIONS, Precision
+from anser.simulation.flight import PRECISIONS, Precision
 
 SHARES = (0.5, 0.95, 0.99, 1.0)
 

@@ -15,7 +15,7 @@ from anser.planning import TimedPath
 from anser.planning.holds.hold_paths import HoldCircle, PlannedHolds
 from anser.scenario import build_flight
 from anser.simulation.closed_loop import command_and_move, perceive
-from anser.simulation.precision import cast_flight
+from anser.simulation.flight import cast_flight
 from anser.simulation.start import trimmed_fleet
 
 REPOSITORY = Path(__file__).parents[2]

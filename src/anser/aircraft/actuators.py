@@ -135,7 +135,7 @@ class SecondOrderActuators(AbstractActuators):
         return eqx.tree_at(lambda a: a.frequency, self, self.frequency * factor)
 
     def steady_state(self, position: Vector) -> MovingDeflections:
-        """Return the state at rest: the given position and zero velocity."""
+        """Return the state at rest: `position` (rad) and zero velocity."""
         position = jnp.asarray(position)
         return MovingDeflections(position, jnp.zeros_like(position))
 

@@ -75,7 +75,7 @@ class AirframeChanges(eqx.Module):
 
 
 class ChangedAirframe(AbstractAirframe):
-    """An airframe with a change; the thrust of the change is left to the caller."""
+    """An airframe with a change in force, except for the change of thrust, which the simulation applies."""
 
     airframe: AbstractAirframe  #: The airframe without the change.
     mass_properties: MassProperties

@@ -80,14 +80,15 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
-    """Return for each coefficient the regressors of its motion."""
+    """Return the regressors of each of CX, CY, CZ, Cl, Cm, Cn: the longitudinal or the lateral row."""
     return jnp.where(jnp.array(LONGITUDINAL)[:, None], rows[0], rows[1])
 
 
 class CorrectedAirframe(AbstractAirframe):
     """An airframe with increments of its six coefficients, linear in the regressors' deviations from a reference.
 
-    Without known aerodynamics the increments are all: mass, inertia, geometry, actuators and engine are the base's.
+    Without known aerodynamics the increments are the whole coefficients; mass, inertia, geometry, actuators and engine
+    are those of the base airframe.
     """
 
     base: AbstractAirframe
@@ -122,12 +123,12 @@ class CorrectedAirframe(AbstractAirframe):
         return self.lengths.wing_area
 
     def increment(self, data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Return the increments of force and moment."""
+        """Return the increments of force (N) and moment (N m), body axes."""
         rows = by_coefficient(regressors(self.lengths, data, rates_b, surfaces) - self.reference)
         return self.lengths.wrench(data.qbar, jnp.sum(self.increments * rows, axis=1))
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute force and moment of the base airframe plus the increments."""
+        """Compute force (N) and moment (N m, about the centre of gravity) of the base airframe plus the increments."""
         increment = self.increment(air_data, rates_b, surfaces)
         return self.base.aerodynamics(air_data, rates_b, surfaces) + increment if self.aerodynamics_known else increment
 
@@ -144,7 +145,10 @@ def corrected_airframe(
     *,
     aerodynamics_known: bool = True,
 ) -> CorrectedAirframe:
-    """Return an airframe with increments of its coefficients; False as the last argument: the increments are all."""
+    """Return an airframe with increments of the coefficients, (coefficient, regressor), about a reference.
+
+    Without `aerodynamics_known` the increments are the whole coefficients.
+    """
     return CorrectedAirframe(
         base=base,
         mass_properties=base.mass_properties,

@@ -114,7 +114,7 @@ class NoEngine(AbstractEngine):
     """No engine: zero thrust, for gliders."""
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Return a state with the given power, which produces no thrust."""
+        """Return a state with `power` (percent), which produces no thrust."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:

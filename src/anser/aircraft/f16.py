@@ -35,7 +35,7 @@ class F16Engine(AbstractEngine):
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Return the rate of the power, percent/s, at a throttle (0..1); see `power_rate`."""
+        """Return the rate of the power, percent/s, at a throttle (0..1), by the lag of `power_rate`."""
         return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -88,7 +88,7 @@ class F16Engine(AbstractEngine):
         return eqx.tree_at(lambda e: e.thrust_tables.cells[0], self, cells)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Return the throttle (0..1) for a required power rate (percent/s); see `power_command_for_rate`."""
+        """Return the throttle (0..1) for a required power rate (percent/s) at the current power."""
         return self.throttle_for_power(self.power_command_for_rate(power, power_rate))
 
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:

@@ -245,13 +245,13 @@ AnyMotionState = TypeVar("AnyMotionState", bound=MotionState)
 
 
 def to_motion_state(environment: Environment, state: AircraftState) -> MotionState:
-    """Convert a state in local axes to the integrated state."""
+    """Convert a state in local axes to the integrated state, which over a round Earth is Earth-fixed."""
     earth = environment.earth
     return earth_fixed_state(earth, state) if isinstance(earth, RotatingEarth) else state
 
 
 def to_local_state(environment: Environment, state: MotionState) -> AircraftState:
-    """Convert an integrated state to local axes."""
+    """Convert an integrated state (flat Earth or Earth-fixed) to the state in local NED axes."""
     if isinstance(state, AircraftState):
         return state
     return local_state(require_round_earth(environment), state)

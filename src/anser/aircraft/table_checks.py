@@ -26,7 +26,7 @@ class GriddedTable(NamedTuple):
 
 
 class SuspectPoint(NamedTuple):
-    """A suspect table entry."""
+    """A table entry, or a point of all tables, that departs from the neighbours."""
 
     table: str  # name of the table; "all" if most tables have an outlier at the same point of the first two axes
     # coordinates along the axes of the table, and tabulated value; nan for "all"

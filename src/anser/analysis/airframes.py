@@ -123,7 +123,7 @@ def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
 
 
 def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
-    """Return wing area (m^2), span (m) and mean chord (m); None for an airframe without these."""
+    """Return wing area (m^2), span (m) and mean chord (m); None for an airframe that lacks one."""
     sizes = tuple(getattr(airframe, name, None) for name in ("wing_area", "span", "mean_chord"))
     return None if None in sizes else sizes  # pyright: ignore[reportReturnType]
 
@@ -132,7 +132,7 @@ def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
 def _coefficients(
     airframe: AbstractAirframe, environment: Environment, V: Scalar, alphas: Array, betas: Array
 ) -> Float[Array, "angle 6"]:
-    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad); without sizes over dynamic pressure alone."""
+    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad); without `_sizes`, per dynamic pressure."""
     sizes = _sizes(airframe)
     S, b, c = (jnp.ones(()),) * 3 if sizes is None else sizes
     air = environment.atmosphere.at(0.0)

@@ -130,7 +130,7 @@ def steady_descent(
     elevator: ScalarLike,
     alpha: ScalarLike,
 ) -> SteadyDescent:
-    """Find the speed at which aerodynamic force and idle thrust carry the weight, and the resulting path angle.
+    """Compute the airspeed at which aerodynamic force and idle thrust carry the weight, and the path angle there.
 
     Altitude in m, elevator and alpha in rad, gravity in m/s^2. Pitching moment and lateral axes need not balance.
     """

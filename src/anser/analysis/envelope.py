@@ -84,7 +84,7 @@ class TrimMap(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SteadyFlight:
-    """Kind of steady flight: climb angle (deg), and load factor of a coordinated level turn to the right."""
+    """Type of steady flight: climb angle (deg), and load factor of a coordinated level turn to the right."""
 
     name: str
     meaning: str

@@ -222,7 +222,7 @@ class LinearizationResult:
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Model and modes as a labelled dataset: see `linear_dataset`."""
+        """Model matrices and modes as a labelled dataset, with the content of `linear_dataset`."""
         return linear_dataset(self.model, self.modes, self.condition)
 
     def document(self) -> dict[str, Any]:
@@ -298,7 +298,8 @@ def linearize(
         "open": the airframe alone, in continuous time. Otherwise the commanded loop of the autopilot, as a sampled
         model.
     actuators
-        True: in the open loop, the inputs are commands to the actuators, and the deflections are states.
+        True: in the open loop, the inputs are commands to the actuators, and the deflections are states. False: the
+        inputs are the deflections themselves. A closed loop always contains the actuators.
     step_s
         Sampling period of the autopilot.
     environment

@@ -330,14 +330,14 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Return the slice of the actuators in arrays over a number of breakpoints."""
+    """Return the slice of the actuators in arrays over all breakpoints, `breakpoints` in number."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 
 def _least_with_frequency(
     values: Float[Array, " n"], frequency: Float[Array, " n"], is_candidate: Bool[Array, " n"]
 ) -> tuple[Scalar, Scalar]:
-    """Return the least of the values marked as candidates, and its frequency; inf and nan without a candidate."""
+    """Return the least of the values marked as candidates, and its frequency (rad/s); inf and nan without one."""
     k = jnp.argmin(jnp.where(is_candidate, values, jnp.inf))
     return jnp.where(is_candidate[k], values[k], jnp.inf), jnp.where(is_candidate[k], frequency[k], jnp.nan)
 
@@ -355,7 +355,10 @@ def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval
 
 
 def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tuple[Array, Float[Array, " interval"]]:
-    """Whether each cubic through `values` at positions 0 to 3 crosses 0 after `interval_start`, and the position."""
+    """Return for each cubic through `values` at positions 0 to 3: flag and position of a zero after `interval_start`.
+
+    An interval without a zero has the flag False, and a position without meaning.
+    """
     low = interval_start.astype(values.dtype)
     sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)
     crosses = sign * _cubic(values, low + 1) <= 0

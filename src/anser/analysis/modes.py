@@ -50,7 +50,7 @@ class ModeCandidate(NamedTuple):
     is_reliable: bool
 
     def share(self, family: str) -> float:
-        """Return the summed participation of the states of a family."""
+        """Return the sum, 0..1, of the participations of all states of a family (a key of `_FAMILIES`)."""
         return sum(self.shares[state] for state in _FAMILIES[family])
 
 

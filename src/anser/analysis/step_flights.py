@@ -295,7 +295,7 @@ class _StepRecorder(AbstractRecorder):
         """The recorder has no state."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return the recorded values by the keys of the catalogue."""
+        """Return the values of one sample by key of the catalogue, SI units and radians."""
         outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)
         return {**outputs, "throttle": jnp.asarray(sample.controls.throttle)}
 
@@ -323,7 +323,10 @@ def _fly(
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """Return outputs of the three loops and controls by the keys of the catalogue; `environment` has a steady wind."""
+    """Return outputs of the three loops and controls by key of the catalogue, SI units and rad, in a steady wind.
+
+    Also `outside_tables`: 1 outside the range of the airframe's data, else 0.
+    """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_air_b = state.velocity_b - rotate(R_bn, wind_n)

@@ -151,9 +151,10 @@ def _each_and_all(loop: Loop, sizes: tuple[float, float, float], time_scale: Loo
 def scaled_step_tests(
     time_scale: LoopTimeScale, attitude: tuple[float, float, float], velocity: tuple[float, float, float]
 ) -> tuple[StepTest, ...]:
-    """Return the published tests with durations scaled to an aircraft and with the given step sizes.
+    """Return the published tests with durations scaled to an aircraft, and steps of `attitude` (deg) and `velocity`.
 
-    Durations grow with the time scales of the loops. Steps of the body rates shrink in proportion, for the same angle.
+    Durations grow with the time scales of the loops. Steps of the body rates (10 deg/s) shrink in
+    proportion, for the same angle. `velocity` are the steps of airspeed (m/s), path angle and course (deg).
     """
     rate = round(10.0 / time_scale.rates, 2)
     return (

@@ -98,7 +98,7 @@ class Survey:
         self.compile_s = self.run_s = 0.0  # wall time spent so far
 
     def call(self, program: Program[..., _R], *arguments: Any) -> _R:
-        """Compile a program for the arguments and run it; both durations are added to the survey's."""
+        """Compile a program for the arguments, run it and return the result; adds both durations to the survey's."""
         start_time = time.perf_counter()
         compiled_call = program.ready(*arguments)
         compiled_time = time.perf_counter()

@@ -213,7 +213,7 @@ def trim(
     aircraft, variant, x_cg_over_c
         Aircraft: see `resolve_airframe`.
     speed_m_s, altitude_m
-        True airspeed and geometric altitude.
+        True airspeed and geometric altitude; the altitude is required.
     speed_cas_m_s, speed_eas_m_s, mach
         Calibrated or equivalent airspeed, or Mach number, instead of the true airspeed.
     path_angle_deg, turn_rate_deg_s

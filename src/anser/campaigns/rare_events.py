@@ -148,7 +148,11 @@ class RareEvent:
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
 
     def _levels(self) -> list[dict[str, Any]]:
-        """Return the number of flights, and the bounds, shares and acceptance rates of the repetitions, by level."""
+        """Return an entry for each level of subset simulation: number of flights, and lists over the repetitions.
+
+        The lists are `bounds` of the rare quantity, `shares` of the flights beyond the bound, and `acceptances`, the
+        acceptance rates of the Markov chains; None without a finite value.
+        """
         flights, levels = self.flights, []
         for k in range(max(map(len, self.repetitions))):
             reaching = [repetition[k] for repetition in self.repetitions if len(repetition) > k]

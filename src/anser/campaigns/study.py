@@ -32,7 +32,7 @@ from anser.scenario.files import load, parse_scenario
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import is_multiple, multiple_message
 from anser.scenario.schema_tables import SEED_MAX
-from anser.simulation.precision import Precision
+from anser.simulation.flight import Precision
 from anser.variables import ADAPTATION_KEYS, CATALOGUE, DERIVED_KEYS, OPTIONAL_KEYS, RECORDED_KEYS
 
 _KEYS = (*RECORDED_KEYS, *(variable.key for variable in CATALOGUE if variable.optional))

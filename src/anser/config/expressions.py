@@ -79,14 +79,17 @@ def parse_expression(text: str) -> Expression:
 
 
 class _Builder:
-    """Checks the syntax tree of an expression and builds the function that evaluates it."""
+    """Checks the syntax tree of an expression, and builds the function that evaluates the expression."""
 
     def __init__(self, text: str) -> None:
         self.text = text
         self.names: list[str] = []
 
     def build(self, node: ast.AST, depth: int) -> tuple[bool, _Evaluate]:
-        """Return whether the node is a condition, and the function of its value."""
+        """Check a node, `depth` levels below the root; return whether it is a condition, and its evaluating function.
+
+        Adds the names of variables to `self.names`. Raises ExpressionError for a node that is not allowed or too deep.
+        """
         if depth > _DEPTH_MAX:
             raise ExpressionError("a nested expression", f"{_DEPTH_MAX} levels at most")
         match node:

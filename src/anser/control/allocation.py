@@ -90,7 +90,7 @@ def allocate(
     present: SurfaceMoments,
     moment_b: Vector3,
 ) -> SurfaceDemand:
-    """Find deflections within the stops that give the moment `moment_b` (N m), by Newton steps.
+    """Solve for deflections within the stops that give the aerodynamic moment `moment_b` (N m), by Newton steps.
 
     The first iterate is `present`, the moments at the present deflections.
 
@@ -174,7 +174,7 @@ _MARGIN_MIN = 0.1
 
 
 class Authority(eqx.Module):
-    """Control authority: what the surfaces can still give, as deflection margins, rate limits and effectiveness."""
+    """Control authority of the surfaces: deflection margins (rad), rate limits (rad/s) and effectiveness."""
 
     # deflection per angular acceleration (surfaces, 3), rad/(rad/s^2): the inverted control effectiveness
     deflection: Float[Array, "n 3"]
@@ -187,7 +187,10 @@ class Authority(eqx.Module):
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 
     def attitude_acceleration(self, effectiveness: Matrix33) -> Vector3:
-        """Greatest acceleration of each of (mu, alpha, beta) alone, rad/s^2; for G of `PathMotion.effectiveness`."""
+        """Return the greatest angular acceleration of each of (mu, alpha, beta), used alone, rad/s^2.
+
+        `effectiveness` is that of `PathMotion`: rates of the three angles per body rate.
+        """
         return _AUTHORITY_SHARE * _largest_outputs(product3(self.deflection, inverse3(effectiveness)), self.margin)
 
 

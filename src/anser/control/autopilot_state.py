@@ -25,7 +25,7 @@ class ModelResidual(eqx.Module):
         bandwidth: ScalarLike,
         step: ScalarLike,  # sampling period, s
     ) -> "ModelResidual":
-        """Update the filter with a new sample.
+        """Return the filter after a new sample.
 
         The measured angular acceleration is the change of the gyro reading since the previous sample over the period.
         The modelled acceleration is the mean of both samples, so that the residual of a perfect model is zero.

@@ -125,7 +125,7 @@ class DaveMlLaw(AbstractController):
         command: Mapping[str, Scalar],  # inputs of the law by name, SI units and radians
         step: ScalarLike,  # sampling period, s
     ) -> tuple[Controls, None, None]:
-        """Evaluate the law and return surfaces and throttle.
+        """Evaluate the law for commands by name; return surfaces (rad) and throttle (0..1), no signals and no state.
 
         Raises ValueError if the law lacks an input with a commanded name, or an input has no value.
         """

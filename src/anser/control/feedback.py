@@ -79,5 +79,5 @@ def limit_to_braking(
 
 
 def advance_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:
-    """Integrate the error over one step (s); a channel with a saturated actuator or command is frozen (anti-windup)."""
+    """Return the integral of the error after one step (s); saturated channels are frozen (anti-windup)."""
     return jnp.where(saturated, integral, integral + step * error)

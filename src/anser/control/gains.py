@@ -32,7 +32,7 @@ class LoopGains(eqx.Module):
 
 
 class AutopilotGains(eqx.Module):
-    """Gains of the whole autopilot."""
+    """Gains of the three loops, and bandwidths (1/s) of filters, actuators and engine."""
 
     rates: LoopGains  #: Gains of channels P, Q, R.
     attitude: LoopGains  #: Gains of channels mu, alpha, beta.

@@ -41,7 +41,7 @@ class FollowPlan(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return command and planned position. Raises ValueError if the aircraft has no plan."""
+        """Return command and planned position (NED, m). Raises ValueError if the aircraft has no plan."""
         if plan is None:
             raise ValueError("FollowPlan follows a plan: fly it in a flight with a planner")
         velocity_n, wind_n = chart_velocities(belief)
@@ -57,7 +57,7 @@ def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
 
 
 def command_from_chart(command: PathCommand, belief: Belief, environment: Environment) -> PathCommand:
-    """Convert a command in rates of the Earth's chart to a command in velocities through the air."""
+    """Convert a command in rates of the chart coordinates to a command in velocities through the air, m/s."""
     if isinstance(environment.earth, FlatEarth):  # chart rates are velocities
         return command
     return rescale_command(command, 1.0 / belief.condition.earth.chart_scale)

@@ -92,7 +92,7 @@ def path_motion(
 
 
 class OnboardModel(eqx.Module):
-    """Onboard model at one instant, for inversion by the loops.
+    """Forces, effectiveness and path motion of the onboard model at one instant, for inversion by the loops.
 
     The forces in `condition` and `slow_condition` are those of the airframe's model, plus the measured residual if the
     inversion is incremental.

@@ -27,15 +27,15 @@ class ProbingState(eqx.Module):
 
 
 class ProbingController(AbstractController):
-    """Controller that adds test inputs to another controller's surface commands.
+    """Controller that adds test inputs to the surface commands of `controller`.
 
-    In a first phase the aircraft learns: it holds the controls of the start, with the test input, and the other
-    controller waits.
+    In a first phase the adaptive estimator learns: the controls of the start are held, with the test input, and
+    `controller` is not used.
 
     Attributes
     ----------
     controller
-        The other controller.
+        Controller whose surface commands are disturbed.
     amplitude
         Greatest deflection of each surface, rad.
     signals

@@ -79,7 +79,7 @@ def lift_at_alpha(
 
 
 def side_force(model: OnboardModel) -> Scalar:
-    """Compute the side force in straight flight without sideslip, right positive, N; 0 for a symmetric aircraft.
+    """Compute the side force (N, right positive) in straight flight without sideslip; 0 for a symmetric aircraft.
 
     The surfaces are at rest: small deflections against the rolling and yawing moments are neglected.
     """

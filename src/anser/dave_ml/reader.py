@@ -120,14 +120,14 @@ class TableReader:
         return identifier
 
     def read_breakpoints(self, element: Element) -> None:
-        """Read a ``<breakpointDef>``."""
+        """Read a ``<breakpointDef>`` and add its values to the breakpoints of the model, by `bpID`."""
         element.permit(("name", "bpID", "units"), once=("description", "bpVals"))
         values = element.require("bpVals")
         identifier = self._identifier(element, "bpID")
         self._add_breakpoints(element, values, identifier, f"breakpoints {identifier}")
 
     def read_gridded_table(self, element: Element, base: str | None = None) -> str:
-        """Read a ``<griddedTableDef>`` and return its identifier, made from `base` in the absence of a gtID."""
+        """Add the table of a ``<griddedTableDef>`` to the model; return the identifier (from `base` without gtID)."""
         element.permit(("name", "gtID", "units"), once=("description", "breakpointRefs", "dataTable", *NOTES))
         axes = []
         references = element.require("breakpointRefs")

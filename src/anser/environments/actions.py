@@ -22,7 +22,7 @@ from anser.units import DEG_RAD, RAD_DEG
 
 
 class HeldCommand(AbstractGuidance):
-    """Guidance with one command, which an environment holds during a decision.
+    """Guidance that repeats one command, which an environment holds during a decision.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class DirectControls(AbstractController):
 
 
 def air_path(belief: Belief) -> PathCommand:
-    """Return airspeed, path angle and course through the air of a belief, without rates."""
+    """Return airspeed (m/s), path angle and course (rad) through the air of a belief, without rates."""
     velocity_air_n = rotate_back(belief.condition.R_bn, belief.state.velocity_b) - belief.condition.wind_n
     return polar(velocity_air_n, jnp.zeros_like(velocity_air_n))
 
@@ -69,7 +69,7 @@ class AbstractActionLevel(eqx.Module):
 
     @abc.abstractmethod
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the table of the action's entries for an aircraft with concrete numbers."""
+        """Return the table that describes each entry of an action (name, unit, scale) for an untraced aircraft."""
 
     @abc.abstractmethod
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
@@ -115,7 +115,7 @@ class SurfaceLevel(AbstractActionLevel):
     decision_s: float = eqx.field(static=True, default=0.01)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the commanded surfaces and the throttle."""
+        """Return the table of an action's entries: commanded surfaces and throttle."""
         actuators = airframe.actuators
         stops = zip(actuators.names, actuators.is_commanded, actuators.lower, actuators.upper, strict=True)
         surfaces = [
@@ -126,11 +126,11 @@ class SurfaceLevel(AbstractActionLevel):
         return (*surfaces, _THROTTLE)
 
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return a controller that passes the controls on."""
+        """Return a controller whose command is surfaces and throttle themselves."""
         return DirectControls()
 
     def command(self, action: Float[Array, " action"], autopilot: InversionAutopilot, belief: Belief) -> Controls:
-        """Return the controls; a surface that follows a schedule has the command 0."""
+        """Convert an action to surfaces (rad) and throttle; a surface that follows a schedule has the command 0."""
         actuators = belief.airframe.actuators
         index = np.flatnonzero(actuators.is_commanded)
         deflections = _from_unit(action[:-1], actuators.lower[index], actuators.upper[index])
@@ -140,7 +140,7 @@ class SurfaceLevel(AbstractActionLevel):
     def action(
         self, controls: Controls, signals: Any, command: Any, autopilot: InversionAutopilot, belief: Belief
     ) -> Float[Array, " action"]:
-        """Return the action with the autopilot's controls."""
+        """Return the action that stands for the autopilot's surfaces and throttle."""
         actuators = belief.airframe.actuators
         index = np.flatnonzero(actuators.is_commanded)
         surfaces = _to_unit(controls.surfaces[index], actuators.lower[index], actuators.upper[index])
@@ -153,7 +153,7 @@ class RateLevel(AbstractActionLevel):
     decision_s: float = eqx.field(static=True, default=0.05)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the three body rates and the throttle."""
+        """Return the table of an action's entries: three body rates and throttle."""
         limits = np.asarray(autopilot.limits.rates_max) * RAD_DEG
         rates = zip(("roll", "pitch", "yaw"), limits, strict=True)
         commands = [
@@ -167,14 +167,14 @@ class RateLevel(AbstractActionLevel):
         return InversionAutopilot(autopilot.gains, autopilot.limits, loop="rates")
 
     def command(self, action: Float[Array, " action"], autopilot: InversionAutopilot, belief: Belief) -> LoopCommand:
-        """Return body rates without feed-forward, and the throttle."""
+        """Convert an action to body rates (rad/s) without feed-forward, and the throttle (0..1)."""
         rates_b = action[:3] * autopilot.limits.rates_max
         return LoopCommand(rates_b, jnp.zeros_like(rates_b), 0.5 * (action[3] + 1.0))
 
     def action(
         self, controls: Controls, signals: Any, command: Any, autopilot: InversionAutopilot, belief: Belief
     ) -> Float[Array, " action"]:
-        """Return the action with the body rates that the autopilot's attitude loop commands."""
+        """Return the action that stands for the body rates of the autopilot's attitude loop, and its throttle."""
         rates = _to_unit(signals.rates_b, -autopilot.limits.rates_max, autopilot.limits.rates_max)
         return jnp.append(rates, _to_unit(controls.throttle, 0.0, 1.0))
 
@@ -195,7 +195,7 @@ class VelocityLevel(AbstractActionLevel):
     course_change_max: float = eqx.field(static=True, default=90.0 * DEG_RAD)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return airspeed, path angle and change of the course."""
+        """Return the table of an action's entries: airspeed, path angle and change of the course."""
         limits = autopilot.limits
         path_angle, course = self.path_angle_max * RAD_DEG, self.course_change_max * RAD_DEG
         return (
@@ -207,11 +207,11 @@ class VelocityLevel(AbstractActionLevel):
         )
 
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return the autopilot."""
+        """Return the autopilot with all loops, which follows the commanded velocity."""
         return autopilot
 
     def command(self, action: Float[Array, " action"], autopilot: InversionAutopilot, belief: Belief) -> PathCommand:
-        """Return a path command without rates."""
+        """Convert an action to a path command without rates (m/s, rad)."""
         zero = jnp.zeros_like(action[0])
         V = _from_unit(action[0], autopilot.limits.speed_min, autopilot.limits.speed_max)
         chi = air_path(belief).chi + self.course_change_max * action[2]
@@ -220,7 +220,7 @@ class VelocityLevel(AbstractActionLevel):
     def action(
         self, controls: Controls, signals: Any, command: PathCommand, autopilot: InversionAutopilot, belief: Belief
     ) -> Float[Array, " action"]:
-        """Return the action whose command has the effect of a command with rates, which the velocity loop adds."""
+        """Return the action whose command without rates has the effect of the autopilot's command with rates."""
         gains = autopilot.gains.velocity
         lead = gains.feed_forward / gains.proportional
         change = wrap_angle(command.chi - air_path(belief).chi) + lead[2] * command.chi_dot

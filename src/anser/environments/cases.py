@@ -46,7 +46,7 @@ class Case(eqx.Module):
     start
         State at the start, in the form of a trim point.
     task
-        Numbers of the task: commands, and whatever else the task needs.
+        Numbers of the task, such as commands, of the type that the task's `draw` makes.
     decisions
         Number of decisions until the episode is truncated.
     """
@@ -74,7 +74,7 @@ def autopilot_of(vehicle: Vehicle) -> InversionAutopilot:
 
 
 class Situation(eqx.Module):
-    """What a task sees after a decision.
+    """Truth and estimates after a decision, from which a task computes errors, reward and observation.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ _TRIM_BATCH = 64
 def trim_rows(
     airframe: AbstractAirframe, environment: Environment, targets: Mapping[str, Float[np.ndarray, " row"]]
 ) -> tuple[TrimPoint, Bool[np.ndarray, " row"]]:
-    """Trim an aircraft in many conditions.
+    """Solve the trim of an aircraft in many conditions, one per row.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ class FlightRange(eqx.Module):
 
 
 def default_range(vehicle: Vehicle) -> FlightRange:
-    """Return the range of an aircraft: its autopilot's airspeeds, and altitudes within its data up to 8 km."""
+    """Return the range of flight conditions: airspeeds of the autopilot, altitudes of the data up to 8 km."""
     airframe, limits = vehicle.airframe, autopilot_of(vehicle).limits
     low, high = valid_airspeed_range(airframe)
     slowest, fastest = max(low, float(limits.speed_min)), min(high, float(limits.speed_max))

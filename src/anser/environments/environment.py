@@ -71,7 +71,7 @@ class Parameters(eqx.Module):
         return jax.tree.leaves(self.cases.batched)[0].shape[0]
 
     def case(self, row: Integer) -> Case:
-        """Return one case."""
+        """Return the case in a row of the table of cases."""
         return self.cases.at(row)  # pyright: ignore[reportArgumentType]
 
 
@@ -83,7 +83,7 @@ class EpisodeState(eqx.Module):
     time
         Number of decisions since the reset.
     row
-        Number of the case.
+        Row of the case in `Parameters.cases`.
     key
         Key of the episode's random numbers.
     vehicle
@@ -205,7 +205,7 @@ class AircraftEnvironment:
     def step_env(
         self, key: Array, state: EpisodeState, action: Float[Array, " action"], params: Parameters
     ) -> tuple[Float[Array, " entry"], EpisodeState, Scalar, Flag, dict[str, Array]]:
-        """Fly one decision without a reset; see `step`."""
+        """Fly one decision without a reset at the end of an episode; arguments and results otherwise as for `step`."""
         case = params.case(state.row)
         vehicle = self.fly_decision(case, state, action, params)
         flown = dataclasses.replace(state, time=state.time + 1, vehicle=vehicle)
@@ -224,7 +224,7 @@ class AircraftEnvironment:
         return max(1, round(self.task.settled_s / self.level.decision_s))
 
     def situation(self, state: EpisodeState, params: Parameters | None = None) -> Situation:
-        """Return what the task sees in a state."""
+        """Return truth, belief and recorded variables of a state, from which the task computes."""
         params = self.parameters if params is None else params
         return self.situation_of(params.case(state.row), state, params)
 
@@ -251,7 +251,7 @@ class AircraftEnvironment:
         return self.observation_of(self.situation_of(params.case(state.row), state, params))
 
     def instant(self, case: Case, number: Integer, key: UInt32[Array, "2"], params: Parameters) -> Instant:
-        """Return the instant of the sample with a number since the start of an episode with a key."""
+        """Return time, step and random numbers of sample `number` since the start of an episode with a key."""
         return Instant(case.environment, number, params.step, SeededRandomness(key))
 
     def flown_vehicle(self, case: Case, command: Any) -> Vehicle:
@@ -280,7 +280,7 @@ class AircraftEnvironment:
         return jax.lax.fori_loop(0, self.decision_steps, advance, state.vehicle)
 
     def situation_of(self, case: Case, state: EpisodeState, params: Parameters) -> Situation:
-        """Return what the task sees of a case in a state."""
+        """Return truth, belief and recorded variables of a case in a state, from which the task computes."""
         number = state.time * self.decision_steps
         instant = self.instant(case, number, state.key, params)
         perception = perceive(self.flown_vehicle(case, None), state.vehicle, instant)
@@ -290,7 +290,7 @@ class AircraftEnvironment:
         return Situation(case, instant, truth, belief, variables, estimates)
 
     def observation_of(self, situation: Situation) -> Float[Array, " entry"]:
-        """Return the normalized observation."""
+        """Return the observation in the order of `observed`, normalized, about -1..1 in ordinary flight."""
         motion = self.observed[: len(self.observed) - len(self.task.entries())]
         values = [*(situation.estimates[entry.name] for entry in motion), *self.task.observation(situation)]
         normalized = [entry.normalize(value) for entry, value in zip(self.observed, values, strict=True)]
@@ -341,14 +341,14 @@ def reset_if(done: Flag, start: Any, flown: Any) -> Any:
 
 
 def draw_case(key: Array, params: Parameters) -> tuple[Integer, UInt32[Array, "2"]]:
-    """Draw the number of a case and the key of the random numbers of an episode."""
+    """Draw the row of a case, and the key of the random numbers of an episode."""
     draws, words = threefry(_key_words(key), jnp.zeros(2, jnp.uint32), jnp.arange(2, dtype=jnp.uint32))
     row = (draws[0] % np.uint32(params.count)).astype(jnp.int32)
     return row, jnp.stack([draws[1], words[1]])
 
 
 def _key_words(key: Array) -> UInt32[Array, "2"]:
-    """Return the words of a key, new or raw, of JAX's default generator."""
+    """Return the two words of a key (typed or raw) of JAX's default generator."""
     words = jax.random.key_data(key) if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else key
     if words.shape != (2,):
         raise ValueError(f"key: arrived words of shape {words.shape}; expected (2,), as of jax.random.key(seed)")

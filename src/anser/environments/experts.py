@@ -128,7 +128,7 @@ def _episode(
     params: Parameters,
     decisions: int,
 ) -> tuple[Array, Array, Array]:
-    """Return the return, the success and the failure of one episode."""
+    """Fly one episode; return the mean reward per decision (0..1), and whether it ended with success and by failure."""
     observation, state = environment.reset(key, params)
 
     def advance(carry: Any, number: Array) -> tuple[Any, None]:
@@ -150,7 +150,7 @@ def _episode(
 
 @dataclasses.dataclass(frozen=True)
 class ResolvedPolicy:
-    """A policy as two functions: its state at the start of an episode; the action, and its new state.
+    """A policy as two functions: `init` returns its state at an episode's start, `act` an action and its new state.
 
     The arguments of `act`: key, observation, state of the episode, state of the policy, parameters.
     """
@@ -160,7 +160,10 @@ class ResolvedPolicy:
 
 
 def resolve_policy(environment: AircraftEnvironment | FleetEnvironment, policy: str | Policy) -> ResolvedPolicy:
-    """Return the functions of a policy given by name or as a function. Raises ValueError for an unknown name."""
+    """Return a policy as functions `init` and `act`: "expert", "zero" or "random" by name, or a user's function.
+
+    Raises ValueError for an unknown name.
+    """
     if callable(policy):
         return ResolvedPolicy(
             lambda state, params: None, lambda key, obs, state, own, params: policy(key, obs, state, own)

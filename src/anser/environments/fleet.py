@@ -114,7 +114,7 @@ class FleetEnvironment:
         return self._observations(self.situations(state, params))
 
     def situations(self, state: EpisodeState, params: Parameters | None = None) -> Situation:
-        """Return what each aircraft sees in a state; leading axis aircraft."""
+        """Return truth, belief and recorded variables of each aircraft in a state; leading axis aircraft."""
         params = self.default_params if params is None else params
 
         def situation(case: Case, vehicle: Any) -> Situation:
@@ -141,7 +141,7 @@ class FleetEnvironment:
     def step_env(
         self, key: Array, state: EpisodeState, action: Float[Array, "aircraft action"], params: Parameters
     ) -> tuple[Float[Array, "aircraft entry"], EpisodeState, Float[Array, " aircraft"], Flag, dict[str, Array]]:
-        """Fly one decision without a reset; see `step`."""
+        """Fly one decision of all aircraft without a reset at the end of an episode; otherwise as `step`."""
         cases = self.cases(state, params)
 
         def fly(case: Case, vehicle: Any, own_action: Array) -> Any:

@@ -217,7 +217,7 @@ class GymnasiumEnvironment(gymnasium.Env):
         return np.array(observation), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Fly one decision."""
+        """Fly one decision; return observation, reward, `terminated`, `truncated` and `info`."""
         if self._state is None:
             raise ValueError("step: arrived before the first reset; expected reset() before step()")
         checked = check_actions(action, (self.environment.num_actions,))
@@ -316,7 +316,7 @@ class GymnasiumVectorEnvironment(VectorEnv):
     def step(
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, " aircraft"], Bool[np.ndarray, " aircraft"], dict[str, Any]]:
-        """Fly one decision of every aircraft."""
+        """Fly one decision of every aircraft; return observations, rewards, `terminated`, `truncated` and `info`."""
         if self._state is None:
             raise ValueError("step: arrived before the first reset; expected reset() before step()")
         checked = check_actions(actions, (self.num_envs, self.environment.num_actions))

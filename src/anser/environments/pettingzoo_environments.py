@@ -77,7 +77,7 @@ class FleetParallelEnvironment(ParallelEnv):
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Fly one decision of every agent."""
+        """Fly one decision of every agent; return observations, rewards, ends and infos, each by agent."""
         if self._state is None or not self.agents:
             raise ValueError("step: arrived before a reset, or after the end of the episode; expected reset()")
         absent = sorted(set(self.agents) - set(actions))

@@ -205,7 +205,7 @@ class AbstractPlannedTask(AbstractTask):
         raise TypeError(f"{type(self).__name__}: the cases are flights of a study; see anser.environments.make")
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the command that follows the plan."""
+        """Return the path command (through the air) with which the guidance follows the plan."""
         case, belief = situation.case, situation.belief
         return case.vehicle.guidance.command(None, belief, case.task, situation.instant)[0]
 
@@ -231,7 +231,7 @@ def in_course_axes(situation: Situation, vector_n: Vector3) -> tuple[Scalar, Sca
 
 
 def axes_entries(name: str, unit: str, suffix: str, half_range: float, meaning: str) -> tuple[Entry, ...]:
-    """Return the entries of a vector in the axes of `in_course_axes`."""
+    """Return the table of a vector's three entries in the axes of `in_course_axes`."""
     return tuple(
         Entry(f"{name}_{axis}_{suffix}", unit, 0.0, half_range, f"{meaning}, {where}")
         for axis, where in (("ahead", "along the course"), ("right", "to the right"), ("up", "upwards"))
@@ -248,7 +248,7 @@ class PathTracking(AbstractPlannedTask):
     settled_s: float = eqx.field(static=True, default=10.0)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the distance to the planned position."""
+        """Return the distance to the planned position, divided by its tolerance."""
         planned_n = situation.case.task.trajectory.position_n(situation.time)
         return norm(planned_n - situation.truth.state.position_n)[None] / 50.0
 
@@ -257,7 +257,7 @@ class PathTracking(AbstractPlannedTask):
         return self.errors(situation)[0] > 20.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the planned position now and in 2 s, and the planned velocity, in axes of the course."""
+        """Return the table of entries: planned position now and in 2 s, and planned velocity, in axes of the course."""
         return (
             *axes_entries("path_offset", "m", "m", 100.0, "Planned less present position"),
             *axes_entries("path_ahead", "m", "m", 500.0, "Planned position in 2 s less present position"),
@@ -265,7 +265,7 @@ class PathTracking(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the entries from the aircraft's own estimates."""
+        """Return the values of `entries`, in their units, from the aircraft's own estimates."""
         belief, trajectory = situation.belief, situation.case.task.trajectory
         planned, later = trajectory.at(situation.time), trajectory.at(situation.time + 2.0)
         position_n = belief.state.position_n
@@ -286,7 +286,7 @@ class Arrival(AbstractPlannedTask):
     settled_s: float = eqx.field(static=True, default=0.0)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the zero-effort miss."""
+        """Return the zero-effort miss, divided by its tolerance."""
         task, truth = situation.case.task, situation.truth
         velocity_n = velocity_over_ground_n(truth.condition, truth.state)
         time_left = task.trajectory.arrival_time - situation.time
@@ -294,7 +294,7 @@ class Arrival(AbstractPlannedTask):
         return norm(miss_n)[None] / 50.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the time left, the rendezvous at the arrival, the mean velocity needed, and the ground velocity."""
+        """Return the table of entries: time left, rendezvous at the arrival, mean velocity needed, ground velocity."""
         return (
             Entry("time_to_go_s", "s", 0.0, 100.0, "Time until the arrival"),
             *axes_entries("rendezvous", "m", "m", 10000.0, "Rendezvous at the arrival less present position"),
@@ -303,7 +303,7 @@ class Arrival(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the entries from the aircraft's own estimates and the goal's present motion."""
+        """Return the values of `entries`, in their units, from own estimates and the goal's present motion."""
         belief, task, time = situation.belief, situation.case.task, situation.time
         time_left = task.trajectory.arrival_time - time
         to_rendezvous_n = task.rendezvous_n(time) - belief.state.position_n

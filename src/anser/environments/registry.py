@@ -28,7 +28,7 @@ from anser.environments.spaces import Entry, catalogue_entry
 from anser.environments.tasks import AbstractTask, AltitudeChange, AttitudeHold, UpsetRecovery, VelocityCommand
 from anser.numerics.arrays import Stacked, as_array, cast_to_precision
 from anser.sensing.ideal_sensors import IdealSensors
-from anser.simulation.precision import PRECISIONS, Precision
+from anser.simulation.flight import PRECISIONS, Precision
 from anser.simulation.vehicle import Vehicle
 from anser.units import RAD_DEG
 from anser.variables import surface_variables

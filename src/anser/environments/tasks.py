@@ -55,7 +55,7 @@ class AbstractTask(eqx.Module):
 
     @abc.abstractmethod
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's observations, which follow those of the aircraft's motion."""
+        """Return the table that describes the task's observations, which follow those of the aircraft's motion."""
 
     @abc.abstractmethod
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
@@ -127,7 +127,7 @@ class VelocityCommand(AbstractTask):
         return starts, CommandedState(as_array(np.stack([speed, path_angle, course], axis=-1)))
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the errors of airspeed, path angle and course."""
+        """Return the errors of airspeed, path angle and course, each divided by its tolerance."""
         v, (V, gamma, chi) = situation.variables, situation.case.task.values
         return _command_errors(
             (v["airspeed_m_s"] - V, 2.0),
@@ -136,7 +136,7 @@ class VelocityCommand(AbstractTask):
         )
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the differences between command and present value, and the commanded path angle."""
+        """Return the table of entries: differences between command and present value, and commanded path angle."""
         return (
             Entry("airspeed_error_m_s", "m s-1", 0.0, 30.0, "Commanded less present airspeed"),
             Entry("path_angle_error_deg", "degree", 0.0, 20.0, "Commanded less present path angle"),
@@ -151,7 +151,7 @@ class VelocityCommand(AbstractTask):
         return V - v["airspeed_m_s"], gamma * RAD_DEG - v["path_angle_deg"], course_error, gamma * RAD_DEG
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the commanded velocity."""
+        """Return the commanded airspeed, path angle and course as path command."""
         return _path_command(*situation.case.task.values)
 
 
@@ -189,7 +189,7 @@ class AltitudeChange(AbstractTask):
         return starts, CommandedState(as_array(np.stack([altitude, speed, chi], axis=-1)))
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the errors of altitude, airspeed and course."""
+        """Return the errors of altitude, airspeed and course, each divided by its tolerance."""
         v, (altitude, V, chi) = situation.variables, situation.case.task.values
         return _command_errors(
             (v["altitude_m"] - altitude, 15.0),
@@ -250,7 +250,7 @@ class UpsetRecovery(AbstractTask):
         return starts, CommandedState(as_array(V[:, None]))
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return path angle, bank and roll rate."""
+        """Return path angle, bank and roll rate, the errors from level flight, each divided by its tolerance."""
         v = situation.variables
         return _command_errors(
             (v["path_angle_deg"], 3.0),
@@ -259,11 +259,11 @@ class UpsetRecovery(AbstractTask):
         )
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the commanded airspeed less the present one."""
+        """Return the table with one entry: commanded airspeed less present airspeed."""
         return (Entry("airspeed_error_m_s", "m s-1", 0.0, 30.0, "Airspeed of the start less present airspeed"),)
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the entry from the aircraft's own estimate."""
+        """Return the value of the one entry, m/s, from the aircraft's own estimate."""
         return (situation.case.task.values[0] - situation.estimates["airspeed_m_s"],)
 
     def expert_command(self, situation: Situation) -> PathCommand:
@@ -311,7 +311,7 @@ class AttitudeHold(AbstractTask):
         return at(task.bank), at(task.alpha)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the errors of bank, angle of attack and sideslip."""
+        """Return the errors of bank, angle of attack and sideslip, each divided by its tolerance."""
         v, (bank, alpha) = situation.variables, self._command(situation)
         return _command_errors(
             (wrap_angle(v["bank_deg"] * DEG_RAD - bank), 3.0 * DEG_RAD),

@@ -41,7 +41,7 @@ def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Par
 
 
 class ShortPeriod(eqx.Module):
-    """Equations of the short period in nearly level flight at constant airspeed: see `short_period_model`."""
+    """Equations of the short period in nearly level flight at constant airspeed, for `short_period_model`."""
 
     speed: Scalar
     surfaces: tuple[str, ...] = eqx.field(static=True)
@@ -66,7 +66,7 @@ def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)
 
 
 class LateralMotion(eqx.Module):
-    """Equations of the lateral motion about straight flight at constant airspeed: see `lateral_model`."""
+    """Equations of the lateral motion about straight flight at constant airspeed, for `lateral_model`."""
 
     speed: Scalar
     alpha: Scalar  # of the straight flight, rad
@@ -128,7 +128,7 @@ _OUTPUTS: tuple[str, ...] = (*_MOTION, *SPECIFIC_FORCE)
 
 
 class AircraftMotion(eqx.Module):
-    """Equations of motion of an aircraft with unknown derivatives: see `aircraft_model`."""
+    """Equations of motion of an aircraft with unknown derivatives, for `aircraft_model`."""
 
     airframe: AbstractAirframe
     lengths: ReferenceLengths

@@ -34,7 +34,7 @@ _FACTORS = {
 
 
 class ChannelMatch(NamedTuple):
-    """A channel against the integral of its derivative from kinematics."""
+    """Factor and delay (s) of a channel against the integral of the rate that other channels imply."""
 
     factor: float  # of the channel's variation to become that of the kinematics; 1 for consistent units
     delay_s: float  # of the channel behind the kinematics, s
@@ -48,7 +48,7 @@ def match_channel(
     step_s: float,
     delay_max_s: float = DELAY_MAX_S,
 ) -> ChannelMatch:
-    """Find factor and delay of a channel: measured(t) = c0 + c1 t + c2 t^2 + integral(t - delay) / factor.
+    """Fit factor and delay (s) of a channel: measured(t) = c0 + c1 t + c2 t^2 + integral(t - delay) / factor.
 
     The polynomial absorbs the drift from biases of inertial sensors. The delay minimizes the sum of squares over whole
     samples, refined by a parabola.
@@ -91,7 +91,7 @@ def _match_windows(
 
 
 def align_record(record: FlightRecord, delay_max_s: float = DELAY_MAX_S) -> FlightRecord:
-    """Return the record with constant delays of its channels removed, with a note for each.
+    """Return the record with the constant delays of channels removed, and a note for each removed delay.
 
     Flow angles, airspeed and attitude are compared with the integrals of the body rates and specific forces, surfaces
     with the angular acceleration. Channels are shifted by interpolation, and the ends are cut.
@@ -167,7 +167,10 @@ def _basis(rows: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "sample r
 def _match_surface(
     surface: np.ndarray, acceleration: np.ndarray, basis: np.ndarray, step_s: float, delay_max_s: float
 ) -> ChannelMatch:
-    """Match a surface: the acceleration less its part along the basis is proportional to the surface at t + delay."""
+    """Match a surface: the acceleration less its part along the basis is proportional to the surface at t + delay.
+
+    A positive delay (s) means that the recorded surface lags the motion that it causes.
+    """
     shift_max = min(round(delay_max_s / step_s), (surface.size - 1) // 4)
     count = surface.size - 2 * shift_max
     inner = slice(shift_max, shift_max + count)

@@ -126,7 +126,7 @@ def _by_row(program: Callable[..., Any], *arguments: Any) -> Any:
 def _measured_coefficients(
     airframe: AbstractAirframe, reference_b: Vector3, rows: Float[Array, "row 17"]
 ) -> tuple[Float[Array, "row 8"], Float[Array, "row 7"]]:
-    """Return the coefficients of `COEFFICIENT_NAMES` and the air data.
+    """Return, for each row, the coefficients of `COEFFICIENT_NAMES`, and the air data in the order of `AirData`.
 
     Columns of the rows: those of `_air_of_row`, power, thrust, body rates, angular acceleration, specific force. Where
     the power is NaN, the thrust acts along x at the engine's point.
@@ -150,7 +150,7 @@ def _measured_coefficients(
 
 
 def _in_lift_axes(body: Float[Array, "6"], alpha: Scalar) -> Float[Array, "6"]:
-    """Return CL, CD, CY, Cl, Cm, Cn from CX, CY, CZ, Cl, Cm, Cn."""
+    """Return CL, CD, CY, Cl, Cm, Cn from CX, CY, CZ, Cl, Cm, Cn at an angle of attack (rad)."""
     CX, CY, CZ, *moments = body
     sa, ca = jnp.sin(alpha), jnp.cos(alpha)
     return jnp.stack([CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, *moments])

@@ -79,7 +79,7 @@ def make_manoeuvre(
     *,
     held: bool = True,
 ) -> Manoeuvre:
-    """Check the arrays of a manoeuvre against a model; see `Manoeuvre`. Without `initial_state`, the state is zero.
+    """Make a `Manoeuvre` from arrays, checked against a model. Without `initial_state`, the state is zero.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class Prediction(NamedTuple):
 
 
 class StateSpace(NamedTuple):
-    """Derivatives of next states and outputs by the state at the start of a manoeuvre, and of its rates."""
+    """Derivatives of next state and outputs by the state, and of the rates by the state, at a manoeuvre's start."""
 
     transition: Float[np.ndarray, "state state"]  # over one step
     C: Float[np.ndarray, "output state"]
@@ -188,7 +188,7 @@ class Case(NamedTuple):
         return theta, jnp.stack(initial)
 
     def advance(self, x: Array, u: Array, u_next: Array, theta: Parameters) -> Array:
-        """Advance the state by a Runge-Kutta step."""
+        """Return the state after one Runge-Kutta step from inputs `u` to `u_next`."""
 
         def rate(t: Any, state: Array) -> Array:
             return self.equations(state, u if self.held else u + t / self.step_s * (u_next - u), theta)[0]

@@ -76,7 +76,7 @@ class Fit:
 
     @property
     def rms(self) -> Float[np.ndarray, " response"]:
-        """Root mean square of the residuals of each response."""
+        """Root mean square of the residuals of each response, in its unit."""
         return np.sqrt(_squares(self.residuals) / len(self.measured))
 
     @property

@@ -321,6 +321,6 @@ def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> 
 
 
 def _file_of(name: str) -> AirframeFile | None:
-    """Return the aircraft file of derivatives by name or path; None for another kind of aircraft."""
+    """Return an aircraft file with derivatives by name or path; None if the aircraft has no such file."""
     file = library_file(name) if name in LIBRARY_FILES else read_airframe(name) if is_aircraft_path(name) else None
     return file if isinstance(file, AirframeFile) else None

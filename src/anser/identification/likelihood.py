@@ -15,7 +15,7 @@ _DAMPING_MAX = 1e8
 
 
 class LikelihoodPoint(NamedTuple):
-    """Negative log likelihood at a point, with its derivatives."""
+    """Negative log likelihood at one set of parameter values, with gradient and information matrix."""
 
     cost: float  # infinite where the model diverges
     gradient: Values

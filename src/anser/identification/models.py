@@ -177,7 +177,7 @@ def arrange_linear(
 
 
 def _averaged(gust: Series, flow: str, airframe: AbstractAirframe | None, record: FlightRecord) -> Series:
-    """Return the rate of the air, averaged over the extent of the aircraft: with a lag.
+    """Return the pitch or yaw rate of the air (rad/s), averaged over the extent of the aircraft by a lag.
 
     The time constant is 4 b / (pi V) in pitch and 3 b / (pi V) in yaw (MIL-F-8785C, section 3.7); none without an
     aircraft.

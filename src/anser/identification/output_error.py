@@ -141,7 +141,7 @@ def validate(
 def start_levels(
     model: DynamicModel, manoeuvre: Manoeuvre, noise: Sequence[float] | None
 ) -> Float[np.ndarray, " output"]:
-    """Return the given standard deviations of the measured outputs, or those estimated from the record."""
+    """Return `noise` as an array, or if None the standard deviations of the outputs estimated from the record."""
     if noise is None:
         return np.maximum(noise_level(manoeuvre.outputs.T), noise_floor(manoeuvre))
     levels = np.asarray(noise, dtype=float)

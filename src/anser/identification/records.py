@@ -290,7 +290,7 @@ def _numbers(name: str, column: Any) -> np.ndarray:
 def _select(
     table: Mapping[str, np.ndarray], columns: Mapping[str, Any], variables: Mapping[str, Variable]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the times and the channels by key, converted to SI units."""
+    """Return the times (s), and the channels by key of the catalogue, converted to SI units and radians."""
     entries: dict[str, Any] = {name: name for name in table if name in variables or name == "time_s"}
     entries |= {name: columns[name] for name in columns}
     if "time_s" not in entries:

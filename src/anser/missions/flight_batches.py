@@ -36,8 +36,7 @@ from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
 from anser.shapes import Integer
 from anser.simulation.fleet_summary import SummaryRecorder
-from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
-from anser.simulation.precision import Precision, cast_flight, cast_state
+from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precision, cast_flight, cast_state, fly
 from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight
 
 _REPLAN_BATCH = 8  # flights of a segment that are repeated together, with replanning

@@ -27,8 +27,7 @@ from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.files import as_scenario
 from anser.scenario.schema import Scenario
 from anser.scenario.user_parts import UserParts, attach_parts, user_parts
-from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState
-from anser.simulation.precision import Precision, cast_flight, cast_state
+from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precision, cast_flight, cast_state
 
 
 def needs_single_flight(scenario: Scenario) -> bool:

@@ -190,7 +190,8 @@ class Reading(eqx.Module):
     """All measurements of one aircraft at one instant; the input of its estimator."""
 
     state: AircraftState  #: Measured state of the aircraft.
-    #: Air data at the measured state, with the forces and moments of the true airframe in this state.
+    #: Ideal sensors: air data, forces and moments of the true airframe in `state`. Sensors with errors: those of the
+    #: true state; an estimator for such sensors recomputes them at its estimated state, from `air_data` or the wind.
     condition: AirDataAndForces
     specific_force_b: Vector3  #: Specific force at the centre of gravity, body axes, m/s^2.
     #: Exact line of sight to the goal with all rates, at every sample; None without a goal, or if the goal sensor has
@@ -204,7 +205,10 @@ class Reading(eqx.Module):
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
 
     def air_data(self, environment: Environment) -> AirData:
-        """Return the measured air data, gusts included."""
+        """Return the measured air data, gusts included.
+
+        Density and speed of sound are those of the true altitude, as from a static pressure without error.
+        """
         data = self.condition.air_data
         if self.velocity_air_b is None:
             return data

@@ -46,7 +46,7 @@ def draw_band(
 
 
 def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence[np.ndarray]) -> None:
-    """Set the range of the axis: all of the lines, and of the bands' edges what is not far beyond the lines."""
+    """Set the range of the axis: whole lines, and edges of the bands unless far beyond the lines."""
     values, edges = np.concatenate(lines), np.concatenate(bands)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     size = max(high - low, _RANGE_MIN * max(abs(low), abs(high)))

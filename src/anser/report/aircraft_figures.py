@@ -66,7 +66,7 @@ def _draw_coefficients(axes: "Axes", values: xr.DataArray, names: tuple[str, ...
 
 
 def _draw_legend(axes: "Axes") -> None:
-    """Draw the legend above the panel, where it covers no curve, in at most three columns."""
+    """Add a legend above the panel, where no curve is covered, in at most three columns."""
     columns = min(3, len(axes.get_legend_handles_labels()[0]))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, frameon=False, columnspacing=1.0)
 

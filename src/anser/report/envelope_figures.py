@@ -349,7 +349,9 @@ def _draw_margin(
     color_range: tuple[float, float],
     is_short: np.ndarray,
 ) -> None:
-    """Draw a margin in one column of panels, with points that are short, held back by a limit, or unstable.
+    """Draw a margin (condition, altitude, mach) in one column of panels.
+
+    Marks show points below the required margin (`is_short`), held back by a limit, or unstable.
 
     Values beyond the colour range, infinity included, take the colour at its end.
     """

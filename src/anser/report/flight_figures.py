@@ -62,9 +62,10 @@ def _always(_: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class FlightFigure:
-    """A figure of a flight.
+    """A type of figure of a flight.
 
-    `unavailable_reason` returns why a flight does not have this figure; an empty string if it has.
+    `draw` makes the figure of one flight; `unavailable_reason` returns, for the dataset of a flight, the reason why no
+    such figure can be drawn, or an empty string.
     """
 
     draw: Callable[[FlightSheet], "Figure"]

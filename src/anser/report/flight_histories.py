@@ -104,7 +104,7 @@ def draw_curve(
 def _visible_range(
     response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
 ) -> tuple[float, float]:
-    """Return the range of a panel's axis: all responses, and commands unless they exceed the responses by far."""
+    """Return least and greatest value of a panel's axis: all responses, and commands unless far beyond them."""
     responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
     low, high = float(np.nanmin(responses)), float(np.nanmax(responses))
     size = max(high - low, span_min)

@@ -22,7 +22,7 @@ _ARRIVAL_HEIGHT, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0
 
 
 def arrival_strip(summary: Mapping[str, Any]) -> "Markup | str":
-    """Return a chart of the arrival errors in a `summary.json`; empty for fewer than two errors."""
+    """Return a chart (SVG) of the arrival errors (s) in a `summary.json`; empty for fewer than two errors."""
     errors = [
         (k, str(aircraft["name"]), float(aircraft["arrival_s"]) - float(aircraft["planned_arrival_s"]))
         for k, aircraft in enumerate(summary["aircraft"])

@@ -34,7 +34,7 @@ class Arrival:
 
     @property
     def is_arrival(self) -> bool:
-        """Whether the aircraft arrived, even if it failed later."""
+        """Whether the aircraft passed the rendezvous as planned, even if it failed afterwards."""
         return math.isfinite(self.time_s)
 
 
@@ -77,7 +77,7 @@ def closest_approach(
     planned_arrival_s: float | None,  # planned arrival time, s; None searches the whole record
     margin_s: float = 10.0,  # allowed delay of the pass after the planned arrival, s
 ) -> tuple[float, float]:
-    """Return the time and distance of the closest pass of a moving rendezvous.
+    """Return the time (s) and distance (m) of the closest pass of a moving rendezvous.
 
     The offset is linear in time between samples, and its length is minimised exactly. Only the record up to
     `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal.

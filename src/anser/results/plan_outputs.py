@@ -109,7 +109,7 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
 
 
 def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
-    """Return the entry of the closest pair of aircraft over the plan; `quantity` is "distance" or "separation"."""
+    """Return the summary's entry on the closest pair of aircraft; `quantity` is "distance" or "separation"."""
     pair = dataset[f"least_{quantity}_pair"].values
     value_m, time_s, horizontal_m, vertical_m = (
         finite_or_none(dataset[f"least_{quantity}_{suffix}"].item()) for suffix in ("m", "at_s", "level_m", "height_m")

@@ -16,7 +16,7 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """Closest pair of aircraft in a fleet, at every sample time and over the whole plan."""
+    """Closest pair of aircraft in a fleet and its distance (m), at every sample time and over the whole plan."""
 
     distance_m: np.ndarray  # least distance at each time (time,); NaN with fewer than two aircraft under way
     pair: np.ndarray  # indices of the closest pair (time, 2); -1 without a pair
@@ -31,7 +31,10 @@ class ClosestApproach:
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Extremes of each aircraft's path, from closely spaced times; leading axis aircraft, SI units and radians."""
+    """Greatest or least values along each path at closely spaced times, not proven between them.
+
+    Leading axis aircraft, SI units and radians.
+    """
 
     length: np.ndarray  # length of the path through the air, m
     speed_mean: np.ndarray  # mean airspeed, m/s
@@ -147,7 +150,7 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
 
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
-    """Add the variables of the closest pair, at every time and over the plan; `name` is "distance" or "separation"."""
+    """Add to `data` the closest pair, at every time and over the plan; `name`: "distance" or "separation"."""
     for key, dims, value, unit, long_name in (
         (f"{name}_pair", ("time", "end"), closest.pair, "1", "Indices of the two aircraft; -1: none"),
         (f"least_{name}_pair", "end", closest.minimum_pair, "1", "Indices of the closest pair; -1: none"),
@@ -160,7 +163,7 @@ def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> N
 
 
 def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
-    """Add the variables that describe whole paths, over (aircraft,)."""
+    """Add to `data` the variables that describe whole paths, over (aircraft,)."""
     fleet = details.scenario.aircraft
     arrival, extremes = _VARIABLES["arrival_time"], samples.extremes
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), catalogue_attributes(arrival))

@@ -64,7 +64,7 @@ def nearest_aircraft_distance(
     separation_m: tuple[float, float] | None = None,
     is_included: np.ndarray | None = None,  # mask of the aircraft to include, (time, aircraft); None: every aircraft
 ) -> np.ndarray:
-    """Compute the distance of each aircraft to the nearest other one, or the least ratio of distance to separation.
+    """Compute the distance (m) of each aircraft to the nearest aircraft, or the least ratio to the separation.
 
     The result has the shape (time, aircraft); NaN without another included aircraft.
     """

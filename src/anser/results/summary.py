@@ -176,7 +176,7 @@ def _summarize_record(
 
 
 def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Compute the values of one aircraft in a `FleetSummary`, from its record."""
+    """Compute the fields of a `FleetSummary` for one aircraft, by name, from its record (SI units and radians)."""
     status, off_plan = record["status"], np.flatnonzero(is_off_plan(record["status"]))
     end_index = int(off_plan[0]) if off_plan.size else time.size - 1
     searched = slice(0, max(end_index, 1) + 1)  # at least two samples
@@ -279,6 +279,6 @@ def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
 
 
 def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float:
-    """Return the minimum or maximum of the finite values, by `extreme` (`np.min`, `np.max`); NaN without any."""
+    """Return the minimum or maximum of the finite values, by `extreme` (`np.min`, `np.max`); NaN without values."""
     finite = values[np.isfinite(values)]
     return float(extreme(finite)) if finite.size else np.nan

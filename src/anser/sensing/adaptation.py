@@ -85,7 +85,7 @@ _GRADIENT_STEP = 0.05
 
 
 class AdaptationSettings(eqx.Module):
-    """Settings of the estimation.
+    """Settings of the estimation of aerodynamic increments.
 
     Attributes
     ----------
@@ -232,7 +232,10 @@ class AdaptiveEstimator(AbstractEstimator):
         return self.corrected_belief(next_state, belief), next_state
 
     def learn(self, state: AdaptationState, belief: Belief, step: ScalarLike) -> AdaptationState:
-        """Return the state after a sample: a belief with air data, and the model's forces and moments there."""
+        """Return the state after one sample: missing coefficients from the belief's specific force, rates and air data.
+
+        The forces and moments in `belief.condition` must be those of the uncorrected model.
+        """
         is_first, lengths = state.count == 0, reference_lengths(self.model)
         data, surfaces, rates_b = belief.condition.air_data, belief.state.surfaces, belief.state.rates_b
         missing, acceleration_b = _missing_coefficients(lengths, state, belief, step)
@@ -298,7 +301,7 @@ class AdaptiveEstimator(AbstractEstimator):
     def _disturbance(
         self, state: AdaptationState, error: Float[Array, "6"], excitation: Float[Array, "6"], step: ScalarLike
     ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Return the mean and the variance of the prediction errors, which change only without a manoeuvre."""
+        """Return mean and variance of the prediction errors, per coefficient; both change only without a manoeuvre."""
         is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
         if not self.aerodynamics_known:  # at first the errors are the coefficients themselves
             is_calm = is_calm & (state.count * step > _LEARNING_TIME)
@@ -364,7 +367,7 @@ def _prior_covariance(prior_deviation: Increments) -> Float[Array, "6 p p"]:
 def _missing_coefficients(
     lengths: ReferenceLengths, state: AdaptationState, belief: Belief, step: ScalarLike
 ) -> tuple[Float[Array, "6"], Vector3]:
-    """Return measured minus modelled coefficients, and the modelled angular acceleration (rad/s^2)."""
+    """Return measured minus modelled CX, CY, CZ, Cl, Cm, Cn, and the modelled angular acceleration (rad/s^2)."""
     properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
     acceleration_b = angular_acceleration(properties, rates_b, condition.wrench.moment_b)
     measured_b = (rates_b - state.rates_b) / step - 0.5 * (acceleration_b + state.acceleration_b)
@@ -408,7 +411,7 @@ def _is_effective(derivatives: Increments) -> Any:
 
 
 def _effectiveness_uncertainty(total: Increments, sigma: Increments) -> Scalar:
-    """Return the greatest relative standard deviation of an axis' control effectiveness."""
+    """Return the greatest relative standard deviation of the control effectiveness among roll, pitch and yaw."""
     moments, deviations = total[3:, STATE_REGRESSORS:], sigma[3:, STATE_REGRESSORS:]
     surface = jnp.argmax(jnp.abs(moments), axis=1)
     axes = np.arange(len(_MOMENTS))
@@ -469,7 +472,7 @@ def adaptive_estimator(
     method: Method = "least-squares",
     aerodynamics_known: bool = True,
 ) -> AdaptiveEstimator:
-    """Build an adaptive estimator with the settings of the library: see `AdaptiveEstimator`.
+    """Build an `AdaptiveEstimator` on a model, with the default settings.
 
     Raises
     ------

@@ -81,7 +81,10 @@ class FaultDetection(eqx.Module):
         fade: ScalarLike,  # part of a new value in the low-pass filter
         step: ScalarLike,
     ) -> "FaultState":
-        """Add a sample, and report a fault that is confirmed; the first reported fault stays."""
+        """Return the state after one more sample, with a fault once confirmed; the first reported fault stays.
+
+        `response`: missing coefficients; `effects`: their change by each fault of size 1; `noise`: their variances.
+        """
         prediction = state.prediction + fade * (effects - state.prediction)
         # biases of sensors look like a constant lateral coefficient: only changes count there
         fade_mean = step / self.mean_time
@@ -124,7 +127,7 @@ class FaultDetection(eqx.Module):
         )
 
     def variables(self, state: "FaultState") -> dict[str, Array]:
-        """Return the recorded variables."""
+        """Return the reported fault (code and size) as recorded variables by name."""
         return {"fault": state.code, "fault_size": state.size}
 
 

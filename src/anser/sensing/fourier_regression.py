@@ -26,7 +26,7 @@ def _line_weights() -> np.ndarray:
 
 
 class FourierSums(eqx.Module):
-    """Running transforms of a record.
+    """Running Fourier transforms of the signals and inputs of a record.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class FourierRegression(eqx.Module):
         return 1j * self.frequencies - 1.0 / self.forgetting_time
 
     def _sum_factor(self, coefficients: Vector, signal: int, *, is_response: bool) -> Complex[Array, " frequency"]:
-        """Factor on the transform of a signal's noise in the residual of an equation."""
+        """Factor with which the transform of a signal's noise enters the residual of an equation, by frequency."""
         factor = jnp.zeros_like(self._rate_factor)
         if is_response:
             factor = factor + (self._rate_factor if self.differentiate else 1.0)
@@ -206,7 +206,7 @@ class FourierRegression(eqx.Module):
 
 
 class _Projector(eqx.Module):
-    """Projection of noise in the frequency domain onto scaled regressors (regressor, frequency)."""
+    """Projection of residuals in the frequency domain onto the scaled regressors, (regressor, frequency)."""
 
     regressors: Complex[Array, "regressor frequency"]
     inverse: Float[Array, "regressor regressor"]

@@ -122,7 +122,7 @@ class GoalFilter(AbstractGoalFilter):
     def step(
         self, filter_state: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> tuple[GoalTrack, GoalEstimate]:
-        """See `AbstractGoalFilter`."""
+        """Process the goal reading of a sample, empty or late; return new state, and estimate at this sample."""
         motion_at_measurement = vehicle_motion
         if filter_state.vehicle_motion is not None:
             is_current_slot = jnp.arange(self.slots)[:, None] == instant.number % self.slots

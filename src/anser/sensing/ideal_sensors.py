@@ -89,7 +89,7 @@ class SampleRing(eqx.Module):
     buffer: Any
 
     def with_sample(self, number: Integer, sample: Any) -> "SampleRing":
-        """Return the ring with sample `number` added in place of the oldest."""
+        """Return the ring with the values `sample` of sample number `number` in place of the oldest."""
 
         def put(buffer: Array, value: Array) -> Array:
             return buffer.at[number % buffer.shape[0]].set(value)

@@ -54,21 +54,21 @@ class SteadyMotion(AbstractMotionModel):
 
     @property
     def size(self) -> int:
-        """See `AbstractMotionModel`."""
+        """Number of states: 6, position and velocity."""
         return 6 if self.turn_density is None else 7
 
     def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
-        """See `AbstractMotionModel`."""
+        """Predict the state `span` seconds later (earlier if negative) at constant velocity."""
         return jnp.concatenate([state[:3] + span * state[3:6], state[3:]])
 
     def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
-        """See `AbstractMotionModel`."""
+        """Return the covariance that the acceleration noise adds over `span` seconds."""
         return _white_acceleration(self.density, self.density_up, self.turn_density, span)
 
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """See `AbstractMotionModel`: the velocity's rows are added to the position's rows, then the columns."""
+        """Predict the covariance after `span` seconds: velocity rows are added to position rows, then columns."""
         row_product = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
         return jnp.concatenate(
             [row_product[:, :3] + span * row_product[:, 3:6], row_product[:, 3:]], axis=1
@@ -88,11 +88,11 @@ class CoordinatedTurn(AbstractMotionModel):
 
     @property
     def size(self) -> int:
-        """See `AbstractMotionModel`."""
+        """Number of states: 7, position, velocity and turn rate."""
         return 7
 
     def predict_state(self, state: Float[Array, "7"], span: ScalarLike) -> Float[Array, "7"]:
-        """See `AbstractMotionModel`: exact for a steady turn."""
+        """Predict the state `span` seconds later by a turn at the state's turn rate, exact for a steady turn."""
         north, east, down, v_n, v_e, v_d, rate = state
         angle = rate * span
         small = jnp.abs(angle) < _SMALL
@@ -114,13 +114,13 @@ class CoordinatedTurn(AbstractMotionModel):
         )
 
     def process_noise(self, span: ScalarLike) -> Float[Array, "7 7"]:
-        """See `AbstractMotionModel`."""
+        """Return the covariance that the noise of acceleration and turn rate adds over `span` seconds."""
         return _white_acceleration(self.density, self.density_up, self.turn_density, span)
 
     def predict_covariance(
         self, mean: Float[Array, "7"], covariance: Float[Array, "7 7"], span: ScalarLike
     ) -> Float[Array, "7 7"]:
-        """See `AbstractMotionModel`."""
+        """Predict the covariance: F P F^T + Q, F the derivative of the turn, Q the process noise."""
         slopes = jax.jacfwd(lambda state: self.predict_state(state, span))(mean)
         row_product = jnp.sum(slopes[:, :, None] * covariance[None, :, :], axis=1)
         return jnp.sum(row_product[:, None, :] * slopes[None, :, :], axis=2) + self.process_noise(span)

@@ -61,7 +61,10 @@ class NavigationFilter(eqx.Module):
     def step(
         self, filter_state: NavigationState, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
     ) -> NavigationState:
-        """Predict over one period (s) with the measured acceleration (NED, m/s^2), and correct by a new fix."""
+        """Predict over one period (s) with the measured acceleration (NED, m/s^2), and correct by a new fix.
+
+        `chart_scale` converts NED velocities to rates of the chart position, see `LocalEarth`.
+        """
         velocity_change_n = 0.5 * step * (filter_state.acceleration_n + acceleration_n)
         velocity_n = filter_state.velocity_n + velocity_change_n
         position_n = filter_state.position_n + chart_scale * step * (filter_state.velocity_n + 0.5 * velocity_change_n)
@@ -105,7 +108,7 @@ class NavigationFilter(eqx.Module):
 def _update_scalar(
     mean: Vector3, covariance: Matrix33, observation: Vector3, value: Scalar, variance: Scalar
 ) -> tuple[Vector3, Matrix33]:
-    """Kalman update by value = observation . state + error; covariance in Joseph form, multiplied out."""
+    """Kalman update of one axis by value = observation . state + error, with the error's variance; Joseph form."""
     cross_covariance = times3(covariance, observation)
     innovation_variance = jnp.sum(cross_covariance * observation) + variance
     # zero variance: measurement and state are both exact and equal

@@ -1,7 +1,11 @@
-"""Flight of a fleet: its definition, its state between two steps, and the functions that fly it and replan."""
+"""Flight of a fleet: its definition, its state between two steps, and the functions that fly it and replan.
 
+Plans are computed in float64, the steps in float64 (default) or float32 (`cast_flight`).
+"""
+
+import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -372,3 +376,23 @@ def fly(
     return scan_steps(
         advance_step, state, jnp.asarray(first_step, dtype=jnp.int32), count, recorder, recorder_state, active_steps
     )
+
+
+Precision = Literal["float64", "float32"]
+PRECISIONS: tuple[Precision, ...] = ("float64", "float32")
+
+
+def cast_flight(flight: Flight, precision: Precision) -> Flight:
+    """Convert aircraft, environment and periods of a flight to a precision.
+
+    `fly` takes the precision of the steps from the flight. The planner is unchanged and works in float64; reports and
+    plans are converted in each step.
+    """
+    parts = cast_to_precision((flight.environment, flight.groups, flight.timing), precision)
+    environment, groups, timing = parts
+    return dataclasses.replace(flight, environment=environment, groups=groups, timing=timing)
+
+
+def cast_state(state: FlightState, precision: Precision) -> FlightState:
+    """Convert the states of the aircraft to a precision; the planner's state is unchanged."""
+    return dataclasses.replace(state, vehicles=cast_to_precision(state.vehicles, precision))

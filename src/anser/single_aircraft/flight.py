@@ -335,7 +335,10 @@ def _fly(
 
 
 def resolve_aircraft(aircraft: Any) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
-    """Return the airframe of an `AircraftModel`, a name, a file or an airframe, and its identity for attributes."""
+    """Return the airframe that the argument means, and its identity (name, variant, ...) for attributes of datasets.
+
+    `aircraft`: an `AircraftModel`, the name of an airframe, the path of an aircraft file, or an airframe.
+    """
     if hasattr(aircraft, "airframe") and hasattr(aircraft, "identity"):
         return aircraft.airframe, dict(aircraft.identity)
     if not isinstance(aircraft, str | os.PathLike | AbstractAirframe):

@@ -82,7 +82,7 @@ class AircraftModel:
         pitch_rate_deg_s: float = 0.0,
         atmosphere: Mapping[str, Any] | None = None,
     ) -> TrimResult:
-        """Trim the aircraft in still air: see `anser.trim`.
+        """Solve a steady flight in still air; an airspeed and the altitude are required, arguments as `anser.trim`.
 
         `atmosphere` is a table as in a scenario, such as `{"temperature_offset_k": 20}`; None: the standard atmosphere.
         """

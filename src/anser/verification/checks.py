@@ -200,7 +200,7 @@ FORMAT_VERSION = 2
 
 
 def to_document(outcomes: Sequence[Outcome], seconds: float) -> dict[str, Any]:
-    """Return the comparisons of a run of `seconds`, with the software versions, as plain data.
+    """Return the outcomes of the checks as plain data for JSON, with software versions and wall time (`seconds`).
 
     `passed` is None without a published figure. A NaN or infinite figure is None, and the `problem` of its comparison
     gives the value.

@@ -102,7 +102,7 @@ class TrimmedFlight(TrimmedStart):
 
 @dataclass(frozen=True, kw_only=True)
 class LawFlight(TrimmedStart):
-    """Check-case of the F-16 under a published control law; altitude and airspeed are also the law's first commands.
+    """Check-case of the F-16 under a published control law; the start's altitude and airspeed are its first commands.
 
     Attributes
     ----------

@@ -234,16 +234,16 @@ class PublishedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> PublishedPlanState:
-        """Add the length that each aircraft has flown in a step."""
+        """Return the planner state with the length through the air (m) that each aircraft flies in a step (s) added."""
         flown_length = planner_state.flown_length + jnp.where(reports.active, step * reports.airspeed, 0.0)
         return eqx.tree_at(lambda m: m.flown_length, planner_state, flown_length)
 
     def replan_needed(self, planner_state: PublishedPlanState) -> Flag:
-        """See `AbstractPlanner`."""
+        """Whether a new coordination was due but not allowed (`allow_replanning`): the flight then stops for it."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: PublishedPlanState) -> AircraftPlan:
-        """See `AbstractPlanner`."""
+        """Present the plan to the closed loop: trajectory, arrival time (s), status and length of each aircraft."""
         plan = planner_state.plan
         replanning = jnp.zeros(plan.status.shape, dtype=jnp.int32)
         return AircraftPlan(
