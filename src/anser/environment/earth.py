@@ -70,7 +70,7 @@ class LocalEarth(eqx.Module):
     # angular velocity of the Earth, and of the travelling NED axes relative to the Earth, rad/s
     earth_rate_n: Vector3
     transport_rate_n: Vector3
-    # rates of the chart's coordinates (north, east, down) divided by the velocity along north, east, down
+    # rates of the chart coordinates (north, east, down) over the velocity components (north, east, down), no unit
     chart_scale: Vector3
 
 
@@ -185,7 +185,7 @@ class RotatingEarth(AbstractEarth):
         return gravitation_j2(position_e, self.gravitational_parameter, self.oblateness_j2, self.ellipsoid.a)
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Compute effective gravity, Coriolis acceleration, rotation of the NED axes and the chart's scale.
+        """Compute the terms of `LocalEarth` at a chart position (m) and a velocity over the ground (m/s), both NED.
 
         Source: [SL] eq. 1.7-18 to 1.7-20 in NED axes.
         """
