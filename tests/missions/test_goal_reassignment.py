@@ -73,7 +73,7 @@ def reassign(monkeypatch, events, refused=()):
             speed_max = np.full(4, 200.0)
 
     class FleetSnapshot:
-        tasks = flying_tasks = Fleet
+        replannable_tasks = flying_tasks = Fleet
 
     class State:
         planner = CertifiedPlanState(Arrivals, None, None, None)

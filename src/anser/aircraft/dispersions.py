@@ -69,7 +69,7 @@ def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: V
 
 
 class DerivativeDispersion(eqx.Module):
-    """Dispersion of an aircraft given by derivatives; factors of 1 mean no change.
+    """Dispersion of a `DerivativeAircraft`; factors of 1 mean no change.
 
     The factors multiply `DerivativeAircraft.derivatives` and each function of the aircraft's tables (None without
     tables).

@@ -136,7 +136,7 @@ TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
 def trim_map(
     survey: Survey, altitudes_m: Sequence[float] | None, machs: Sequence[float] | None, *, coarse: bool
 ) -> TrimMap:
-    """Trim `CONDITIONS` over a grid with the given axes, or with the default axes, thinned if `coarse`.
+    """Trim `CONDITIONS` over a grid with requested or default axes, thinned if `coarse`.
 
     Raises ValueError if an axis is not of increasing numbers, or the grid has no trimmable point.
     """
@@ -176,7 +176,7 @@ def default_axes(
 
 
 def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray:
-    """Return the factors on speed steps and on accepted speed errors at the given airspeeds (m/s); 1 for an F-16."""
+    """Return the factors on speed steps and on accepted speed errors at airspeeds (m/s); 1 for an F-16."""
     return np.ones_like(airspeeds) if isinstance(airframe, AbstractF16) else airspeeds / _F16_SPEED_M_S
 
 
@@ -188,7 +188,7 @@ def command_meanings(airframe: AbstractAirframe) -> list[str]:
 
 
 def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.ndarray:
-    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of a given size, (..., 3).
+    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of `size`, (..., 3).
 
     `scale` is the factor of the speed steps, see `speed_scale`.
     """

@@ -77,7 +77,7 @@ def coordinates_of(environment: Environment, state: AircraftState) -> Coordinate
 
 
 def state_at(environment: Environment, coordinates: Coordinates, template: AircraftState) -> AircraftState:
-    """Return the state at given coordinates: the inverse of `coordinates_of`; north and east as in `template`."""
+    """Return the state at `coordinates`: the inverse of `coordinates_of`; north and east as in `template`."""
     V, alpha, beta, phi, theta, psi = coordinates[:6]
     position_n = jnp.stack([template.position_n[0], template.position_n[1], -coordinates[9]])
     velocity_air_b = V * air_direction_b(alpha, beta)

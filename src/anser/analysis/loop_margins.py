@@ -189,7 +189,7 @@ class Margins(eqx.Module):
 
 
 class LoopAnalysis(eqx.Module):
-    """Closed loop (see `ExcitedLoop`) and margins at a trim point."""
+    """State matrix of the closed loop about a trim point, signals at a limit, and margins at every breakpoint."""
 
     A: Float[Array, "state state"]
     limited: Bool[Array, "5"]
@@ -208,7 +208,7 @@ class LoopResponse(eqx.Module):
 
 
 def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, LoopResponse]:
-    """Compute the margins at every breakpoint of the autopilot at a trim point; arguments: see `excited_loop`."""
+    """Compute the margins at every breakpoint of the autopilot at a trim point; arguments as for `excited_loop`."""
     loop = excited_loop(case, fields)
     response = loop_response(loop, case.step, frequencies(case.step))
     margins, actuators_disk = loop_margins(response)

@@ -448,5 +448,5 @@ def _scale_case(values: dict[str, Any], case: StepCase, speed_m_s: float, altitu
 
 
 def fly_climb_and_turn(variant: str = "textbook", inversion: Inversion = "model") -> FlightResult:
-    """Fly the F-16's climb-and-turn; see `climb_and_turn`."""
+    """Fly the F-16 through the scenario of `climb_and_turn`, and return the flight."""
     return run(climb_and_turn(variant, inversion))

@@ -191,7 +191,7 @@ class StepTestResult:
 
     @property
     def sideslip_max_deg(self) -> float:
-        """Greatest sideslip up to `read_at_s`."""
+        """Greatest magnitude of the sideslip up to `read_at_s`, deg."""
         return float(np.abs(self._read("beta_deg")).max())
 
     @property

@@ -48,7 +48,7 @@ class ConditionError(ValueError):
 def resolve_airframe(
     aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
-    """Return an airframe given by name, file or object, and its description for the attributes of datasets.
+    """Return the airframe of a name, file or object, and its description for the attributes of datasets.
 
     Raises ValueError if no airframe has this name, a centre of gravity was given for another airframe than the
     library's F-16, or the mass properties are impossible; ScenarioError if the aircraft file is not valid.

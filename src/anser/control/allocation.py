@@ -130,7 +130,7 @@ def _multiply(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[
 
 
 def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
-    """Return the neutral deflections of the commanded surfaces and the present deflections of the others."""
+    """Return deflections (rad): neutral for the commanded surfaces, present for surfaces on a schedule."""
     neutral = actuators.limit_command(jnp.zeros_like(surfaces))
     return jnp.where(jnp.asarray(actuators.is_commanded), neutral, surfaces)
 
@@ -152,7 +152,7 @@ def _weighted_inverse(
 
 
 def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_b: Vector3, solution: Vector) -> Vector:
-    """Fix surfaces beyond a stop at the stop, round by round, and solve for the free surfaces by least squares."""
+    """Fix surfaces beyond a stop at the stop, round by round, and solve for the free ones by least squares; rad."""
     lower, upper = actuators.lower, actuators.upper
     commanded = jnp.asarray(actuators.is_commanded)
     fixed = ~commanded | (solution < lower) | (solution > upper)

@@ -13,7 +13,7 @@ class Differentiator(eqx.Module):
     state: Vector  # x, one value per channel
 
     def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
-        """Estimate the rate of the reference: the mean of x_dot over the coming step, which is unbiased for a ramp."""
+        """Estimate the rate of the reference (per s): the mean of x_dot over the coming step, unbiased for a ramp."""
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.state)
 
     def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
@@ -42,7 +42,7 @@ def virtual_control(
     reference_rate: Vector3,
     measured_rate: Vector3 | ScalarLike,
 ) -> Vector3:
-    """Compute the rate of the output that a loop demands (virtual control nu) from its error and rates.
+    """Compute the rate of the output that a loop demands (virtual control nu), per second, from error and rates.
 
     nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
     """

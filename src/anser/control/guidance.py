@@ -31,7 +31,7 @@ class GuidanceSettings(eqx.Module):
 
 
 class FollowPlan(AbstractGuidance):
-    """Guidance that follows the aircraft's plan (see `follow`)."""
+    """Guidance that follows the aircraft's plan by velocity feed-forward and position feedback (`follow`)."""
 
     settings: GuidanceSettings
 

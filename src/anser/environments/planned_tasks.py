@@ -275,7 +275,7 @@ class PathTracking(AbstractPlannedTask):
 
 
 class Arrival(AbstractPlannedTask):
-    """Be at the rendezvous with a moving goal at a given time.
+    """Be at the rendezvous with a moving goal at the planned arrival time.
 
     The rendezvous stands above the goal, at least 150 m above a goal on the surface and 100 m from one in the air.
     Success is a distance of at most 50 m at the arrival time. The error before is the zero-effort miss: the distance at

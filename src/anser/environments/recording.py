@@ -57,7 +57,7 @@ class Episode:
     success: bool
 
     def flight(self, agent: str | None = None) -> AircraftFlight:
-        """Return the flight of the episode, or of an agent of a fleet: see `record_flight`."""
+        """Fly the recorded actions again, and return the flight with all variables; of one `agent` for a fleet."""
         return record_flight(self.environment, self.start, self.actions, agent)
 
 

@@ -67,7 +67,7 @@ class Estimate(Fit, PrintedTable):
 
     @property
     def standard_errors(self) -> Float[np.ndarray, " parameter"]:
-        """Roots of the diagonal of the covariance."""
+        """Standard errors of the parameters, in their units: roots of the diagonal of the covariance."""
         return np.sqrt(np.diag(self.covariance))
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "parameter 2"]:
@@ -238,7 +238,7 @@ def coloured_covariance(
 
 
 class Collinearity(NamedTuple):
-    """Condition number of scaled regressors, and the factor on each variance; see `Estimate`."""
+    """Condition number of scaled regressors, and the factor by which correlation raises each parameter's variance."""
 
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]

@@ -196,7 +196,7 @@ def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Est
 
 
 def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
-    """Return the fit of a model with given parameters over a record: a linear model is integrated.
+    """Return the fit of a model with `parameters` over a record: a linear model is integrated.
 
     Start and constant terms of a linear model are fitted to the measured responses.
     """

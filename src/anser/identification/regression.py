@@ -53,7 +53,7 @@ class Regression(NamedTuple):
         return X
 
     def error_covariance(self, X: Matrix, residuals: Float[np.ndarray, " sample"], inverse: Square) -> ErrorCovariance:
-        """Return the covariance of parameters with errors inverse @ X^T v: see `coloured_covariance`."""
+        """Return the covariance of parameters with errors inverse @ X^T v, v coloured if the samples are a record."""
         return coloured_covariance(X[:, None], residuals[:, None], inverse, is_record=self.time_s is not None)
 
     def subset(self, names: Sequence[str]) -> "Regression":

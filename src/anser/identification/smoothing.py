@@ -75,7 +75,7 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
 
 
 def noise_level(values: Float[np.ndarray, "*channel sample"]) -> Float[np.ndarray, "*channel"]:
-    """Return the standard deviation of white noise in time histories, from the upper frequencies; see `smooth`."""
+    """Return the standard deviation of white noise in time histories, from the upper frequencies, by channel."""
     return smooth(values, 1.0).noise
 
 

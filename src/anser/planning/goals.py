@@ -49,7 +49,7 @@ def waypoint_goal(
     positions_n: Float[Array, "waypoints 3"],
     velocity_after_n: Vector3 | None = None,
 ) -> GoalMotion:
-    """Goal that passes waypoints at given times.
+    """Goal that passes each waypoint at its time.
 
     Parameters
     ----------

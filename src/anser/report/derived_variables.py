@@ -68,7 +68,7 @@ def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def limit_value(limits: Mapping[str, Any], key: str | None) -> float | None:
-    """Return a limit by key, None if missing; a minus sign in front of the key gives the opposite value."""
+    """Return a limit by key, in the key's unit; None if missing. A minus sign before the key negates the value."""
     value = None if key is None else limits.get(key.removeprefix("-"))
     return None if key is None or value is None else -float(value) if key.startswith("-") else float(value)
 

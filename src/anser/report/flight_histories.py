@@ -65,7 +65,7 @@ def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str,
 def draw_curve(
     axes: "Axes", sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle] | None = None
 ) -> list[str]:
-    """Draw one variable of the aircraft with the given line styles, by default of all aircraft.
+    """Draw one variable of the aircraft of `line_styles`, by default of all aircraft.
 
     Returns a note on limits that lie outside the panel; empty without any.
     """

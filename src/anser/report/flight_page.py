@@ -102,7 +102,7 @@ def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
 
 
 def cards_html(cards: Sequence[tuple[str, str, str, str]]) -> "Markup":
-    """Return cards as HTML, each given as heading, value, unit and note."""
+    """Return cards as HTML, each made of heading, value, unit and note."""
     columns = len(cards) if len(cards) <= _CARDS_PER_ROW else -(-len(cards) // 2)  # two rows of almost equal length
     return render("cards.html", cards=cards, columns=columns)
 

@@ -177,7 +177,7 @@ class FlightSheet:
         return figure, panels
 
     def label_capacity(self, height: float) -> int:
-        """Return how many letters of an axis label fit beside a panel of the given height, inches."""
+        """Return how many letters of an axis label fit beside a panel of a height (inches)."""
         return int(height * 72.0 / (8.5 * _LETTER_WIDTH))
 
     def finish(self, figure: "Figure", panels: Sequence["Axes"], heading: str, note: str) -> "Figure":

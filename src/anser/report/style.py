@@ -101,7 +101,7 @@ def _matplotlib() -> Any:
 
 
 def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
-    """Return the module matplotlib, and an empty figure of the given size in inches."""
+    """Return the module matplotlib, and an empty figure of `size` (width, height), inches."""
     return _matplotlib(), _figure_class()(figsize=size, layout="constrained")
 
 

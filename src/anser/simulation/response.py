@@ -85,7 +85,7 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
 
 
 def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder: AbstractRecorder) -> Any:
-    """Fly from trim with a constant command to one loop; returns the recorder's rows (see `step_response`)."""
+    """Fly from trim with a constant command to one loop; returns the recorder's rows, one per sampling period."""
     command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     vehicle = Vehicle(case.airframe, IdealSensors(), DirectEstimator(), ConstantCommand(command), autopilot)

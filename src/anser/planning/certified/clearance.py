@@ -37,7 +37,7 @@ class Track(eqx.Module):
 
 
 def _vector_length_min(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
-    """Least length of a vector that changes linearly from `begin` to `end`."""
+    """Least length (m) of a vector that changes linearly from `begin` to `end` (m)."""
     step = end - begin
     closest = begin + closest_fraction(begin, step, _TINY)[..., None] * step
     return jnp.sqrt(jnp.maximum(jnp.sum(closest * closest, axis=-1), _TINY))
@@ -330,5 +330,5 @@ def path_track(
 
 
 def bounded_track(path: TimedPath, airspace: Airspace, active: ScalarLike, times: Float[Array, " instants"]) -> Track:
-    """Track of a timed path with the accelerations of its `path_bounds`, see `path_track`."""
+    """Track of a timed path at times (s) with proven error bounds, from the accelerations of its `path_bounds`."""
     return path_track(path, path_bounds(path, airspace.wind, airspace.gravity).cell_acceleration, active, times)

@@ -72,7 +72,7 @@ class DirectPath(eqx.Module):
 
 
 def _four_values(outer: Float[Array, "2"], inner: float = 0.0) -> Float[Array, "4"]:
-    """Values for the four turns of a detour: `outer` for the first and the last turn, `inner` for the two between."""
+    """Arrange values for the four turns of a detour: `outer` for first and last turn, `inner` for the two between."""
     return jnp.concatenate([outer[:1], jnp.full(2, inner), outer[1:]])
 
 

@@ -61,7 +61,7 @@ class CertifiedPlanState(eqx.Module):
 
 
 class CertifiedPlanner(AbstractPlanner):
-    """The certified planner, see `anser.planning.certified`."""
+    """Planner whose paths are proven to keep flight limits, separation and keep-outs; finds first plans and replans."""
 
     sides: Int[Array, " aircraft"]  #: Side of each aircraft's detour: +1 right, -1 left, 0 either.
     speed: Float[Array, " aircraft"]  #: Preferred mean airspeed per aircraft, m/s.

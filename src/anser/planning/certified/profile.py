@@ -168,7 +168,7 @@ def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: 
 def mean_to_last_speed(
     mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
 ) -> Scalar:
-    """Final airspeed, m/s, with which a profile with one change of airspeed has a given mean airspeed (m/s).
+    """Final airspeed, m/s, with which a profile with one change of airspeed has the mean airspeed `mean` (m/s).
 
     The final change is d / (1 - ramp / (2 duration)), with d the change of the mean; the ramp is proportional to the
     final change, which gives a quadratic equation.

@@ -104,7 +104,7 @@ def mean_squares() -> Float[np.ndarray, "3 4 4"]:
 def wind_along(
     wind: AbstractWind, altitudes: Float[Array, " n"], climbs: Float[Array, " n"]
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Wind at altitudes (m), m/s, and its rate for an aircraft that climbs at given rates (m/s), m/s^2; both NED."""
+    """Wind at altitudes (m), m/s, and its rate for an aircraft that climbs at `climbs` (m/s), m/s^2; both NED."""
 
     def wind_and_rate(altitude: Scalar, climb: Scalar) -> tuple[Array, Array]:
         def at(h: Scalar) -> Array:

@@ -61,7 +61,7 @@ def bounded_rate(
     is_coordinated: Bool[Array, " others"],  # mask of the coordinated aircraft
     gains: CoordinationGains,  # only `rate_range` and `skew_max` are used
 ) -> Scalar:
-    """Limit the rate of a clock to its range, and so that no two clocks differ by more than the greatest skew.
+    """Limit the rate of a clock (s/s) to its range, and so that no two clocks differ by more than the greatest skew.
 
     A clock may move away from another clock only while the other clock is certainly closer than the greatest skew:
     since the last message it may have moved by `uncertainty`, under the same rule. After a long time without messages

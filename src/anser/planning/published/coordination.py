@@ -66,7 +66,7 @@ class FleetPlan(eqx.Module):
 
     @property
     def active(self) -> Bool[Array, " aircraft"]:
-        """Mask of the planned aircraft, see `PlanningTask.active`."""
+        """Mask of the aircraft for which the plan was made; inactive aircraft do not constrain the fleet."""
         return self.status != INACTIVE
 
 

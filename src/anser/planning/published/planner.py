@@ -185,7 +185,7 @@ class PublishedPlanState(eqx.Module):
 
 
 class PublishedPlanner(AbstractPlanner):
-    """Planner that coordinates a fleet's simultaneous arrival (theory section 8), see `coordinate` and `replan`."""
+    """Planner that coordinates a fleet's simultaneous arrival (theory section 8), by `coordinate` and `replan`."""
 
     start_positions_n: Float[Array, "aircraft 3"]  # start positions, NED, m
     sides: Int[Array, " aircraft"]  # side of the detour: +1 right, -1 left, 0 free choice
@@ -215,7 +215,7 @@ class PublishedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: PublishedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Continue the same paths, or coordinate the fleet again, see `replan`."""
+        """Continue the same paths from the reported positions, or coordinate the fleet again, as `replan` decides."""
         tasks = self._tasks(
             time, reports, planner_state.plan.speed, planner_state.flown_length, planner_state.deceleration
         )

@@ -35,7 +35,7 @@ _SAME_INSTANT_S = 1e-6
 
 
 def _collocation() -> Float[np.ndarray, "rule rule"]:
-    """Weights that integrate a function, given at the rule's nodes, from 0 to each node."""
+    """Weights that integrate a function from 0 to each node of the rule, from its values at the nodes."""
     powers = np.arange(_RULE.nodes.size)
     ascending = _RULE.nodes[:, None] ** powers
     return (_RULE.nodes[:, None] * ascending / (powers + 1)) @ np.linalg.inv(ascending)
@@ -55,7 +55,7 @@ PathPolynomials = Float[Array, "orders 3 powers"]
 
 
 def path_polynomials(coefficients_n: Float[Array, "3 5"], orders: Sequence[int]) -> PathPolynomials:
-    """Return the polynomials of the path's derivatives with respect to s, of the given orders: 0 (position) to 3."""
+    """Return the polynomials of the path's derivatives by the path parameter s, of `orders` from 0 (position) to 3."""
     zero = jnp.zeros((), coefficients_n.dtype)
     # Zeros above the highest power: one Horner scheme serves every order, exactly.
     padded = jax.lax.pad(coefficients_n, zero, ((0, 0, 0), (0, max(orders), 0)))
@@ -115,7 +115,7 @@ def _clip(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
 
 
 def _cell(path: PathPolynomials, s: ScalarLike, width: ScalarLike) -> Cell:
-    """Return the section from s to s + width of a path, which is given by its polynomials of order 0 and 1."""
+    """Return the section from s to s + width of a path, from the path's polynomials of order 0 and 1."""
     positions_n, slopes_n = evaluate(path, s + width * jnp.asarray(_CELL_POINTS, path.dtype))
     slopes, down = norm(slopes_n[:, 1:], axis=0), positions_n[2]
     return Cell(
@@ -215,7 +215,7 @@ class TimeLaw(eqx.Module):
 def _lateness_in_cell(
     offset: Scalar, parameters: tuple[TimeLaw, PathPolynomials, Scalar, Scalar, Scalar]
 ) -> tuple[Scalar, Scalar]:
-    """Time at an offset of s in a cell less a given time, s, and the derivative by the offset."""
+    """Time at an offset of s in a cell less the required time, in seconds, and the derivative by the offset."""
     law, path, start, square, elapsed = parameters
     motion = law._motion(path, start, square, offset)
     return motion.time - elapsed, motion.slope / motion.speed

@@ -212,7 +212,7 @@ def bend_slope(phase: np.ndarray) -> np.ndarray:
 def _length_excess(
     size: Scalar, data: tuple[Float[Array, "nodes 3"], Float[Array, "nodes 3"], Float[Array, " nodes"], Scalar]
 ) -> tuple[Scalar, Scalar]:
-    """Length of a path with a bend of a given size less the required length, m, and the derivative by the size."""
+    """Length of a path with a bend of `size` (m) less the required length, m, and the derivative by the size."""
     straight, sideways, weights, required_length = data
     tangent = straight + size * sideways
     square = jnp.sum(tangent * tangent, axis=1)
