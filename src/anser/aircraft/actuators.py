@@ -57,7 +57,7 @@ class AbstractActuators(eqx.Module):
 
     @property
     def controls_yaw(self) -> bool:
-        """Whether there are enough commanded surfaces to control roll, pitch and yaw."""
+        """Whether the commanded surfaces are enough to control roll, pitch and yaw."""
         return sum(self.is_commanded) >= len(STANDARD_SURFACES)
 
     @property

@@ -290,7 +290,7 @@ def dave_ml_airframe(
 
 
 def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether any grid point of angle of attack, airspeed and power has a side force, with everything else at rest."""
+    """Whether any point of a grid (alpha, airspeed, power) has a side force, all other arguments zero."""
     low, high = aircraft.alpha_range
     alphas = np.linspace(float(low), float(high), _ALPHAS)
     return bool(np.any(_side_forces(aircraft, *(as_array(grid) for grid in (alphas, _SPEEDS_M_S, _POWERS)))))

@@ -252,7 +252,7 @@ class EnvelopeSurvey(SurveyResult):
     """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
-        """Return the number of flights, or of those from points with reserve, by "outcome: reason" and condition."""
+        """Return the number of flights by "outcome: reason" and condition; `with_reserve`: from such starts."""
         outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
         if with_reserve:
             outcome = np.where(self.dataset["with_reserve"].values[..., None], outcome, 0)

@@ -314,7 +314,7 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
 
 @compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Linearization]:
-    """Return states and commands at the condition, and the linearized law from these to controls and next state."""
+    """Return states and commands at the condition, and the linearized law from both to controls and next state."""
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     start, belief = trimmed_autopilot_state(trim), exact_belief(airframe, environment, trim.state)

@@ -181,7 +181,7 @@ class Mode:
 
 
 def wind_axis_states(model: LinearModel) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names of the wind-axis states, and the matrix that converts the model's states to these.
+    """Return the names of the wind-axis states, and the matrix that converts the model's states to wind-axis states.
 
     Bank, path angle and course replace roll, pitch and yaw; P_w, R_w (rates about the velocity and about its normal in
     the plane of symmetry) replace P and R. Modes separate better in these states: at a high angle of attack a roll yaws

@@ -119,7 +119,7 @@ _RATES_DAMPING, _VELOCITY_DAMPING = np.sqrt(50.0), np.sqrt(10.0)
 
 
 class Bandwidths(eqx.Module):
-    """Bandwidths of the three loops, the actuators and the engine, 1/s; from these `automatic_gains` follow."""
+    """Bandwidths of the three loops, the actuators and the engine, 1/s, from which `automatic_gains` computes gains."""
 
     # bandwidths of actuators and engine after inversion of their lags
     actuators: Scalar

@@ -142,7 +142,7 @@ def level_off_command(
     gains: LoopGains,  # gains of the controller's velocity loop (V, gamma, chi)
     gravity: Scalar,  # acceleration of gravity, m/s^2
 ) -> PathCommand:
-    """Raise the commanded pull-up to what ground clearance requires, and reduce the turn to the remaining lift.
+    """Raise the commanded pull-up to the clearance's required pull, and reduce the turn to the remaining lift.
 
     A command that already contains the required pull, with a turn within the remaining lift, is returned unchanged.
     """

@@ -367,7 +367,7 @@ def has_failed(task: AbstractTask, situation: Situation) -> Flag:
 
 
 def out_of_envelope(situation: Situation) -> Flag:
-    """Whether the aircraft reached the ground, left its data of the angle of attack by 10 deg, or is not finite."""
+    """Whether the aircraft reached the ground, exceeded its range of angle of attack by 10 deg, or is not finite."""
     v, airframe = situation.variables, situation.truth.airframe
     low, high = (edge * RAD_DEG for edge in airframe.alpha_range)
     alpha = v["alpha_deg"]

@@ -289,7 +289,7 @@ class GymnasiumVectorEnvironment(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode of every aircraft; with a seed s, those of the seeds s, s + 1, ...
+        """Start the next episode of every aircraft; with a seed s, the first episodes of the seeds s, s + 1, ...
 
         Parameters
         ----------

@@ -44,7 +44,7 @@ class Whiteness(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Fit:
-    """Measured responses and those of a model.
+    """Measured responses of a manoeuvre, and the responses of a model to the same inputs.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Fit:
 
     @property
     def _middle(self) -> Inexact[np.ndarray, " response"]:
-        """Mean of the measured responses; the transform of a response has none."""
+        """Mean of the measured responses, in their units; 0 for Fourier transforms."""
         return np.mean(self.measured, axis=0) * (not self.is_spectrum)
 
 

@@ -79,7 +79,7 @@ class Identification(PrintedTable):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on the record, on what is not estimated, and on estimates that are not to be trusted."""
+        """Sentences on the record, on parameters that are not estimated, and on estimates with great uncertainty."""
         cautions = [
             f"Caution: the model explains {100.0 * max(r2, 0.0):.0f} % of {name}. Its parameters and intervals are not "
             "to be trusted: too little excitation, too few samples per second, or a model that lacks an effect."
@@ -127,7 +127,7 @@ class Identification(PrintedTable):
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Parameters, their correlation, responses over time, and autocorrelation of the residuals."""
+        """Labelled dataset: parameters, correlation, responses over time, and autocorrelation of the residuals."""
         data = parameter_variables(self.estimates)
         for prefix, fit in (("", self.fit), ("validation_", self.validation)):
             if fit is None:

@@ -26,7 +26,7 @@ class LikelihoodPoint(NamedTuple):
 def maximize_likelihood(
     evaluate: Callable[[Values], LikelihoodPoint], values: Values, lower: Values
 ) -> tuple[Values, LikelihoodPoint]:
-    """Return the values of greatest likelihood, at least `lower`, with the point there.
+    """Return the parameter values of greatest likelihood, at least `lower`, with likelihood and derivatives there.
 
     A parameter at its lower bound stays there as long as the likelihood falls in its direction. Raises ValueError if
     the model diverges with the start values, or the search does not converge.

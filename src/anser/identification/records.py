@@ -352,7 +352,7 @@ def _check_times(time_s: np.ndarray) -> None:
 
 
 def _regular_grid(time_s: np.ndarray, gap_max_s: float) -> tuple[np.ndarray, list[str]]:
-    """Return times at a constant period over those of a recording, and notes; refuse gaps that are too long."""
+    """Return times (s) at a constant period over the recording's times, and notes; refuse gaps that are too long."""
     intervals = np.diff(time_s)
     period = float(np.median(intervals))
     longest = int(np.argmax(intervals))

@@ -57,7 +57,7 @@ class Regression(NamedTuple):
         return coloured_covariance(X[:, None], residuals[:, None], inverse, is_record=self.time_s is not None)
 
     def subset(self, names: Sequence[str]) -> "Regression":
-        """Return the problem with these parameters only."""
+        """Return the regression problem with the regressors `names` only."""
         columns = [self.names.index(name) for name in names]
         return self._replace(names=tuple(names), X=self.X[:, columns], noise=self.noise[columns])
 

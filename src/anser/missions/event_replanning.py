@@ -231,7 +231,7 @@ def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
 
 
 def _with_less_thrust(state: FlightState, aircraft: int, thrust_share: float) -> FlightState:
-    """Reduce an aircraft's greatest acceleration along the path to what the remaining thrust allows.
+    """Reduce an aircraft's greatest acceleration along the path (m/s^2) to the value that the remaining thrust allows.
 
     The acceleration is (thrust - drag) / mass. Only the differences of idle and full thrust from the drag at the start
     are available, so the loss applies to the difference between full and idle thrust.

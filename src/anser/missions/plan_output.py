@@ -185,7 +185,7 @@ def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
 
 
 def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dict[str, float | np.ndarray]:
-    """Limits of the scenario by key; limits that it does not set are those derived for each aircraft, without reserve.
+    """Limits of the scenario by key; a limit absent there is the limit derived for each aircraft, without reserve.
 
     The published planner derives no limits, and only for this planner is the level-off after the arrival checked.
     """

@@ -98,7 +98,7 @@ def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"
 def _distances_at_samples(
     positions: Float[Array, "time aircraft 3"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " time"], Int[Array, " time"], Float[Array, "aircraft aircraft"]]:
-    """Smallest distance in the fleet at each sample, m, its pair, and that of each pair over all samples.
+    """Smallest distance in the fleet at each sample, m, its pair, and the least of each pair over all samples.
 
     The pair is an index into the flattened matrix of pairs.
     """

@@ -257,7 +257,7 @@ def _infeasible_aircraft(
 
 
 def _relax_constraint(fleet: FleetTask, constraint: str, factor: float) -> FleetTask:
-    """Return the fleet's task with one type of limit, or the keep-outs, relaxed by a factor; 1 changes nothing."""
+    """Return the fleet's task with one type of limit, or the keep-outs, relaxed by a factor (1: unchanged)."""
     limits = fleet.tasks.limits
     if constraint == "keep-outs":
         radius = fleet.airspace.keep_outs.radius / factor

@@ -75,7 +75,7 @@ def waypoint_goal(
 
 
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
-    """Repeat the last waypoint up to a `count`, so that goals can be stacked. Raises ValueError if there are more."""
+    """Repeat the last waypoint up to a `count`, so that goals can be stacked. Raises ValueError for more."""
     missing = count - goal.times.shape[0]
     if missing < 0:
         raise ValueError(f"the goal has {goal.times.shape[0]} waypoints, more than the {count} to pad it to")

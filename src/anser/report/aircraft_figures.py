@@ -232,7 +232,7 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None
 
 
 def _shade_after_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
-    """Shade the time after the one at which the metrics of the step are read, if the test continues beyond it."""
+    """Shade the time after the interval from which the metrics of the step are read, if the test goes on."""
     reading_s, end = dataset.attrs["read_at_s"], float(dataset["time"].values[-1])
     if end - reading_s < 0.5 * (dataset["time"].values[1] - dataset["time"].values[0]):
         return

@@ -51,7 +51,7 @@ def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | 
 
 
 def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
-    """Return the true control effectiveness over that of the model at times (s), for one of `EFFECTIVENESS`."""
+    """Return the ratio of true to modelled control effectiveness at times (s), for one of `EFFECTIVENESS`."""
     surface, factors = _SURFACES[name]
     truth = np.ones(time.size)
     for time_s, deviation in deviations:

@@ -28,7 +28,7 @@ _STYLE = {"svg.fonttype": "none", "font.size": 8, "axes.grid": True, "grid.alpha
 
 
 def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
-    """Draw the errors of a check over time, divided by their tolerances; return whether there are any."""
+    """Draw the errors of a check over time, divided by their tolerances; False for a check without such errors."""
     timed = [c for c in check["comparisons"] if c["time_s"] is not None and c["tolerance"] and c["error"] is not None]
     if len({c["time_s"] for c in timed}) < 2:
         return False

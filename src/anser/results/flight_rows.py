@@ -181,7 +181,7 @@ def tabulate_flights(
 
 
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
-    """Return those of the named quantities that the fleet has: a single aircraft has neither spread nor separation."""
+    """Return the named quantities that the fleet has: a single aircraft has neither spread nor separation."""
     return tuple(name for name in names if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 
 

@@ -186,7 +186,7 @@ class AdaptiveEstimator(AbstractEstimator):
     aerodynamics_known: bool = eqx.field(static=True, default=True)
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> AdaptationState:
-        """Return the state before the first sample: the derivatives are those of the model in the present flight."""
+        """Return the state before the first sample: its derivatives are the model's in the present flight."""
         lengths, data, state = reference_lengths(self.model), reading.condition.air_data, reading.state
         derivatives = model_derivatives(self.model, lengths, data, state.rates_b, state.surfaces)
         count = len(self.model.actuators.names)

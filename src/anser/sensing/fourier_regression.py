@@ -20,7 +20,7 @@ _DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
 
 
 def _line_weights() -> np.ndarray:
-    """Return the weights of samples 0, 1, 2, ... from an end of the record in the value of their line at sample 0."""
+    """Return the weights with which samples 0, 1, 2, ... give the value at sample 0 of their straight line."""
     distance = np.arange(_END_SAMPLES) - 0.5 * (_END_SAMPLES - 1)
     return 1.0 / _END_SAMPLES + distance[0] * distance / np.sum(distance**2)
 
@@ -107,7 +107,7 @@ class FourierRegression(eqx.Module):
     steady_start: bool = eqx.field(static=True, default=False)
 
     def init(self, signals: int, inputs: int) -> FourierSums:
-        """Return the sums before the first sample, for these numbers of signals and inputs."""
+        """Return the sums before the first sample, for `signals` signals and `inputs` inputs."""
         size = self.frequencies.shape[0]
         dtype = jnp.result_type(self.frequencies.dtype, jnp.complex64)
         return FourierSums(
@@ -238,7 +238,7 @@ class _EndWeights:
         self.start_line = jnp.zeros_like(self.line) if regression.steady_start else self.line
 
     def sum_correction(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
-        """Return the correction of the last sample's weight to that of the trapezoidal rule."""
+        """Return the correction of the last sample's weight to the weight of the trapezoidal rule."""
         return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor[None, :]
 
     def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:

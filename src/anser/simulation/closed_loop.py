@@ -111,7 +111,7 @@ def for_aircraft(instant: Instant, index: Integer) -> Instant:
 
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
-    """Return the initial state of an aircraft in the steady flight `trim`, with every part's state settled in it."""
+    """Return the initial state of an aircraft in the steady flight `trim`; each part's state is settled."""
     return start_vehicle(vehicle, instant, trim, index)[0]
 
 

@@ -304,7 +304,7 @@ class History(AbstractRecorder):
         """The recorder has no state."""
 
     def update(self, recorder_state: None, sample: Any, instant: Instant) -> None:
-        """Do nothing: the history consists of the rows that `output` returns, and carries nothing between samples."""
+        """Do nothing: the history consists of the rows that `output` returns, and needs no state between samples."""
 
     def output(self, sample: FleetSample | AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return the selected variables by name, leading axis aircraft, SI units and radians.

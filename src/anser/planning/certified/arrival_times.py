@@ -134,7 +134,7 @@ def _winds_at(wind: AbstractWind, positions_n: Float[Array, "n 3"]) -> Float[Arr
 
 
 def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
-    """Least time, s, in which each aircraft can change from its start altitude to that of its rendezvous.
+    """Least time, s, in which each aircraft can change from its start altitude to the altitude of its rendezvous.
 
     Infinite if impossible. A lower bound for any path shape: the build-up of the climb rate is left out, because a
     small change of altitude needs a small rate only. The bound is zero for a level rendezvous and continuous there.
@@ -173,7 +173,7 @@ def may_arrive(
 def arrival_distances_max(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> tuple[Float[np.ndarray, "n aircraft aircraft"], Float[np.ndarray, "n aircraft aircraft"]]:
-    """Greatest possible distances between two aircraft when the first of them arrives, whatever their paths.
+    """Greatest possible distances (m) of each pair of aircraft when the first of the pair arrives, for any paths.
 
     The aircraft with the later arrival (durations in s) can then be away from its rendezvous by at most the distance
     that it flies until its own arrival.
@@ -201,7 +201,7 @@ def arrival_distances_max(
 def arrival_conflicts(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> Bool[np.ndarray, "n aircraft aircraft"]:
-    """Mask of pairs that violate the separation at the first arrival, whatever their paths; `durations` in s."""
+    """Mask of pairs that violate the separation at the first arrival, for any paths; `durations` in s."""
     horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
     level, height = arrival_distances_max(tasks, airspace, durations)
     return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0

@@ -374,7 +374,7 @@ def plan_at(
     | None = None,  # aircraft that get `candidate_set.extra`; None: every active one
     fixed_paths: FixedPaths | None = None,
 ) -> CertifiedPlan:
-    """Plan like `plan_fleet_at`, by compiled programs for the parts; arguments as there.
+    """Choose and certify candidates as `plan_fleet_at` does, by a compiled program for each part; same arguments.
 
     One program generates the candidates of `STANDARD`, of which smaller sets are members; a program for each kind of
     extra candidates generates these; one program chooses and certifies. Absent candidates and absent fixed paths stand

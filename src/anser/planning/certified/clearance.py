@@ -281,7 +281,7 @@ def route_track(
     gravity: ScalarLike,
     active: ScalarLike = 1.0,
 ) -> tuple[Track, Flag]:
-    """Track of a candidate made of a route and a profile, at sample times (s); and whether it keeps its limits there.
+    """Track of a candidate made of a route and a profile, at times (s), and whether it keeps its limits then.
 
     `speed` is the mean airspeed, m/s; `active` is 0 for an ignored aircraft. Limits of altitude, airspeed and climb
     belong to the profile and are not checked again.

@@ -228,7 +228,7 @@ def _delays(
 def _find_first_open(
     delays: Sequence[_Delays], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
 ) -> Generator[Proposal, FailedAircraft, list[int | None]]:
-    """For each entry of `delays`, find the index of the first feasible time; writes these times into `times`.
+    """For each entry of `delays`, return the index of the first feasible time; writes the times found into `times`.
 
     The entries are searched simultaneously: each attempt gives an answer for every aircraft.
     """
@@ -487,7 +487,10 @@ class _Search:
     def _make_plan(
         self, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
     ) -> _Attempt:
-        """Make a plan, and find the aircraft that fail before or after their arrivals."""
+        """Make a plan for arrival times (s); return it with the aircraft that fail before or after their arrivals.
+
+        A plan of which only holds are missing is stored as `plan_without_holds`.
+        """
         fleet = self.fleet
         plan = plan_at(
             self.start_time,

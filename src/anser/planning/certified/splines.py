@@ -238,7 +238,7 @@ class NormalEquations(NamedTuple):
 
 
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
-    """Limits at the start of a search: a fraction of bank, load factor and accelerations, the others nearly whole."""
+    """Limits at the start of a search: a fraction of bank, load factor and accelerations, nearly all of the others."""
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
     reserve = jnp.minimum(_SPEED_RESERVE, _SPEED_FRACTION * (highest - limits.speed_min))

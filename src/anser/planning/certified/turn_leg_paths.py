@@ -126,7 +126,7 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 def make_radius_schedule(
     table: TabulatedProfile, endpoints: PathEndpoints, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
-    """Tabulate the least turn radii that bank and load factor allow, from the airspeed, the climb and their rates."""
+    """Tabulate the least turn radii that bank and load factor allow, from airspeed, climb and both rates."""
     step, times = _even_times(table)
 
     def least_radius_at(t: Scalar) -> Scalar:

@@ -438,7 +438,7 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def _followed(self, planner_state: DecentralisedPlanState) -> ClockedPath:
-        """Present paths of the fleet with their clocks; leading axis aircraft."""
+        """Return the path that each aircraft flies now, with its clock; leading axis aircraft."""
         clocks = planner_state.clocks
         return ClockedPath(
             path=planner_state.plan.paths,
