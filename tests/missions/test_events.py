@@ -68,7 +68,7 @@ def test_every_replanning_is_checked_after_a_goal_has_turned(log, monkeypatch):
     assert events.check_replanning(None, corrected, 4001 + 100) is corrected
     assert events.steps_until_next(4101, 500) == 500
     assert searched == []
-    assert events.outcomes[0].planned
+    assert events.outcomes[0].has_valid_plan
 
 
 def test_a_plan_of_the_search_is_flown_and_reported(log, monkeypatch):
@@ -81,7 +81,7 @@ def test_a_plan_of_the_search_is_flown_and_reported(log, monkeypatch):
     assert events.check_replanning(None, state(UNCHANGED), 3001) is replanned
     assert searched == [3001]
     (outcome,) = events.outcomes
-    assert outcome.planned
+    assert outcome.has_valid_plan
     assert outcome.message == "planned anew (30.01 s)"
     assert events.check_replanning(None, state(UNCHANGED), 3101).planner.replanning == UNCHANGED
     assert searched == [3001]
@@ -94,5 +94,5 @@ def test_a_failed_search_is_reported_and_repeated_at_most_three_times(log, monke
         events.check_replanning(None, state(UNCHANGED), number)
     assert searched == [3001, 3101, 3201]
     (outcome,) = events.outcomes
-    assert not outcome.planned
+    assert not outcome.has_valid_plan
     assert outcome.message.startswith(NO_PLAN_MESSAGE)

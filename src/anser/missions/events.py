@@ -272,6 +272,8 @@ class EventSchedule:
         self._on_progress(f"planning anew at {now_s:g} s")
         replanned_state = replan_fleet(self._scenario, flight, state, sample, self._on_progress)
         message = f"{NO_PLAN_MESSAGE if replanned_state is None else 'planned anew'} ({now_s:g} s)"
-        self.outcomes[outcome_index] = dataclasses.replace(event, planned=replanned_state is not None, message=message)
+        self.outcomes[outcome_index] = dataclasses.replace(
+            event, has_valid_plan=replanned_state is not None, message=message
+        )
         self._goal_event = (outcome_index, tries_left - 1) if tries_left > 1 and replanned_state is None else None
         return state if replanned_state is None else replanned_state
