@@ -125,7 +125,7 @@ class RareFlights:
 
     @functools.cached_property
     def space(self) -> GaussianSpace:
-        """Space of the normals behind the flights, with room for all levels."""
+        """Space of the standard normal numbers that determine the flights, for all levels of the subset simulation."""
         return GaussianSpace(self.study.seed, 1 + (self.config.levels_max - 1) * (self.config.chain_length - 1))
 
     @property

@@ -140,7 +140,7 @@ class SurfaceLevel(AbstractActionLevel):
     def action(
         self, controls: Controls, signals: Any, command: Any, autopilot: InversionAutopilot, belief: Belief
     ) -> Float[Array, " action"]:
-        """Return the action that stands for the autopilot's surfaces and throttle."""
+        """Return the autopilot's surfaces and throttle as an action, each scaled to -1..1 over its range."""
         actuators = belief.airframe.actuators
         index = np.flatnonzero(actuators.is_commanded)
         surfaces = _to_unit(controls.surfaces[index], actuators.lower[index], actuators.upper[index])
@@ -174,7 +174,7 @@ class RateLevel(AbstractActionLevel):
     def action(
         self, controls: Controls, signals: Any, command: Any, autopilot: InversionAutopilot, belief: Belief
     ) -> Float[Array, " action"]:
-        """Return the action that stands for the body rates of the autopilot's attitude loop, and its throttle."""
+        """Return the body rates of the autopilot's attitude loop and its throttle as an action, each scaled to -1..1."""
         rates = _to_unit(signals.rates_b, -autopilot.limits.rates_max, autopilot.limits.rates_max)
         return jnp.append(rates, _to_unit(controls.throttle, 0.0, 1.0))
 

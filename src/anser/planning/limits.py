@@ -61,7 +61,10 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit of a path: the bounded extreme (greatest or least value) of a flight quantity, with name and unit."""
+    """Catalogue entry of one limit of a path: the bounded extreme of a flight quantity, with name, unit and labels.
+
+    The value of the limit is the field `field` of `PathLimits`.
+    """
 
     key: str  # name of the bounded extreme: "airspeed_min"
     field: str  # name of the value in `PathLimits`: "speed_min"

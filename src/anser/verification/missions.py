@@ -150,9 +150,10 @@ def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) ->
 
 
 def _drift_m(flight: FlightResult, k: int) -> float:
-    """Return a bound (m) of the drift by an unmodelled acceleration a: velocity error a / K_P, whole approach.
+    """Return a bound (m) of the drift of aircraft `k` by the planner's neglect of the Earth's rotation and curvature.
 
-    Replanning starts at the aircraft's position; the drift is therefore corrected in the last seconds only.
+    Their acceleration a causes the steady velocity error a / K_P of the velocity loop, here from start to arrival.
+    Plans made on the way start at the aircraft's position, so only those of the last seconds correct the drift.
     """
     scenario, aircraft = flight.scenario, flight.summary["aircraft"][k]
     speed = aircraft["speed_mean_m_s"]

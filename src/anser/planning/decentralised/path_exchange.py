@@ -25,7 +25,10 @@ PairMask = Bool[Array, "aircraft aircraft"]
 
 
 class Exchange(eqx.Module):
-    """State of the agreement on paths; leading axis aircraft."""
+    """Each aircraft's path as agreed with the fleet, its open offer of a new path, and who has acknowledged the offer.
+
+    Leading axis aircraft.
+    """
 
     # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path
     agreed_paths: ApproachAndHold

@@ -162,7 +162,10 @@ def arc_length(
 
 
 def arc_length_estimate(trajectory: Trajectory, start_phase: ScalarLike = 0.0) -> Scalar:
-    """Length of the air path, m, by the closed six-point Newton-Cotes rule, as published (theory 6; 9, item 1)."""
+    """Length of the air path from the path parameter `start_phase` (0..1) to the end, m, as published.
+
+    The quadrature is the closed six-point Newton-Cotes rule (theory 6; 9, item 1).
+    """
     return arc_length(trajectory, start_phase, NEWTON_COTES_6)
 
 
