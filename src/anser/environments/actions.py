@@ -174,7 +174,7 @@ class RateLevel(AbstractActionLevel):
     def action(
         self, controls: Controls, signals: Any, command: Any, autopilot: InversionAutopilot, belief: Belief
     ) -> Float[Array, " action"]:
-        """Return the body rates of the autopilot's attitude loop and its throttle as an action, each scaled to -1..1."""
+        """Return the body rates of the autopilot's attitude loop and its throttle as an action, scaled to -1..1."""
         rates = _to_unit(signals.rates_b, -autopilot.limits.rates_max, autopilot.limits.rates_max)
         return jnp.append(rates, _to_unit(controls.throttle, 0.0, 1.0))
 
