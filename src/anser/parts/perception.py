@@ -168,9 +168,8 @@ class GoalReading(eqx.Module):
     values: Float[Array, "6"]
     sigmas: Float[Array, "6"]  #: Standard deviations of the errors, same units.
     measured: Bool[Array, "6"]  #: Flags of the measured components; all false at a sample without a measurement.
-    number: (
-        Integer  #: Number of the sample at which the measurement was made; the reading may arrive at a later sample.
-    )
+    #: Number of the sample at which the measurement was made; the reading may arrive at a later sample.
+    number: Integer
     #: "sight": the values are a line of sight; "report": the values are the goal's reported motion.
     kind: Literal["sight", "report"] = eqx.field(static=True)
 
