@@ -14,7 +14,7 @@ from anser.planning.certified.candidates import (
     fleet_candidates,
     knot_count,
 )
-from anser.planning.certified.certified_plan import choice_order, place_candidates
+from anser.planning.certified.certified_plan import choice_order, place_candidates, plan_at, plan_fleet_at
 from anser.planning.certified.timed_profiles import (
     EXTRA_SETS,
     MATCHED,
@@ -117,6 +117,19 @@ def test_absent_candidates_have_the_shapes_of_generated_ones():
         assert not np.any(absent.valid)
     paths = jax.eval_shape(lambda candidates: candidates.paths(0.0, jnp.zeros(8, dtype=int)), base)
     assert paths.times.shape == (8, knot_count(base))
+
+
+def test_absent_candidates_and_absent_fixed_paths_change_no_plan():
+    tasks, airspace, _ = planner_task(random_case(2))
+    durations, start_time = jnp.full(8, 260.0), 40.0
+    plan = plan_at(start_time, tasks, airspace, durations, INTERVALS, STANDARD)
+    plan_in_one = jax.jit(plan_fleet_at, static_argnames=("intervals", "candidate_set"))
+    plain = plan_in_one(start_time, tasks, airspace, durations, intervals=INTERVALS, candidate_set=STANDARD)
+    np.testing.assert_array_equal(plan.valid, plain.valid)
+    np.testing.assert_array_equal(plan.feasible, plain.feasible)
+    for leaf, expected in zip(jax.tree.leaves(plan.paths), jax.tree.leaves(plain.paths), strict=True):
+        np.testing.assert_allclose(leaf, expected, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(plan.certificate.clearance_ratio, plain.certificate.clearance_ratio, rtol=1e-9)
 
 
 def test_the_smaller_set_is_a_part_of_the_standard_set():
