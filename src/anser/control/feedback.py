@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
 from anser.control.gains import LoopGains
 from anser.shapes import Flag, ScalarLike, Vector, Vector3
@@ -29,8 +30,8 @@ class Differentiator(eqx.Module):
         return Differentiator(self.state + step * self.rate(reference, bandwidth, step))
 
 
-def wrap_angle(angle: Vector3 | ScalarLike) -> Vector3:
-    """Wrap an angle difference (rad) to -pi..pi; smooth except at -pi and pi."""
+def wrap_angle(angle: Vector3 | ScalarLike) -> Array:
+    """Wrap an angle difference (rad), a scalar or (3,), to -pi..pi; smooth except at -pi and pi."""
     return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
@@ -78,6 +79,8 @@ def limit_to_braking(
     )
 
 
-def advance_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:
+def advance_integral(
+    integral: Vector3, error: Vector3, saturated: Flag | Bool[Array, "3"], step: ScalarLike
+) -> Vector3:
     """Return the integral of the error after one step (s); saturated channels are frozen (anti-windup)."""
     return jnp.where(saturated, integral, integral + step * error)
