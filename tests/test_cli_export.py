@@ -2,9 +2,13 @@
 
 import json
 
+import numpy as np
+import pandas as pd
 import pytest
+from scipy.io import loadmat
 
-from support.tiny_run import make_run
+from anser.results import write_netcdf
+from support.tiny_run import make_run, tiny_dataset
 
 
 @pytest.fixture
@@ -68,6 +72,27 @@ def test_bad_folders_end_with_2(anser, folder, tmp_path):
     assert "summary.json: arrived JSON that is a list; expected an object" in refused(folder)
     (folder / "flight.nc").write_text("no flight")
     assert "flight.nc: arrived a file that cannot be read" in refused(folder)
+
+
+def test_a_flight_of_one_aircraft_is_written_as_tables_and_refused_on_maps(anser, tmp_path):
+    dataset = tiny_dataset().isel(aircraft=0, drop=True).assign_attrs(aircraft="f16")
+    (tmp_path / "doublet").mkdir()
+    write_netcdf(dataset, tmp_path / "doublet" / "flight.nc")
+    out = tmp_path / "out"
+    code, _, _ = anser("export", tmp_path / "doublet", "--format", "csv,parquet,mat", "--out", out)
+    assert code == 0
+    table = pd.read_csv(out / "flight.csv")
+    assert set(table["aircraft"]) == {"f16"}
+    np.testing.assert_array_equal(table["altitude_m"], dataset["altitude_m"])
+    np.testing.assert_array_equal(table["time_s"], dataset["time"])
+    np.testing.assert_array_equal(pd.read_parquet(out / "flight.parquet")["altitude_m"], dataset["altitude_m"])
+    assert loadmat(out / "flight.mat")["altitude_m"].shape == (dataset.sizes["time"], 1)
+
+    code, _, err = anser("export", tmp_path / "doublet", "--format", "csv,kml", "--out", tmp_path / "map")
+    assert code == 2
+    assert "arrived kml" in err
+    assert "csv, parquet, mat" in err
+    assert not (tmp_path / "map").exists()
 
 
 def test_parquet_without_its_library_is_refused_before_reading(anser, tmp_path, monkeypatch):

@@ -131,7 +131,16 @@ def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
         raise InputError(f"{option}: arrived {path}; expected {expected} ({os_error_reason(error)})") from None
 
 
-__all__ = ["FLIGHT", "PLAN", "RUN_FILES", "SUMMARY", "check_run_folder", "read_flight", "read_run"]
+__all__ = [
+    "FLIGHT",
+    "PLAN",
+    "RUN_FILES",
+    "SUMMARY",
+    "check_run_folder",
+    "read_aircraft_flight",
+    "read_flight",
+    "read_run",
+]
 
 
 def check_run_folder(folder: Path, argument: str = "RUN") -> None:
@@ -146,6 +155,18 @@ def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[st
     with refuse_on(RunFolderError, f"{argument}, "):
         flight = load_flight(folder)
     return flight.dataset, flight.summary
+
+
+def read_aircraft_flight(folder: Path) -> "xr.Dataset | None":
+    """Return the flight in a folder of `anser simulate`, which has no summary; None for any other folder."""
+    from anser.results.checksums import DamagedFileError
+    from anser.results.netcdf import read_netcdf
+
+    if not (folder / FLIGHT).is_file() or (folder / SUMMARY).exists():
+        return None
+    with refuse_on(DamagedFileError, "RUN, "):
+        dataset = read_netcdf(folder / FLIGHT)
+    return dataset if "aircraft" in dataset.attrs and tuple(dataset.dims) == ("time",) else None
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:

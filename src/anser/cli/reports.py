@@ -17,6 +17,7 @@ from anser.cli.folders import (
     must_be_writable,
     open_output_file,
     open_output_folder,
+    read_aircraft_flight,
     read_flight,
     read_run,
 )
@@ -90,12 +91,15 @@ def export(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat)."""
+    """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat).
+
+    Of one aircraft by `anser simulate`: csv, parquet and mat.
+    """
     start_time = _started(start)
     if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
         raise InputError(f"--period-s: arrived {period_s:g}; expected a number above 0")
     from anser.report.exports.geographic import NEEDED_VARIABLES
-    from anser.report.exports.tables import FORMATS, PARQUET_MISSING, has_parquet, thin_record
+    from anser.report.exports.tables import FORMATS, PARQUET_MISSING, TABLES, has_parquet, thin_record
 
     format_names = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
     for name in format_names:
@@ -112,7 +116,14 @@ def export(
                 f"--format: arrived {path.suffix[1:]} for {path}, which exists; expected a new file: give another "
                 "folder with --out, or --force (nothing is overwritten without it)"
             )
-    dataset, summary = read_flight(run, NEEDED_VARIABLES)
+    flight = read_aircraft_flight(run)
+    no_tables = [] if flight is None else [name for name in format_names if name not in TABLES]
+    if no_tables:
+        raise RefusedError(
+            f"--format: arrived {', '.join(no_tables)} for {run}, a flight of one aircraft without goals by `anser "
+            f"simulate`; expected some of {', '.join(TABLES)}"
+        )
+    dataset, summary = read_flight(run, NEEDED_VARIABLES) if flight is None else (flight, {})
     exported = dataset if period_s is None else thin_record(dataset, period_s)
     with open_output_folder(folder, force or out is None) as into:
         for name, path in files.items():

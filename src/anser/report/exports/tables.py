@@ -84,6 +84,7 @@ def _csv_column(values: np.ndarray) -> np.ndarray:
 
 def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
     """Return the name and values of each column, of equal length, sorted by aircraft, then by time."""
+    dataset = _with_aircraft(dataset)
     times, aircraft = dataset.sizes["time"], dataset.sizes["aircraft"]
     names = dataset["aircraft"].values.astype(object)
     return [
@@ -91,6 +92,11 @@ def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
         ("aircraft", np.repeat(names, times)),
         *((str(name), values.transpose("aircraft", "time").values.ravel()) for name, values in dataset.items()),
     ]
+
+
+def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a flight over time and aircraft; a flight of `anser.simulate` has its one aircraft as an attribute."""
+    return dataset if "aircraft" in dataset.dims else dataset.expand_dims(aircraft=[dataset.attrs["aircraft"]])
 
 
 _WORST = {"miss_m": "Greatest miss of its aircraft", "arrival_s": "Last arrival of its aircraft"}
@@ -183,6 +189,7 @@ def to_mat(dataset: xr.Dataset) -> bytes:
     time and a column for each aircraft, the structures `units`, `long_name`, `frame` with a field for each variable,
     and the structure `attributes`.
     """
+    dataset = _with_aircraft(dataset)
     matrices = {"time_s": dataset["time"].values[:, None]} | {
         str(name): values.transpose("time", "aircraft").values for name, values in dataset.items()
     }
@@ -201,6 +208,8 @@ def to_mat(dataset: xr.Dataset) -> bytes:
     return buffer.getvalue()
 
 
+TABLES = "csv", "parquet", "mat"
+"""Formats that need the dataset alone, without a summary of goals and arrivals."""
 FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] = {
     "czml": to_czml,
     "kml": to_kml,
