@@ -79,7 +79,8 @@ _HEAD = """# Verification
 
 Every figure below was computed by `anser verify --json`; this page and its plots are made from that document by
 `make verification`. Errors are obtained minus expected. A check passes when every one of its figures lies within its
-tolerance; the reason of each tolerance stands with the check. What has no figure in this package is flown, not judged:
+tolerance; the reason of each tolerance stands with the check. Sources in brackets are listed under
+[theory](theory/index.md#sources). What has no figure in this package is flown, not judged:
 what was obtained is listed.
 """
 
@@ -103,7 +104,9 @@ def write_verification_page(document: Mapping[str, Any], folder: Path) -> Path:
 
 
 def _provenance(document: Mapping[str, Any]) -> str:
-    software = ", ".join(f"{name} {version}" for name, version in document["provenance"].items())
+    software = ", ".join(
+        f"{name} {version}" for name, version in document["provenance"].items() if name != "anser_commit"
+    )
     verdict = _VERDICTS[document["passed"]]
     return f"{verdict}; computed with {software}.\n"
 
