@@ -24,9 +24,8 @@ BodyVector = Annotated[tuple[float, float, float], Field(strict=False)]
 
 def interval(description: str, unit: str, default: object = PydanticUndefined) -> Any:
     """Declare a field for a range: a list of minimum and maximum."""
-    return Field(
-        default, description=description, json_schema_extra=expects(f"a list of two numbers, least first, {unit}")
-    )
+    expected = f"a list of two numbers, least first, {unit}".removesuffix(", ")
+    return Field(default, description=description, json_schema_extra=expects(expected))
 
 
 def positive(description: str, high: float, unit: str, default: object = PydanticUndefined) -> Any:
@@ -380,7 +379,7 @@ def _thrust(description: str, default: object = PydanticUndefined) -> Any:
 
 
 def _axis(description: str, unit: str) -> Any:
-    expected = f"a list of two rising numbers or more, {unit}"
+    expected = f"a list of two rising numbers or more, {unit}".removesuffix(", ")
     return Field((), description=description, json_schema_extra=expects(expected))
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -121,7 +122,8 @@ def _row(key: str, node: Mapping[str, Any], required: bool) -> list[str]:
     unit, span = str(node.get("unit", "")), str(node["expected"])
     if unit:
         span = span.removesuffix(f" {unit}")
-    cells = [f"`{key}`", unit, _default(node, required), node["description"], span.removeprefix("a number ")]
+    span = re.sub("^a number (?!of )", "", span)
+    cells = [f"`{key}`", unit, _default(node, required), node["description"], span]
     return [cell.replace("|", "\\|") for cell in cells]
 
 

@@ -229,7 +229,7 @@ class VelocityGains(_LoopGains):
 
 
 class Gains(Table):
-    """Gains of the autopilot's three loops (theory section 5), and the type of dynamic inversion."""
+    """Gains of the autopilot's loops, by default published (F-16) or derived, and the type of dynamic inversion."""
 
     inversion: Literal["model", "incremental", "adaptive"] = Field(
         default="model",

@@ -175,7 +175,11 @@ class Fleet(AirspeedTable):
 
 
 class Limits(Table):
-    """Flight envelope for plans and autopilot."""
+    """Flight envelope for plans and autopilot.
+
+    The defaults are the F-16's; other aircraft get airspeeds, bank and climb rate from their performance within them,
+    and angles of attack within their data.
+    """
 
     speed_min_m_s: float = number("minimum airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
     speed_max_m_s: float = number("maximum airspeed", 1, SPEED_MAX_M_S, "m/s", 240.0)
