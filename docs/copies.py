@@ -2,12 +2,14 @@
 
 A copy stands between the comments `<!-- copy of SOURCE -->` and `<!-- end of copy -->`. SOURCE is a file, with
 the number of its first line (`scenarios/single-aircraft.toml, from line 5`) or a function in it (`tests/x.py, function
-f`), or `keys of scenario files`, `variables of plans`, `tasks of environments` (or `observations`, `actions`). `make
-copies` writes the copies anew; a test compares them.
+f`), or `keys of scenario files`, `variables of plans`, `tasks of environments` (or `observations`, `actions`), `presets
+of goal sensors`, `trials of events`. `make copies` writes the copies anew; a test compares them.
 """
 
 import ast
+import gzip
 import inspect
+import json
 import re
 import sys
 from collections.abc import Iterable
@@ -22,6 +24,7 @@ from anser.environments.environment import MOTION
 from anser.environments.registry import TASKS
 from anser.environments.spaces import Entry
 from anser.scenario.schema import Scenario
+from anser.scenario.schema_sensing import PRESETS, goal_sensor_presets
 from anser.variables import CATALOGUE, MEASUREMENT_VARIABLES, PLAN_VARIABLES, Variable, surface_variables
 
 ROOT = Path(__file__).parents[1]
@@ -50,6 +53,8 @@ def copied(source: str) -> str:
         return variable_table(VARIABLES[source.removeprefix("variables of ")])
     if source.endswith(" of environments"):
         return {"tasks": task_table, "observations": observation_table, "actions": action_table}[source.split()[0]]()
+    if source in TABLES:
+        return TABLES[source]()
     match = _FILE.fullmatch(source)
     if match is None:
         raise ValueError(f"copy of {source}: expected a path, a path and a line, or a path and a function")
@@ -109,6 +114,39 @@ def entry_table(head: str, groups: Iterable[tuple[str, Iterable[Entry]]]) -> str
             low, high = entry.centre - entry.half_range, entry.centre + entry.half_range
             rows.append(f"| {group} | `{entry.name}` | {low:g} | {high:g} | {entry.unit} | {entry.meaning} |")
     return "\n".join(rows)
+
+
+def preset_table() -> str:
+    """Return the Markdown table of the presets of goal sensors with their sources."""
+    presets = goal_sensor_presets()
+    rows = [f"| `{key}` | {presets[key]['about']} | {presets[key]['source']} |" for key in PRESETS]
+    return "\n".join(["| preset | sensor | source |", "|---|---|---|", *rows])
+
+
+def event_table() -> str:
+    """Return the Markdown table and the summary of the recorded trials of fleets with an event."""
+    with gzip.open(ROOT / "docs" / "how-to" / "lost-aircraft.jsonl.gz", "rt") as lines:
+        trials = [json.loads(line) for line in lines]
+    missed = [trial for trial in trials if not trial["met"]]
+    rows = ["| event | fleets | arrived by the rule |", "|---|---:|---:|"]
+    for kind in sorted({trial["kind"] for trial in trials}):
+        arrivals = [trial["met"] for trial in trials if trial["kind"] == kind]
+        rows.append(f"| `{kind}` | {len(arrivals)} | {sum(arrivals)} |")
+    rows.append(f"| all | {len(trials)} | {len(trials) - len(missed)} |")
+    least = min(trial["separation_ratio"] for trial in trials if trial["separation_ratio"] is not None)
+    errors = sorted(trial["position_error_m"] for trial in missed)
+    text = (
+        f"No plan after the event: {sum(not trial['planned'] for trial in trials)} fleets. "
+        f"The {len(missed)} fleets that "
+        f"did not arrive by the rule had a new plan, from which an aircraft was off by up to "
+        f"{', '.join(f'{error:.0f}' for error in errors)} m. The independent checker has a plan for "
+        f"{sum(trial['judge'] == 'found' for trial in missed)} of them. "
+        f"The least ratio of distance to separation in all fleets is {least:.2f}."
+    )
+    return "\n".join([*rows, "", text])
+
+
+TABLES = {"presets of goal sensors": preset_table, "trials of events": event_table}
 
 
 def pages() -> list[Path]:

@@ -1,6 +1,8 @@
 """Statements of documentation pages, compared with the package."""
 
+import gzip
 import importlib
+import json
 import re
 import runpy
 import tomllib
@@ -62,6 +64,42 @@ def test_the_extras_of_the_package_are_those_of_the_page():
     page = (DOCS / "how-to" / "install.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `(\w+)` \|", page.partition("## Optional extras")[2], flags=re.MULTILINE)
     assert set(listed) == set(extras["optional-dependencies"]) - {"docs", "test"}
+
+
+def test_margins_of_the_tolerances_of_the_check_cases_are_those_that_the_page_states():
+    path = DOCS.parent / "src" / "anser" / "verification" / "data" / "nesc_checkpoints.json"
+    least = {}
+    for case, log in json.loads(path.read_text(encoding="utf-8"))["cases"].items():
+        judged = [k for k, time_s in enumerate(log["times_s"]) if time_s not in log.get("not_judged_s", [])]
+        for column in log["columns"].values():
+            if "tolerance" in column:
+                pairs = zip(column["sim_04"], column["sim_05"], strict=True)
+                scatter = np.abs([first - second for first, second in pairs])[judged].max()
+                least[case] = min(least.get(case, np.inf), column["tolerance"] / max(scatter, 1e-300))
+    digits = 1 - 1e-3  # the tolerances are printed with two digits
+    assert all(ratio >= digits for ratio in least.values())
+    assert min(least["11"], least["12"]) >= 2 * digits
+    assert min(least["13p1"], least["13p3"], least["15"]) >= 4 * digits
+
+
+def test_numbers_of_the_known_issue_about_events_are_those_of_the_trials():
+    issue = (DOCS / "known-issues.md").read_text(encoding="utf-8").partition("| KI-10 |")[2].partition("\n")[0]
+    with gzip.open(DOCS / "how-to" / "lost-aircraft.jsonl.gz", "rt") as lines:
+        trials = [json.loads(line) for line in lines]
+    missed = [trial for trial in trials if not trial["met"]]
+    assert {trial["kind"] for trial in missed} == {"arrival-put-off"}
+    delayed = sum(trial["kind"] == "arrival-put-off" for trial in trials)
+    plans = sum(trial["judge"] == "found" for trial in missed)
+    assert (len(missed), len(trials), delayed, plans) == (7, 500, 38, 6)
+    for text in ("seven of 500", "38 trials", "six of the seven"):
+        assert text in issue
+
+
+def test_every_source_in_brackets_of_the_verification_page_is_listed():
+    listed = set(re.findall(r"\[([A-Z][A-Z0-9]+)\]", (DOCS / "theory" / "index.md").read_text(encoding="utf-8")))
+    cited = set(re.findall(r"\[([A-Z][A-Z0-9]+)\](?!\()", (DOCS / "verification.md").read_text(encoding="utf-8")))
+    assert "BM" in cited
+    assert cited <= listed
 
 
 def test_the_copies_are_found():
