@@ -146,8 +146,8 @@ def geodetic_from_flat(
     )
 
 
-recorded_geodetic_from_flat = jax.jit(geodetic_from_flat)
-"""Compiled `geodetic_from_flat` for recorded positions: the first axis is NED, followed by any further axes."""
+recorded_geodetic_from_flat = jax.jit(jax.vmap(geodetic_from_flat, in_axes=(1, None, None, None)))
+"""Compiled `geodetic_from_flat` for recorded positions, (3, samples)."""
 
 
 def flat_from_geodetic(
