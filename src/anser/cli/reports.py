@@ -119,9 +119,9 @@ def export(
     flight = read_aircraft_flight(run)
     no_tables = [] if flight is None else [name for name in format_names if name not in TABLES]
     if no_tables:
-        raise RefusedError(
+        raise InputError(
             f"--format: arrived {', '.join(no_tables)} for {run}, a flight of one aircraft without goals by `anser "
-            f"simulate`; expected some of {', '.join(TABLES)}"
+            f"simulate`; expected {', '.join(TABLES)}"
         )
     dataset, summary = read_flight(run, NEEDED_VARIABLES) if flight is None else (flight, {})
     exported = dataset if period_s is None else thin_record(dataset, period_s)
