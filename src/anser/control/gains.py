@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import AirDataAndForces
@@ -177,7 +178,7 @@ def derived_bandwidths(
 
 def _required_stiffness(
     airframe: AbstractAirframe, condition: AirDataAndForces, surfaces: Vector, actuator_bandwidth: Scalar
-) -> Vector:
+) -> Vector3:
     """Return the least stiffness (1/s^2; P, Q, R) for which the loops stay stable with `_GAIN_MARGIN` times the gain.
 
     Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
@@ -187,7 +188,7 @@ def _required_stiffness(
     than the sampling, no loops are stable, and S is required.
     """
 
-    def angular_acceleration(angles: Vector) -> Vector:
+    def angular_acceleration(angles: Float[Array, "2"]) -> Vector3:
         data = eqx.tree_at(lambda d: (d.alpha, d.beta), condition.air_data, (angles[0], angles[1]))
         moment_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).moment_b
         return times3(airframe.mass_properties.inertia_inverse_b, moment_b)
