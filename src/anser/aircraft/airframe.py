@@ -8,6 +8,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Array
 
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData, Wrench
@@ -33,12 +34,12 @@ class AircraftState(eqx.Module):
     engine: Any  #: State of the airframe's engine, with an attribute `power` (percent).
 
     @property
-    def surfaces(self) -> Vector:
+    def surfaces(self) -> Array:
         """Deflections in the order of the airframe's surfaces, rad."""
         return self.actuators.position
 
     @property
-    def power(self) -> Scalar:
+    def power(self) -> Array:
         """Engine power: the engine's setting in percent of its maximum, not watts."""
         return self.engine.power
 
