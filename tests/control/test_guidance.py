@@ -17,7 +17,7 @@ SPEED, RADIUS, HEIGHT = 150.0, 4000.0, 300.0
 
 
 def settings_of(gain=0.3, correction_max=20.0, turn=1.0, climb=10.0):
-    return GuidanceSettings(*(jnp.asarray(v) for v in (gain, correction_max, RADIUS, turn, climb)))
+    return GuidanceSettings(*(jnp.asarray(v, float) for v in (gain, correction_max, RADIUS, turn, climb)))
 
 
 def cartesian(V, gamma, chi):
