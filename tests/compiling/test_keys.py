@@ -1,11 +1,16 @@
 """Keys of stored programs: an edit of a room invalidates only programs that may depend on the room."""
 
+import contextlib
+import importlib
+import pkgutil
 import sys
 from types import ModuleType
 
 import pytest
 
+import anser
 import anser.compiling.keys as keys
+import anser.compiling.program
 import anser.spatial.rotations as rotations
 from anser.analysis.linear_models import _open_model
 from anser.analysis.loop_margins import analyse_rows
@@ -66,3 +71,16 @@ def test_the_key_depends_on_the_modules_behind_a_program_only(monkeypatch):
     assert keys._hash_loaded_code(description) == former_hash
     monkeypatch.setattr(rotations, "_EPSILON", 1.0, raising=False)  # two imports away
     assert keys._hash_loaded_code(description) != former_hash
+
+
+def test_every_program_of_the_package_has_a_key():
+    """A program without a key is traced and lowered anew in every process."""
+    for module in pkgutil.walk_packages(anser.__path__, "anser."):
+        if not module.name.endswith("__main__"):
+            with contextlib.suppress(ImportError):  # without its extra
+                importlib.import_module(module.name)
+    functions = [program._function for program in anser.compiling.program._programs]
+    functions = [function for function in functions if getattr(function, "__module__", "anser.").startswith("anser.")]
+    assert len(functions) > 60
+    for function in functions:
+        keys.program_key((function,))

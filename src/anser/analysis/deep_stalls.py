@@ -4,7 +4,7 @@ Also the steady descents at these trims, the dataset and the JSON document.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ from anser.aircraft.f16 import AbstractF16
 from anser.aircraft_files.library import load_airframe
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.environment.atmosphere import AbstractAtmosphere
-from anser.environment.environment import standard_environment
+from anser.environment.environment import Environment, standard_environment
 from anser.results.documents import version_attributes
 from anser.results.variable_labels import unit_attributes
 from anser.shapes import Scalar, ScalarLike, Vector
@@ -162,21 +162,26 @@ _GRID_DEG = 0.25
 _STEP_DEG, _POINTS = 0.1, 1200
 _X_CG_MIN = 0.1
 
-_curves = compiled(
-    lambda airframe, mach, elevator, alpha, x_cg: jax.vmap(
-        lambda x: jax.vmap(lambda a: pitching_moment(airframe, mach, elevator, a, x))(alpha)
-    )(x_cg)
-)
-_follow = compiled(
-    lambda airframe, mach, elevator, alpha, x_cg, steps: jax.vmap(
-        lambda step: follow_pitch_trim(airframe, mach, elevator, alpha, x_cg, step, _POINTS)
-    )(steps)
-)
-_descents = compiled(
-    lambda airframe, environment, altitude, elevator, alpha: jax.vmap(
-        lambda a: steady_descent(airframe, environment.atmosphere, environment.gravity, altitude, elevator, a)
-    )(alpha)
-)
+
+@compiled
+def _curves(airframe: AbstractF16, mach: ScalarLike, elevator: ScalarLike, alpha: Array, x_cg: Array) -> Array:
+    at_alpha = jax.vmap(lambda x, a: pitching_moment(airframe, mach, elevator, a, x), (None, 0))
+    return jax.vmap(at_alpha, (0, None))(x_cg, alpha)
+
+
+@compiled
+def _follow(
+    airframe: AbstractF16, mach: ScalarLike, elevator: ScalarLike, alpha: ScalarLike, x_cg: ScalarLike, steps: Array
+) -> PitchBranch:
+    return jax.vmap(lambda step: follow_pitch_trim(airframe, mach, elevator, alpha, x_cg, step, _POINTS))(steps)
+
+
+@compiled
+def _descents(
+    airframe: AbstractF16, environment: Environment, altitude: ScalarLike, elevator: ScalarLike, alpha: Array
+) -> SteadyDescent:
+    atmosphere, gravity = environment.atmosphere, environment.gravity
+    return jax.vmap(lambda a: steady_descent(airframe, atmosphere, gravity, altitude, elevator, a))(alpha)
 
 
 def deep_stall(
@@ -216,7 +221,7 @@ def deep_stall(
         `trim_path_angle`, `trim_pitch` over (trim).
     """
     enable_compilation_cache()
-    airframe, environment = load_airframe("f16", variant), standard_environment()
+    airframe, environment = cast(AbstractF16, load_airframe("f16", variant)), standard_environment()
     elevator_max = float(airframe.actuators.upper[0])
     elevator = elevator_max if elevator_deg is None else elevator_deg * DEG_RAD
     if not float(airframe.actuators.lower[0]) - 1e-9 <= elevator <= elevator_max + 1e-9:

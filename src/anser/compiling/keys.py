@@ -24,6 +24,16 @@ _FORMAT = 2
 _ROOT = "anser"
 _PACKAGE = Path(__file__).parents[1]
 _TRUSTED = {"anser", "equinox", "jax", "jaxlib", "jaxtyping", "numpy", "scipy"} | sys.stdlib_module_names
+_INTERFACE_LIBRARIES = {
+    "gymnasium",
+    "pettingzoo",
+    "pydantic",
+    "pydantic_core",
+    "rich",
+    "starlette",
+    "typer",
+}
+"""Libraries that modules behind a program may import, but that no program contains."""
 _KERNELS = {
     "aircraft",
     "compiling",
@@ -147,13 +157,13 @@ def _modules_behind(description: str) -> list[ModuleType]:
 def _hash_loaded_code(description: str) -> str:
     """Hash names and numbers in the modules behind a program, to detect functions or constants replaced at run time.
 
-    Raises NotCacheableError if a replacement comes from outside the trusted packages.
+    Raises NotCacheableError if a replacement comes from outside the trusted packages and the package's own libraries.
     """
     entries = []
 
     def add(qualified_name: str, value: Any) -> None:
         if inspect.isfunction(value) or inspect.isclass(value):
-            if value.__module__.split(".")[0] not in _TRUSTED:
+            if value.__module__.split(".")[0] not in _TRUSTED | _INTERFACE_LIBRARIES:
                 raise NotCacheableError(f"{value.__module__}.{value.__qualname__}")
             entries.append(f"{qualified_name}:{value.__module__}.{value.__qualname__}")
         elif isinstance(value, bool | int | float | str):
