@@ -243,25 +243,27 @@ class PreparedProgram:
     `jax.ShapeDtypeStruct` in place of arrays.
     """
 
-    def __init__(self, shapes: Any, make: Callable[[], _LoadedProgram], *, compiles: bool) -> None:
-        self.shapes, self._make, self._compiles, self._started = shapes, make, compiles, False
+    def __init__(self, shapes: Any, lower: Callable[[], Callable[[], _LoadedProgram]], *, compiles: bool) -> None:
+        self.shapes, self._compiles = shapes, compiles
+        self._lower, self._result = lower, None  # the result of `lower` loads or compiles the program
         self.size = 0  # code size, bytes; 0 until loaded or compiled
         self.last_use = next(_uses)  # value at the last use of a counter common to every program
         if not compiles:
             self.start()
 
     def start(self) -> "PreparedProgram":
-        """Start compiling in a background thread."""
-        if not self._started:
-            self._make, self._started = _executor.submit(self._make).result, True
+        """Lower the program in this thread, and start compiling in a background thread."""
+        if self._result is None:
+            self._result = _executor.submit(self._lower()).result
         return self
 
     @functools.cached_property
     def function(self) -> Callable[[list[Any]], Any]:
         """The compiled function of a list of arrays; waits for the compilation."""
         with waiting() if self._compiles else contextlib.nullcontext():
-            loaded = self._make()
-        self._make, self._started = (lambda: loaded), True  # releases the arrays of the first call
+            loaded = self._lower()() if self._result is None else self._result()
+        self._result = lambda: loaded
+        del self._lower  # with the arrays of the first call
         self.size = loaded[1]
         return _restore_structure(loaded[0], self.shapes)
 
@@ -375,7 +377,7 @@ class Program(Generic[_P, _R]):
         prepared = self._find(arrays, static)
         if prepared is None:
             with waiting():
-                prepared = PreparedProgram(*self._trace_and_lower(arrays, static), compiles=True)
+                prepared = PreparedProgram(*self._trace(arrays, static), compiles=True)
             self._ready[self._call_key(arrays, static)] = prepared
         return prepared
 
@@ -409,13 +411,18 @@ class Program(Generic[_P, _R]):
             def load_or_compile() -> _LoadedProgram:
                 with contextlib.suppress(Exception):
                     return _load(parts, shapes, size)
-                return self._trace_and_lower(arrays, static)[1]()
+                return self._trace(arrays, static)[1]()()
 
-            return PreparedProgram(shapes, load_or_compile, compiles=False)
+            return PreparedProgram(shapes, lambda: load_or_compile, compiles=False)
         return None
 
-    def _trace_and_lower(self, arrays: list[Any], static: tuple[Any, Any]) -> tuple[Any, Callable[[], _LoadedProgram]]:
-        """Trace and lower the program; return the shapes of the result, and a function that compiles and stores it."""
+    def _trace(
+        self, arrays: list[Any], static: tuple[Any, Any]
+    ) -> tuple[Any, Callable[[], Callable[[], _LoadedProgram]]]:
+        """Trace the program; return the shapes of the result, and a function that lowers the program.
+
+        The result of lowering is a function that compiles and stores the program.
+        """
         results: list[Any] = []
         function: Callable[..., Any] = self._function
 
@@ -429,19 +436,25 @@ class Program(Generic[_P, _R]):
         key = None if store is None else self._key(arrays, static, options)
         record = Compilation(self.title, options)
         compilations.append(record)
-        try:
-            with _pause_garbage_collection(), measured(record, "tracing"):
-                traced = jax.jit(flat).trace(arrays)
-            # Unused arguments are left out of the lowered text: with them, XLA's older code generator ends the process.
-            with _pause_garbage_collection(), measured(record, "lowering"):
-                record.equations = count_equations(traced.jaxpr.jaxpr)
-                lowered = traced.lower()
-        except BaseException:
-            compilations.remove(record)
-            raise
+
+        def translate(phase: str, step: Callable[[], Any]) -> Any:
+            try:
+                with _pause_garbage_collection(), measured(record, phase):
+                    return step()
+            except BaseException:
+                compilations.remove(record)
+                raise
+
+        traced = translate("tracing", lambda: jax.jit(flat).trace(arrays))
+        record.equations = count_equations(traced.jaxpr.jaxpr)
         shapes, argument_count = list(filter(_is_shape, jax.tree.leaves(results[0]))), len(arrays)
 
-        def make() -> _LoadedProgram:
+        def lower() -> Callable[[], _LoadedProgram]:
+            # Unused arguments are left out of the lowered text: with them, XLA's older code generator ends the process.
+            lowered = translate("lowering", traced.lower)
+            return functools.partial(make, lowered)
+
+        def make(lowered: Any) -> _LoadedProgram:
             # Code from outside the package is traced in each process, and stored under a key of its operations.
             store_key = key
             if store is not None and key is None:
@@ -450,7 +463,7 @@ class Program(Generic[_P, _R]):
                     used = sorted(lowered._lowering.compile_args["kept_var_idx"])
                     store_key = operations_key(f"{used}\n{lowered.as_text()}", options)
             if store is None or store_key is None:
-                return compile_and_save(None)
+                return compile_and_save(lowered, None)
             # Workers of a campaign need the same programs at the same time: one compiles, the others wait and load.
             with store.reserve(store_key):
                 content = store.load(store_key)
@@ -461,9 +474,9 @@ class Program(Generic[_P, _R]):
                             loaded = _load(executable, stored, len(content))
                             compilations.remove(record)
                             return loaded
-                return compile_and_save(store_key)
+                return compile_and_save(lowered, store_key)
 
-        def compile_and_save(store_key: str | None) -> _LoadedProgram:
+        def compile_and_save(lowered: Any, store_key: str | None) -> _LoadedProgram:
             with measured(record, "compiling"):
                 compiled, whole = _compile_serializable(lowered, options)
             record.is_compiled = True
@@ -479,4 +492,4 @@ class Program(Generic[_P, _R]):
             return_freed_memory()
             return compiled, len(content)
 
-        return results[0], make
+        return results[0], lower

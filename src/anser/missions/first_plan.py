@@ -199,8 +199,9 @@ def trim_and_plan(
 ) -> tuple[FlightState, TrimmedFleet]:
     """Trim every aircraft at its start and make the first plan by the planner's `first_plan`, in one program."""
     on_progress("trimming and planning")
-    start = _start_flight.prepare(flight).start()
-    start_next(prepare_next, flight, start.shapes[0])
+    start = _start_flight.prepare(flight)
+    start_next(prepare_next, flight, start.shapes[0])  # the largest program first
+    start.start()
     state, fleet = _start_flight(flight)
     check_trimmable(scenario, flight, fleet.is_trimmed)
     return state, fleet

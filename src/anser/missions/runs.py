@@ -94,8 +94,8 @@ _RESULT_FILES = (FLIGHT, SUMMARY, "report.html")
 
 
 def _prepare(precision: Precision, flight: Flight, state: FlightState) -> PreparedProgram:
-    """Prepare the program of a flight's segments in a precision; import xarray and pandas in the meantime."""
-    prepared = prepare_flight(cast_flight(flight, precision), cast_state(state, precision))
+    """Start the program of a flight's segments in a precision; import xarray and pandas in the meantime."""
+    prepared = prepare_flight(cast_flight(flight, precision), cast_state(state, precision)).start()
     importlib.import_module("anser.results.dataset")
     return prepared
 
