@@ -50,8 +50,8 @@ def response(loop):
 
 
 @pytest.fixture(scope="module")
-def margins(response):
-    return eqx.filter_jit(loop_margins)(response)
+def margins(loop, response):
+    return eqx.filter_jit(loop_margins)(loop, STEP, response)
 
 
 def test_no_command_depends_on_its_own_test_input_in_the_same_sample(loop):
@@ -209,7 +209,7 @@ def test_the_margins_of_an_onboard_model_that_errs_hold_in_the_nonlinear_loop():
     loop = eqx.filter_jit(excited_loop)(case, loop_state_fields(gains, aircraft))
     assert abs(largest_pole(np.asarray(loop.A))) <= 1 + NEUTRAL_POLE_TOLERANCE
     assert not np.asarray(loop.limited).any()
-    margin = eqx.filter_jit(loop_margins)(eqx.filter_jit(loop_response)(loop, STEP, frequencies(STEP)))[0]
+    margin = eqx.filter_jit(loop_margins)(loop, STEP, eqx.filter_jit(loop_response)(loop, STEP, frequencies(STEP)))[0]
     factors, delays, unstable = flights_at_the_margins(margin)
     commands = excited_flight(aircraft, ENVIRONMENT, gains, LIMITS, point, STEP, factors, delays, 400, onboard)
     np.testing.assert_array_equal(growth_of(commands) > 1.0, unstable)

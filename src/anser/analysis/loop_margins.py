@@ -9,6 +9,7 @@ Systems* 40(5), 2020, with skew 0.
 """
 
 import dataclasses
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -35,8 +36,9 @@ from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.control.onboard_model import onboard_model
 from anser.environment.environment import Environment
+from anser.numerics.roots import bracketed_secant
 from anser.parts.paths import LoopExcitation, PathCommand
-from anser.shapes import Scalar, ScalarLike
+from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.simulation.response import (
     LoopCase,
     believed_motion,
@@ -157,6 +159,7 @@ NEUTRAL_POLE_TOLERANCE = 1e-6
 rounding moves poles by less than this. A pole at this distance doubles its motion in 2 h."""
 
 _BISECTIONS = 30
+_SECANT_STEPS = 14
 _REAL_AXIS_TOLERANCE = 5.0 * DEG_RAD
 _STATIC_SLOPE = 0.01
 """Greatest slope of log |L| over log omega of a response at its static value: the slope of a first-order lag five
@@ -211,7 +214,7 @@ def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, Lo
     """Compute the margins at every breakpoint of the autopilot at a trim point; arguments as for `excited_loop`."""
     loop = excited_loop(case, fields)
     response = loop_response(loop, case.step, frequencies(case.step))
-    margins, actuators_disk = loop_margins(response)
+    margins, actuators_disk = loop_margins(loop, case.step, response)
     return LoopAnalysis(loop.A, loop.limited, margins, actuators_disk), response
 
 
@@ -250,61 +253,101 @@ def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " fre
     return LoopResponse(omega, -diagonal / (1 + diagonal), 1 + 2 * diagonal, actuators_difference)
 
 
-def loop_margins(response: LoopResponse) -> tuple[Margins, Scalar]:
+def loop_margins(loop: ExcitedLoop, step: ScalarLike, response: LoopResponse) -> tuple[Margins, Scalar]:
     """Compute the margins at each breakpoint, and the disk margin of simultaneous changes at the actuators.
 
-    Margins are meaningful only if the closed loop is stable: see `largest_pole`.
+    Margins are meaningful only if the closed loop is stable: see `largest_pole`. `response` is that of the loop with
+    the same step.
     """
-    margins = jax.vmap(margins_of, in_axes=(None, 1, 1))(response.omega, response.open, response.difference)
+    unit = jnp.eye(loop.A.shape[0])
+
+    def margins_at_breakpoint(open_loop: Array, difference: Array, b: Array, c: Array) -> Margins:
+        def loop_at(w: Scalar) -> Complex[Array, ""]:
+            T_zw = c @ jnp.linalg.solve(jnp.exp(1j * w * step) * unit - loop.A, b.astype(complex))
+            return -T_zw / (1 + T_zw)
+
+        return margins_of(response.omega, open_loop, difference, loop_at)
+
+    margins = jax.vmap(margins_at_breakpoint, in_axes=(1, 1, 1, 0))(response.open, response.difference, loop.B, loop.C)
     actuators_disk = 2 / _peak(jnp.log(response.actuators_difference))
     return margins, jnp.minimum(actuators_disk, jnp.min(margins.disk[_actuators(margins.disk.size)]))
 
 
 def margins_of(
-    omega: Float[Array, " frequency"], open_loop: Complex[Array, " frequency"], difference: Complex[Array, " frequency"]
+    omega: Float[Array, " frequency"],
+    open_loop: Complex[Array, " frequency"],
+    difference: Complex[Array, " frequency"],
+    loop_at: Callable[[Scalar], Complex[Array, ""]],
 ) -> Margins:
     """Compute the margins of a loop from its response.
 
-    The logarithm of the response is interpolated by a cubic through four frequencies. A resonance narrower than their
-    spacing is not resolved; with a damping ratio of 0.05 its margins are off by 5 percent. The lowest and the highest
+    Between two frequencies the logarithm of the response is interpolated by a cubic through four frequencies, to choose
+    the crossing with the least margin; that crossing is then solved with `loop_at`. Crossings that begin and end
+    between two frequencies, in a resonance narrower than their spacing, are not resolved. The lowest and the highest
     frequency are boundaries of stability only if the response is on the negative real axis there: the Nyquist
     frequency, where the response is real, and the lowest frequency if the response has reached its static value.
 
     The frequencies (rad/s) have equal logarithmic steps; the last is the Nyquist frequency or beyond the loop's
-    dynamics. `open_loop` is the loop transfer function L of negative feedback, `difference` is S - T.
+    dynamics. `open_loop` is the loop transfer function L of negative feedback, `difference` is S - T; `loop_at` returns
+    L at any frequency (rad/s).
     """
-    size = jnp.log(jnp.abs(open_loop))
+    logs, size = jnp.log(omega), jnp.log(jnp.abs(open_loop))
     angle = jnp.unwrap(jnp.angle(-open_loop))  # 0: on the negative real axis
     stencil_start = jnp.clip(jnp.arange(omega.size - 1) - 1, 0, omega.size - 4)
     interval_start = jnp.arange(omega.size - 1) - stencil_start
     stencil = stencil_start[:, None] + jnp.arange(4)[None, :]
-    sizes, angles = size[stencil], angle[stencil]
     whole_turns = 2 * jnp.pi * jnp.round(angle[:-1] / (2 * jnp.pi))
-    angles = angles - whole_turns[:, None]
-    logs = jnp.log(omega)[stencil]
+    sizes, angles = size[stencil], angle[stencil] - whole_turns[:, None]
 
-    crosses, crossing = _crossings(sizes, interval_start)
-    lag = jnp.mod(_cubic(angles, crossing), 2 * jnp.pi)
-    frequency = jnp.exp(_cubic(logs, crossing))
-    phase_margins = jnp.minimum(lag, 2 * jnp.pi - lag)
-    phase, crossover = _least_with_frequency(phase_margins, frequency, crosses)
-    delay, _ = _least_with_frequency(lag / frequency, frequency, crosses)
+    has_crossover, position = _crossings(sizes, interval_start)
+    lags = jnp.mod(_cubic(angles, position), 2 * jnp.pi)
+    has_phase_crossing, position_on_axis = _crossings(angles, interval_start)
+    gains = _cubic(sizes, position_on_axis)
+    # the intervals with the least phase margin, delay, rise and fall of the gain
+    candidates = jnp.stack(
+        [has_crossover, has_crossover, has_phase_crossing & (gains <= 0), has_phase_crossing & (gains > 0)]
+    )
+    margins = jnp.stack(
+        [jnp.minimum(lags, 2 * jnp.pi - lags), lags / jnp.exp(_cubic(logs[stencil], position)), -gains, gains]
+    )
+    interval = jnp.argmin(jnp.where(candidates, margins, jnp.inf), axis=1)
+    exists = jnp.any(candidates, axis=1)
 
-    on_negative_axis, crossing = _crossings(angles, interval_start)
+    def distance(log_frequency: Scalar, is_phase: Flag) -> Scalar:
+        log_response = jnp.log(-loop_at(jnp.exp(log_frequency)))
+        return jnp.where(is_phase, log_response.imag, log_response.real)
+
+    def solve(k: Integer, is_phase: Flag) -> Scalar:
+        values = [jnp.where(is_phase, angle[i] - whole_turns[k], size[i]) for i in (k, k + 1)]
+        return bracketed_secant(distance, is_phase, logs[k], logs[k + 1], *values, _SECANT_STEPS).x
+
+    is_phase = jnp.array([False, False, True, True])
+    frequency = jnp.exp(jax.vmap(solve)(interval, is_phase))
+    log_response = jnp.log(-jax.vmap(loop_at)(frequency))
+    lag = jnp.mod(log_response.imag[:2], 2 * jnp.pi)
+    phase = jnp.where(exists[0], jnp.minimum(lag[0], 2 * jnp.pi - lag[0]), jnp.inf)
+    delay = jnp.where(exists[1], lag[1] / frequency[1], jnp.inf)
+
     # A static response ends on the real axis; there a real pole passes 1. An integrator's response goes to infinity,
     # even along the negative axis, without a boundary. At the Nyquist frequency (pole at -1) every response is real.
-    slope = (size[1] - size[0]) / (jnp.log(omega[1]) - jnp.log(omega[0]))
+    slope = (size[1] - size[0]) / (logs[1] - logs[0])
     real = jnp.abs(jnp.sin(jnp.angle(open_loop[0]))) < jnp.sin(_REAL_AXIS_TOLERANCE)
     static = (jnp.abs(slope) < _STATIC_SLOPE) & real
     endpoints = jnp.array([0, -1])
     on_axis = jnp.abs(jnp.angle(-open_loop[endpoints])) < _REAL_AXIS_TOLERANCE
     on_axis &= jnp.stack([static, jnp.asarray(True)])
     searched = jnp.exp(-size[0])
-    gains = jnp.concatenate([_cubic(sizes, crossing), size[endpoints]])
-    frequency = jnp.concatenate([jnp.exp(_cubic(logs, crossing)), omega[endpoints]])
-    on_negative_axis = jnp.concatenate([on_negative_axis, on_axis])
-    up, up_at = _least_with_frequency(-gains, frequency, on_negative_axis & (gains <= 0))
-    down, down_at = _least_with_frequency(gains, frequency, on_negative_axis & (gains > 0))
+    end_sizes = size[endpoints]
+    up, up_at = _least_with_frequency(
+        jnp.append(-end_sizes, -log_response.real[2]),
+        jnp.append(omega[endpoints], frequency[2]),
+        jnp.append(on_axis & (end_sizes <= 0), exists[2]),
+    )
+    down, down_at = _least_with_frequency(
+        jnp.append(end_sizes, log_response.real[3]),
+        jnp.append(omega[endpoints], frequency[3]),
+        jnp.append(on_axis & (end_sizes > 0), exists[3]),
+    )
     # |S - T| at the crossovers: resolves resonances narrower than the frequency grid
     at_crossovers = 2 * jnp.stack([jnp.tan(jnp.minimum(phase, jnp.pi) / 2), jnp.tanh(up / 2), jnp.tanh(down / 2)])
     at_crossovers = jnp.where(at_crossovers >= 0, at_crossovers, jnp.inf)
@@ -318,7 +361,7 @@ def margins_of(
         disk=jnp.minimum(2 / _peak(jnp.log(jnp.abs(difference))), jnp.min(at_crossovers)),
         gain_up_at=up_at,
         gain_down_at=down_at,
-        crossover=crossover,
+        crossover=jnp.where(exists[0], frequency[0], jnp.nan),
     )
 
 
