@@ -79,7 +79,7 @@ def unlimited_validity() -> Validity:
     return Validity(limits, limits, limits)
 
 
-def is_outside(value: Scalar, limits: tuple[Scalar, Scalar]) -> Flag:
+def is_outside(value: ScalarLike, limits: tuple[ScalarLike, ScalarLike]) -> Flag:
     """Whether a value is below the lower or above the upper limit."""
     return (value < limits[0]) | (value > limits[1])
 

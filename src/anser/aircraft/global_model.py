@@ -46,7 +46,7 @@ GLOBAL_TERMS: dict[str, tuple[str, ...]] = {
 _ARGUMENTS = ("alpha", "beta", "p", "q", "r", "elevator", "aileron", "rudder")
 
 
-def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array, "... terms"]]:
+def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array, "... _"]]:
     """Compute the terms of each coefficient, in the order of `GLOBAL_TERMS`.
 
     Parameters
