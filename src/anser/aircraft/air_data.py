@@ -81,7 +81,7 @@ def unlimited_validity() -> Validity:
 
 def is_outside(value: ScalarLike, limits: tuple[ScalarLike, ScalarLike]) -> Flag:
     """Whether a value is below the lower or above the upper limit."""
-    return (value < limits[0]) | (value > limits[1])
+    return jnp.logical_or(value < limits[0], value > limits[1])
 
 
 class Disturbance(eqx.Module):

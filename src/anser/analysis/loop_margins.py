@@ -318,8 +318,8 @@ def margins_of(
         return jnp.where(is_phase, log_response.imag, log_response.real)
 
     def solve(k: Integer, is_phase: Flag) -> Scalar:
-        values = [jnp.where(is_phase, angle[i] - whole_turns[k], size[i]) for i in (k, k + 1)]
-        return bracketed_secant(distance, is_phase, logs[k], logs[k + 1], *values, _SECANT_STEPS).x
+        low, high = (jnp.where(is_phase, angle[i] - whole_turns[k], size[i]) for i in (k, k + 1))
+        return bracketed_secant(distance, is_phase, logs[k], logs[k + 1], low, high, _SECANT_STEPS).x
 
     is_phase = jnp.array([False, False, True, True])
     frequency = jnp.exp(jax.vmap(solve)(interval, is_phase))
