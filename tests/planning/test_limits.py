@@ -9,10 +9,9 @@ import pytest
 from anser.planning import PathLimits
 from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, RELAXED_TOGETHER
 from anser.planning.published.planner import check_limits
-from anser.planning.published.trajectory import fit_trajectory
 from anser.scenario.schema_settings import Limits
 from anser.variables import CATALOGUE, PLAN_VARIABLES
-from support.planning_cases import published_path, velocity
+from support.planning_cases import fit, published_path, velocity
 
 GRAVITY = 9.80665
 WIDE = {"speed_min": 80.0, "speed_max": 250.0, "bank_max": 1.2, "climb_rate_max": 120.0, "altitude_min": -1e3}
@@ -83,7 +82,7 @@ def test_extremes_equal_dense_sampling():
     path = published_path(-30.0, 0.005)
     report = check(path)
     t = np.linspace(0.0, 36.0, 20001)
-    v, a = (np.asarray(jax.jit(jax.vmap(f))(t)) for f in (path.velocity_n, path.acceleration_n))
+    p, v, a = (np.asarray(jax.jit(jax.vmap(f))(t)) for f in (path.position_n, path.velocity_n, path.acceleration_n))
     speed = np.linalg.norm(v, axis=1)
     turn = np.abs(v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0]) / (v[:, 0] ** 2 + v[:, 1] ** 2)
     # 129 samples miss a smooth extreme by a ten-thousandth part of its range.
@@ -91,7 +90,7 @@ def test_extremes_equal_dense_sampling():
     np.testing.assert_allclose(report.turn_rate_max, turn.max(), rtol=1e-3)
     np.testing.assert_allclose(report.turn_utilization_max, (turn * speed).max() / (GRAVITY * np.tan(1.2)), rtol=1e-3)
     np.testing.assert_allclose(report.climb_rate_max, np.abs(v[:, 2]).max(), rtol=1e-3)
-    np.testing.assert_allclose(report.altitude_min, -np.asarray(jax.vmap(path.position_n)(t))[:, 2].max(), atol=0.1)
+    np.testing.assert_allclose(report.altitude_min, -p[:, 2].max(), atol=0.1)
 
 
 def test_wind_moves_the_ground_track_only():
@@ -103,7 +102,7 @@ def test_wind_moves_the_ground_track_only():
         jnp.array([5e3, 0.0, -800.0]),
         velocity(150.0, 0.3),
     )
-    still, windy = fit_trajectory(*args), fit_trajectory(*args, wind_n=jnp.array([20.0, -30.0, 2.0]))
+    still, windy = fit(*args), fit(*args, wind_n=jnp.array([20.0, -30.0, 2.0]))
     a, b = check(still), check(windy)
     for name in ("speed_min", "speed_max", "turn_rate_max", "climb_rate_max"):
         assert getattr(a, name) == getattr(b, name)
@@ -121,7 +120,7 @@ def test_gradients_and_batches_are_finite_at_rest():
     for coefficients in (path.coefficients_n, jnp.zeros((3, 5))):
         assert jnp.all(jnp.isfinite(slopes(coefficients)))
     bends = jnp.array([0.0, 0.0025, 0.01])
-    batch = jax.vmap(lambda b_4: check(published_path(-30.0, b_4)).turn_utilization_max)(bends)
+    batch = jax.jit(jax.vmap(lambda b_4: check(published_path(-30.0, b_4)).turn_utilization_max))(bends)
     np.testing.assert_allclose(
         batch, [check(published_path(-30.0, b_4)).turn_utilization_max for b_4 in bends], rtol=1e-12
     )
@@ -132,7 +131,7 @@ def _descending(gamma_deg, height):
     end_n = jnp.array([6000.0, 0.0, -height])
     velocity_n = 150.0 * jnp.array([np.cos(gamma), 0.0, np.sin(gamma)])
     start_n = end_n - 40.0 * velocity_n
-    return fit_trajectory(0.0, 40.0, start_n, velocity_n, end_n, velocity_n)
+    return fit(0.0, 40.0, start_n, velocity_n, end_n, velocity_n)
 
 
 def test_the_end_state_can_be_levelled_off_by_the_hold():

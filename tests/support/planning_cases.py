@@ -10,20 +10,22 @@ from hypothesis import strategies as st
 from anser.parts import Rendezvous, make_rendezvous
 from anser.planning.published.coordination import PlanningTask, coordinate
 from anser.planning.published.trajectory import arc_length, fit_trajectory
-from anser.verification.polynomial_paths import published_path as published_path
+from anser.verification import polynomial_paths
 
 angles = st.floats(-3.1, 3.1)
 path_angles = st.floats(-0.6, 0.6)
 SPEED = 150.0
-_fit = jax.jit(fit_trajectory)
+fit = jax.jit(fit_trajectory)
+published_path = jax.jit(polynomial_paths.published_path)
+_stand_offs = jax.jit(jax.vmap(make_rendezvous))
 # One compiled planner per fleet size for all tests.
 _plan = jax.jit(coordinate)
 
 
 def velocity(speed, course, path_angle=0.0):
     """Velocity NED from speed, course and path angle (up positive)."""
-    level = speed * jnp.cos(path_angle)
-    return jnp.stack([level * jnp.cos(course), level * jnp.sin(course), -speed * jnp.sin(path_angle)])
+    level = speed * np.cos(path_angle)
+    return jnp.asarray(np.stack([level * np.cos(course), level * np.sin(course), -speed * np.sin(path_angle)]))
 
 
 @st.composite
@@ -33,7 +35,7 @@ def trajectories(draw):
     duration = float(jnp.linalg.norm(line)) / 150.0 * draw(st.floats(0.8, 1.6))
     start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), draw(st.floats(-3e3, 0.0))])
     end_velocities = [velocity(150.0, draw(angles), draw(path_angles)) for _ in range(2)]
-    return _fit(draw(st.floats(0.0, 100.0)), duration, start, end_velocities[0], start + line, end_velocities[1])
+    return fit(draw(st.floats(0.0, 100.0)), duration, start, end_velocities[0], start + line, end_velocities[1])
 
 
 @st.composite
@@ -47,7 +49,7 @@ def flyable(draw):
     ]
     start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), -3000.0])
     bend = distance * draw(st.floats(-2.0, 2.0))
-    return _fit(draw(st.floats(0.0, 100.0)), duration, start, end_velocities[0], start + line, end_velocities[1], bend)
+    return fit(draw(st.floats(0.0, 100.0)), duration, start, end_velocities[0], start + line, end_velocities[1], bend)
 
 
 def plan_at(time, tasks, sides, even=False, speed=SPEED):
@@ -58,7 +60,7 @@ def plan_at(time, tasks, sides, even=False, speed=SPEED):
 
 def stand_offs(count: int, height: float = 300.0) -> Rendezvous:
     """Unconstrained arrivals straight above each goal."""
-    return jax.vmap(make_rendezvous)(jnp.tile(jnp.array([[0.0, 0.0, -height]]), (count, 1)))
+    return _stand_offs(jnp.asarray(np.tile([[0.0, 0.0, -height]], (count, 1))))
 
 
 def fleet(

@@ -58,6 +58,9 @@ def in_wind(wind):
     return Airspace(wind, number(GRAVITY), Separation(number(0.0), number(0.0)), no_keep_outs())
 
 
+motion_at = jax.jit(arrival_motion)
+
+
 @compiled_quickly
 def flown(tasks, wind):
     """For each task: whether the path is valid, and its first and last states through the air and of the drift."""
@@ -110,21 +113,21 @@ def test_an_arrival_against_a_strong_wind_is_not_attainable():
     task = picked(made_tasks(3, climbing=0.0), 0)
     strong = SteadyWind(jnp.array([0.0, 80.0, 0.0]))
     north = eqx.tree_at(lambda t: t.rendezvous.course, task, number(0.0))
-    assert not arrival_motion(north, strong, 100.0, 71.0).attainable
-    assert arrival_motion(north, strong, 100.0, 90.0).attainable
+    assert not motion_at(north, strong, 100.0, 71.0).attainable
+    assert motion_at(north, strong, 100.0, 90.0).attainable
     free_course = eqx.tree_at(lambda t: t.rendezvous.course_prescribed, north, jnp.asarray(False))
-    assert arrival_motion(free_course, strong, 100.0, 71.0).attainable
+    assert motion_at(free_course, strong, 100.0, 71.0).attainable
     lifted = eqx.tree_at(lambda t: t.goal_velocity_n, free_course, jnp.array([0.0, 0.0, -72.0]))
-    assert not arrival_motion(lifted, strong, 100.0, 71.0).attainable
+    assert not motion_at(lifted, strong, 100.0, 71.0).attainable
 
 
 def test_the_heading_is_free_without_a_course_unless_wind_and_path_angle_determine_it():
     angled = picked(made_tasks(4, climbing=0.0), 1)
     calm, windy = (SteadyWind(jnp.array([0.0, east, 0.0])) for east in (0.0, 10.0))
-    assert arrival_motion(angled, calm, 100.0, SPEED).heading_free
-    assert not arrival_motion(angled, windy, 100.0, SPEED).heading_free
+    assert motion_at(angled, calm, 100.0, SPEED).heading_free
+    assert not motion_at(angled, windy, 100.0, SPEED).heading_free
     free_angle = eqx.tree_at(lambda t: t.rendezvous.path_angle_prescribed, angled, jnp.asarray(False))
-    assert arrival_motion(free_angle, windy, 100.0, SPEED).heading_free
+    assert motion_at(free_angle, windy, 100.0, SPEED).heading_free
 
 
 def test_gradients_are_finite():
@@ -135,4 +138,4 @@ def test_gradients_are_finite():
         motion = arrival_motion(at_rest, LAYERED, 100.0, speed)
         return motion.climb + motion.heading
 
-    assert np.isfinite(jax.grad(climb)(SPEED))
+    assert np.isfinite(jax.jit(jax.grad(climb))(SPEED))

@@ -10,10 +10,14 @@ from anser.planning import TimedPath
 from anser.planning.certified.replanning import exit_path
 
 GRAVITY = 9.81
+fly_exit = jax.jit(exit_path)
+position_at = jax.jit(lambda path, time: path.position_n(time))
+states_at = jax.jit(lambda path, time: path.states_n(time))
 SHEAR = LayeredWind(jnp.array([0.0, 2000.0]), jnp.array([[0.0, 0.0, 0.0], [12.0, -6.0, 0.0]]))
 
 
-def climbing_turn(wind):
+@jax.jit
+def climbing_turn():
     times = jnp.linspace(0.0, 100.0, 60)
 
     def place(t):
@@ -27,29 +31,29 @@ def climbing_turn(wind):
 @pytest.mark.parametrize("turn", [0.0, 1.2, -2.2])
 @pytest.mark.parametrize("wind", [SteadyWind(jnp.array([5.0, 3.0, 0.0])), SHEAR], ids=["steady", "shear"])
 def test_an_exit_path_starts_smoothly_and_ends_straight_and_level(turn, wind):
-    path = climbing_turn(wind)
-    out = jax.jit(exit_path)(path, 40.0, 200.0, turn, wind, GRAVITY)
-    planned_air, _ = path.states_n(40.0)
-    air, drift = out.states_n(40.0)
-    np.testing.assert_allclose(air[0] + drift[0], path.position_n(40.0), atol=1e-9)
+    path = climbing_turn()
+    out = fly_exit(path, 40.0, 200.0, turn, wind, GRAVITY)
+    planned_air, _ = (np.asarray(x) for x in states_at(path, 40.0))
+    air, drift = (np.asarray(x) for x in states_at(out, 40.0))
+    np.testing.assert_allclose(air[0] + drift[0], position_at(path, 40.0), atol=1e-9)
     np.testing.assert_allclose(air[1], planned_air[1], atol=1e-9)
     np.testing.assert_allclose(air[2], planned_air[2], atol=1e-9)
     course = np.arctan2(float(planned_air[1, 1]), float(planned_air[1, 0]))
     for time in (150.0, 190.0):
-        late, drifting = (np.asarray(x) for x in out.states_n(time))
+        late, drifting = (np.asarray(x) for x in states_at(out, time))
         np.testing.assert_allclose(late[1, 2], 0.0, atol=1e-9)
         course_error = np.arctan2(late[1, 1], late[1, 0]) - course - turn
         np.testing.assert_allclose((course_error + np.pi) % (2 * np.pi) - np.pi, 0.0, atol=1e-9)
-        np.testing.assert_allclose(np.hypot(*late[1, :2]), np.hypot(*np.asarray(planned_air[1, :2])), rtol=1e-9)
+        np.testing.assert_allclose(np.hypot(*late[1, :2]), np.hypot(*planned_air[1, :2]), rtol=1e-9)
         np.testing.assert_allclose(drifting[1], wind.at(jnp.asarray(late[0] + drifting[0]), 0.0), atol=2e-3)
 
 
 def test_gradients_and_batches():
     wind = SteadyWind(jnp.array([5.0, 3.0, 0.0]))
-    path = climbing_turn(wind)
+    path = climbing_turn()
     slope = jax.grad(lambda turn: exit_path(path, 40.0, 140.0, turn, wind, GRAVITY).position_n(90.0)[0])
     assert np.isfinite(jax.jit(slope)(0.7))
     batch = jax.vmap(lambda turn: exit_path(path, 40.0, 140.0, turn, wind, GRAVITY))
     batch = jax.jit(batch)(jnp.array([0.0, 0.7]))
-    single = jax.jit(exit_path)(path, 40.0, 140.0, 0.7, wind, GRAVITY)
+    single = fly_exit(path, 40.0, 140.0, 0.7, wind, GRAVITY)
     np.testing.assert_allclose(batch.air_n[1], single.air_n, rtol=1e-12, atol=1e-9)

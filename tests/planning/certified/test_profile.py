@@ -17,7 +17,7 @@ from anser.planning.certified.profile import (
     tabulate,
     within_profile_limits,
 )
-from support.certified_cases import GRAVITY, LAYERED, STEADY, blowing, number, picked
+from support.certified_cases import GRAVITY, LAYERED, STEADY, blowing, number
 
 CASES = 24
 INTERVALS = 128
@@ -67,6 +67,7 @@ def readings(table, times):
 
 
 PROFILES = compiled_quickly(jax.vmap(make))(*INPUTS)
+kinks_of = compiled_quickly(jax.vmap(lambda profile: profile.kinks))
 along = compiled_quickly(jax.vmap(motions))
 tables_of = compiled_quickly(jax.vmap(tabulated, in_axes=(0, None)))
 read = compiled_quickly(jax.vmap(readings))
@@ -89,7 +90,7 @@ def test_mean_airspeed_is_the_prescribed_one_plus_known_corrections():
     t = np.linspace(0.0, 1.0, 40001)
     speed = np.asarray(along(PROFILES, DURATION[:, None] * t)[0])[..., 3]
     mean = np.sum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (t.size - 1)
-    np.testing.assert_allclose(jax.vmap(lambda p: p.speed_mean)(PROFILES), mean, rtol=1e-8)  # the trapezoid's
+    np.testing.assert_allclose(jax.jit(jax.vmap(lambda p: p.speed_mean))(PROFILES), mean, rtol=1e-8)  # the trapezoid's
     # The integral of t (1 - t/F)^3 over the F seconds in which it fades is F^2/20.
     expected = MEAN + SPEED_DOT * FADE_S**2 / 20 / DURATION
     once = CHANGE == 0.0
@@ -109,7 +110,7 @@ def test_rates_are_continuous_derivatives():
     np.testing.assert_allclose(slope[..., 1], value[..., 2], atol=1e-10)
     np.testing.assert_allclose(slope[..., 3], value[..., 4], atol=1e-10)
     # At the kinks themselves accelerations are continuous: a step of 1e-14 s, slopes of 1 m/s^3.
-    kinks = np.asarray(jax.vmap(lambda p: p.kinks)(PROFILES))
+    kinks = np.asarray(kinks_of(PROFILES))
     right_limit, left_limit = (
         np.asarray(along(PROFILES, jnp.asarray(t))[0]) for t in (kinks, np.nextafter(kinks, 0.0))
     )
@@ -122,8 +123,8 @@ def test_third_derivatives_jump_at_kinks_only():
     times = np.arange(2 * step, 20.0, step)
     slope = np.asarray(along(PROFILES, jnp.asarray(np.tile(times, (CASES, 1))))[1])[..., [2, 4]]
     jumps = np.max(np.abs(np.diff(slope, axis=1)), axis=2) > 0.05  # fourth derivatives are below 10 m/s^4 in 1 ms
-    for k in range(CASES):
-        kinks = np.asarray(picked(PROFILES, k).kinks)
+    all_kinks = np.asarray(kinks_of(PROFILES))
+    for k, kinks in enumerate(all_kinks):
         jump_times = times[1:][jumps[k]]
         assert all(np.min(np.abs(kinks - t)) <= 2 * step for t in jump_times)
 
@@ -175,9 +176,14 @@ def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(lay
 
 def test_final_and_mean_airspeed_are_inverse_functions():
     final_speed, speed, duration = (jnp.asarray(x) for x in (MEAN, SPEED, DURATION + 200.0))
-    mean = jax.vmap(last_to_mean_speed)(final_speed, speed, duration)
-    recovered = jax.vmap(mean_to_last_speed)(mean, speed, duration)
-    ramp = jax.vmap(speed_ramp)(speed, recovered, duration)
+
+    @compiled_quickly
+    @jax.vmap
+    def there_and_back(final_speed, speed, duration):
+        recovered = mean_to_last_speed(last_to_mean_speed(final_speed, speed, duration), speed, duration)
+        return recovered, speed_ramp(speed, recovered, duration)
+
+    recovered, ramp = (np.asarray(x) for x in there_and_back(final_speed, speed, duration))
     np.testing.assert_allclose(recovered, final_speed, rtol=1e-12)  # rounding
     # A smoothstep's peak is 1.5 times its mean: never harder than meant where there is time for it.
     assert np.all(1.5 * np.abs(recovered - speed) / ramp <= _SPEED_RATES[0] * (1 + 1e-12))

@@ -23,6 +23,7 @@ def parts(angle):
 
 
 resolve = compiled_quickly(turn_and_move)
+all_parts = compiled_quickly(jax.vmap(parts))
 slopes = compiled_quickly(jax.vmap(jax.jacfwd(parts)))
 backward = compiled_quickly(jax.vmap(jax.grad(lambda angle: jnp.sum(parts(angle)))))
 ramps = compiled_quickly(jax.vmap(along_ramp))
@@ -59,7 +60,7 @@ def test_a_turn_has_the_prescribed_angle_limits_and_end(angle, radius, ramp_angl
 
 def test_a_turn_of_no_angle_has_no_length_and_finite_derivatives():
     angles = jnp.array([0.0, -0.0, 1e-300, 0.1, -3.0])
-    values = jax.vmap(parts)(angles)
+    values = all_parts(angles)
     np.testing.assert_array_equal(values[0], 0.0)
     assert np.all(np.isfinite(slopes(angles)))
     assert np.all(np.isfinite(backward(angles)))
@@ -69,7 +70,7 @@ def test_a_turn_of_no_angle_has_no_length_and_finite_derivatives():
 def test_derivatives_are_those_of_the_values(angle):
     # One turn without an arc and some with; centred differences: (1e-5)^2 of third derivatives, rounding 1e-16 / 1e-5.
     h, point = 1e-5, jnp.asarray([angle])
-    differences = (jax.vmap(parts)(point + h) - jax.vmap(parts)(point - h)) / (2 * h)
+    differences = (np.asarray(all_parts(point + h)) - np.asarray(all_parts(point - h))) / (2 * h)
     np.testing.assert_allclose(slopes(point), differences, rtol=1e-7, atol=1e-6)
 
 
@@ -96,7 +97,8 @@ def test_an_arc_is_a_circle_with_a_smooth_limit_to_a_line():
         small, 1 + 0.5j * angle - angle**2 / 6, (np.exp(1j * angle) - 1) / (1j * np.where(small, 1.0, angle))
     )
     np.testing.assert_allclose(displacements, length * circle, rtol=1e-12)  # (1e-4)^3 / 24
-    slopes_there = jax.vmap(jax.grad(lambda k: jnp.imag(along_arc(length, k))))(jnp.asarray(curvature[2:]))
+    slopes_by_curvature = compiled_quickly(jax.vmap(jax.grad(lambda k: jnp.imag(along_arc(length, k)))))
+    slopes_there = slopes_by_curvature(jnp.asarray(curvature[2:]))
     np.testing.assert_allclose(slopes_there, 0.5 * length**2, rtol=1e-6)
 
 

@@ -1,5 +1,7 @@
 """Lateral bend for a required length."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.planning.published.trajectory import arc_length, bend_trajectory, fit_trajectory, solve_lateral_bend
-from support.planning_cases import published_path, trajectories, velocity
+from anser.planning.published.trajectory import arc_length, bend_trajectory, solve_lateral_bend
+from support.planning_cases import fit, position, published_path, trajectories, velocity
 
 measure = jax.jit(arc_length)
+bend_path = jax.jit(bend_trajectory)
 solve = jax.jit(solve_lateral_bend)
 bent_length = jax.jit(lambda path, kappa: arc_length(bend_trajectory(path, kappa)))
 kappa_and_slope = jax.jit(jax.value_and_grad(lambda path, x, side: solve_lateral_bend(path, x, side).kappa, argnums=1))
@@ -23,6 +26,12 @@ bent_length_slope = jax.jit(jax.grad(lambda kappa, path: arc_length(bend_traject
 def solved_length_slope(coefficients, path, target_length, side):
     changed_path = eqx.tree_at(lambda p: p.coefficients_n, path, coefficients)
     return arc_length(bend_trajectory(changed_path, solve_lateral_bend(changed_path, target_length, side).kappa))
+
+
+@jax.jit
+@functools.partial(jax.grad, argnums=(0, 1))
+def bend_slopes(coefficients, length, path):
+    return solve_lateral_bend(eqx.tree_at(lambda p: p.coefficients_n, path, coefficients), length, 1.0).kappa
 
 
 @settings(deadline=None, max_examples=60)
@@ -50,7 +59,7 @@ def test_the_bend_converges_from_either_side_up_to_twice_the_nominal_length(path
 def test_published_lengths_give_the_published_bends():
     for b_4 in (0.0025, 0.005, 0.0075, 0.01):
         for side in (1.0, -1.0):
-            target_length = arc_length(published_path(-30.0, side * b_4))
+            target_length = measure(published_path(-30.0, side * b_4))
             bend = solve(published_path(-30.0), target_length, side)
             # L is met to 1e-10; b_4 follows with the sensitivity (L/b_4)/(dL/db_4), below 100 here.
             np.testing.assert_allclose(bend.kappa / 36.0**4, side * b_4, rtol=1e-8)
@@ -68,13 +77,13 @@ def test_the_nominal_length_gives_zero_bend_and_shorter_lengths_are_refused():
 
 
 def test_a_path_due_east_can_be_lengthened():
-    path = fit_trajectory(
+    path = fit(
         0.0, 40.0, jnp.zeros(3), velocity(150.0, np.pi / 2), jnp.array([0.0, 6e3, 0.0]), velocity(150.0, np.pi / 2)
     )
     bend = solve(path, 6500.0, -1.0)
     assert bend.converged
     # Left of a path due East is North.
-    assert bend_trajectory(path, bend.kappa).position_n(20.0)[0] > 100.0
+    assert position(bend_path(path, bend.kappa), 20.0)[0] > 100.0
 
 
 @settings(deadline=None, max_examples=15)
@@ -93,12 +102,7 @@ def test_the_gradient_is_the_implicit_derivative(path, ratio, side):
 @pytest.mark.parametrize("extra", [-10.0, 0.0, 1e-12, 1e-6, 1e-3])
 def test_the_gradient_is_finite_near_the_nominal_length(extra):
     path = published_path(-30.0)
-    nominal = measure(path)
-
-    def kappa(coefficients, length):
-        return solve_lateral_bend(eqx.tree_at(lambda p: p.coefficients_n, path, coefficients), length, 1.0).kappa
-
-    gradients = jax.jit(jax.grad(kappa, argnums=(0, 1)))(path.coefficients_n, nominal + extra)
+    gradients = bend_slopes(path.coefficients_n, measure(path) + extra, path)
     assert all(jnp.all(jnp.isfinite(g)) for g in gradients)
 
 

@@ -1,5 +1,7 @@
 """Trajectories: boundary conditions, derivatives, invariances, gradients."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,7 @@ from anser.planning.published.trajectory import arc_length, bend_trajectory, fit
 from support.planning_cases import (
     acceleration,
     angles,
+    fit,
     ground_velocity,
     position,
     published_path,
@@ -20,6 +23,7 @@ from support.planning_cases import (
 
 rates = jax.jit(lambda path, t: (jax.jacfwd(path.position_n)(t), jax.jacfwd(path.velocity_n)(t)))
 bend = jax.jit(bend_trajectory)
+measure = jax.jit(arc_length)
 derivative_of = [jax.jit(lambda path, s, n=order: path.path_derivative(s, n)) for order in range(4)]
 
 
@@ -42,7 +46,7 @@ def test_boundary_conditions_hold_in_wind():
     wind = jnp.array([7.0, -12.0, 0.5])
     start, end = jnp.array([100.0, -200.0, -900.0]), jnp.array([4100.0, 2900.0, -1500.0])
     v_0, v_f = velocity(140.0, 0.4, 0.1), velocity(160.0, 1.9, -0.2)
-    path = fit_trajectory(50.0, 36.0, start, v_0, end, v_f, 9000.0, -2000.0, wind)
+    path = fit(50.0, 36.0, start, v_0, end, v_f, 9000.0, -2000.0, wind)
     # Rounding of coefficients of some 1e4 m.
     np.testing.assert_allclose(position(path, 50.0), start, atol=1e-9)
     np.testing.assert_allclose(path.air_velocity_n(50.0), v_0, atol=1e-9)
@@ -98,25 +102,26 @@ def test_the_length_is_invariant_to_rotations(turn, kappa):
     # Theory section 6: the term as published, in the East axis only, cannot lengthen a path that runs due East.
     def length(course):
         c, s = np.cos(course), np.sin(course)
-        rotation = jnp.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        line, v_0, v_f = jnp.array([5e3, 0.0, 500.0]), velocity(150.0, 0.3), velocity(150.0, -0.5, -0.2)
-        return arc_length(
-            fit_trajectory(0.0, 36.0, jnp.zeros(3), rotation @ v_0, rotation @ line, rotation @ v_f, kappa)
-        )
+        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        line, v_0, v_f = np.array([5e3, 0.0, 500.0]), velocity(150.0, 0.3), velocity(150.0, -0.5, -0.2)
+        return measure(fit(0.0, 36.0, jnp.zeros(3), rotation @ v_0, rotation @ line, rotation @ v_f, kappa))
 
     np.testing.assert_allclose(length(turn), length(0.0), rtol=1e-12)
     np.testing.assert_allclose(length(np.pi / 2), length(0.0), rtol=1e-12)
+
+
+@jax.jit
+@functools.partial(jax.grad, argnums=(0, 1, 2, 3))
+def degenerate_slopes(line, v_0, kappa, duration):
+    path = fit_trajectory(0.0, duration, jnp.zeros(3), v_0, line, v_0, kappa, 10.0)
+    return jnp.sum(path.position_n(3.0) ** 2) + arc_length(path)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("line", [(3e3, 1e3, -200.0), (0.0, 0.0, -500.0), (0.0, 0.0, 0.0)])
 @pytest.mark.parametrize("v_0", [(100.0, 50.0, 3.0), (0.0, 0.0, -150.0)])
 def test_the_gradient_is_finite_for_degenerate_lines(line, v_0):
-    def value(line, v_0, kappa, duration):
-        path = fit_trajectory(0.0, duration, jnp.zeros(3), v_0, line, v_0, kappa, 10.0)
-        return jnp.sum(path.position_n(3.0) ** 2) + arc_length(path)
-
-    gradients = jax.grad(value, argnums=(0, 1, 2, 3))(jnp.array(line), jnp.array(v_0), 500.0, 20.0)
+    gradients = degenerate_slopes(jnp.array(line), jnp.array(v_0), 500.0, 20.0)
     assert all(jnp.all(jnp.isfinite(g)) for g in gradients)
 
 
@@ -124,6 +129,4 @@ def test_a_batch_equals_single_positions():
     kappas = jnp.array([-8e3, 0.0, 2e4])
     batch = jax.jit(jax.vmap(lambda kappa: bend_trajectory(published_path(-30.0), kappa).position_n(11.0)))(kappas)
     for kappa, expected in zip(kappas, batch, strict=True):
-        np.testing.assert_allclose(
-            expected, position(bend_trajectory(published_path(-30.0), kappa), 11.0), rtol=1e-13, atol=1e-9
-        )
+        np.testing.assert_allclose(expected, position(bend(published_path(-30.0), kappa), 11.0), rtol=1e-13, atol=1e-9)
