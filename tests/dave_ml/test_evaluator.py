@@ -28,7 +28,7 @@ def test_unrelated_inputs_and_variables_are_not_needed():
     aero = model("F16_aero")
     assert float(aero.evaluate({"alpha": 5.0}, ("cxq",))["cxq"]) == pytest.approx(1.34, rel=1e-15)
     assert float(aero.evaluate({"alpha": 5.0, "el": 0.0}, ("cxt",))["cxt"]) == pytest.approx(-0.004, rel=1e-12)
-    traced = jax.make_jaxpr(lambda x: aero.evaluate(x, ("cxt",)))({"alpha": 1.0, "el": 1.0})
+    traced = jax.make_jaxpr(lambda x: aero.evaluator.evaluate(x, ("cxt",)))({"alpha": 1.0, "el": 1.0})
     # of the groups of tables, that of two functions of elevator and angle of attack alone
     assert "f64[44,4,2]" in str(traced)
     assert "f64[11,2,10]" not in str(traced)
@@ -137,7 +137,7 @@ def test_values_calculated_from_changed_constants_are_updated():
     with pytest.raises(ValueError, match="no constant"):
         evaluator.with_constants({"two_axes": 1.0})
     # traced, too
-    slope = jax.grad(lambda k: evaluator.with_constants({"k": k}).evaluate({}, ("k_squared",))["k_squared"])
+    slope = jax.jit(jax.grad(lambda k: evaluator.with_constants({"k": k}).evaluate({}, ("k_squared",))["k_squared"]))
     assert float(slope(3.0)) == 6.0
 
 
@@ -176,11 +176,11 @@ def test_gradients_against_differences(x, y):
     # At x = -0.25, y = 0.2 both arguments of a table of tables reach breakpoints: the slope is that of a cell beside the path.
     assume(abs(4.0 * x - round(4.0 * x)) > 1e-4)
     h = 1e-6
-    up, down = _values(x + h, y), _values(x - h, y)
-    forward, backward = _slopes(x, y)
+    up, middle_values, down = (jax.device_get(_values(x + shift, y)) for shift in (h, 0.0, -h))
+    forward, backward = jax.device_get(_slopes(x, y))
     for key in SMOOTH:
         np.testing.assert_allclose(forward[key], backward[key], rtol=1e-9, atol=1e-11)
-        middle = _values(x, y)[key]
+        middle = middle_values[key]
         left_slope, right_slope = (middle - down[key]) / h, (up[key] - middle) / h
         # One of the one-sided differences where the slope jumps at a breakpoint nearby.
         scale = 1.0 + abs(float(left_slope)) + abs(float(right_slope)) + float(abs(middle))
@@ -213,7 +213,8 @@ CORNERS = {
 @pytest.mark.parametrize("corner", CORNERS)
 def test_gradients_are_finite_where_a_slope_is_not(corner):
     m = formula_model(CORNERS[corner])
-    value, slopes = jax.value_and_grad(lambda s: m.evaluate(s)["z"])({"x": jnp.array(0.0), "y": jnp.array(1.5)})
+    value_and_slopes = jax.jit(jax.value_and_grad(lambda s: m.evaluate(s)["z"]))
+    value, slopes = value_and_slopes({"x": jnp.array(0.0), "y": jnp.array(1.5)})
     assert np.isfinite(value)
     assert all(np.isfinite(slope) for slope in slopes.values())
 
@@ -233,14 +234,14 @@ INVERSES = {
 def test_slopes_of_inverse_functions(name):
     value, slope = INVERSES[name]
     m = formula_model(f"<apply><{name}/><ci>x</ci></apply>")
-    gradient = jax.grad(lambda x: m.evaluate({"x": x})["z"])(jnp.array(value))
+    gradient = jax.jit(jax.grad(lambda x: m.evaluate({"x": x})["z"]))(jnp.array(value))
     assert float(gradient) == pytest.approx(slope(value), rel=1e-14)
     assert m.evaluate({"x": jnp.float32(value)})["z"].dtype == jnp.float32
 
 
 def test_gradient_with_respect_to_a_table():
     aero = model("F16_aero").evaluator
-    slope = eqx.filter_grad(lambda e: e.evaluate({"alpha": 7.5}, ("cxq",))["cxq"])(aero)
+    slope = eqx.filter_jit(eqx.filter_grad(lambda e: e.evaluate({"alpha": 7.5}, ("cxq",))["cxq"]))(aero)
     leaves = [leaf for lookup in slope.tables[0] for leaf in lookup.tables.cells if np.any(leaf)]
     assert len(leaves) == 1
     # The value is the coefficient of 1 plus half of that of the fraction.
@@ -251,7 +252,8 @@ def test_single_precision_stays_single():
     def single(tree):
         return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
 
-    values = single(model("F16_aero").evaluator).evaluate(single(STATE), ("cz", "cn"))
+    evaluate = eqx.filter_jit(lambda evaluator, state: evaluator.evaluate(state, ("cz", "cn")))
+    values = evaluate(single(model("F16_aero").evaluator), single(STATE))
     exact = model("F16_aero").evaluate(STATE, ("cz", "cn"))
     for key, value in values.items():
         assert value.dtype == jnp.float32

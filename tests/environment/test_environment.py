@@ -44,10 +44,10 @@ def test_environments_support_batches_and_gradients():
 
     latitudes = jnp.array([0.1, 0.9])
     winds = jnp.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
-    fleet = jax.vmap(standard_environment)(latitudes, winds)
+    fleet = jax.jit(jax.vmap(standard_environment))(latitudes, winds)
     expected = np.array([somigliana(latitude) for latitude in latitudes]) * [1.0, 4.0]
-    np.testing.assert_allclose(jax.vmap(drift_energy)(fleet), expected, rtol=1e-15)
+    np.testing.assert_allclose(jax.jit(jax.vmap(drift_energy))(fleet), expected, rtol=1e-15)
     environment = Environment(StandardAtmosphere(), SteadyWind(jnp.array([3.0, 4.0, 0.0])), FlatEarth(jnp.asarray(9.8)))
-    gradient = jax.grad(drift_energy)(environment)
+    gradient = jax.jit(jax.grad(drift_energy))(environment)
     assert gradient.gravity == 25.0
     np.testing.assert_allclose(gradient.wind.velocity_n, 9.8 * 2.0 * np.array([3.0, 4.0, 0.0]), rtol=1e-15)

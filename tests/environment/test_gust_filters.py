@@ -1,5 +1,6 @@
 """Shaping filters of turbulence: exact discretization, and the spectra of the standards."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -49,12 +50,15 @@ def test_both_documents_have_the_same_spectra(family, w):
 
 
 def matrices(shaping, span):
-    transition, root = (np.asarray(m) for m in shaping.transition(jnp.asarray(span)))
-    output_row = np.stack([np.asarray(shaping.output(jnp.asarray(unit))) for unit in np.eye(shaping.size)])
-    initial_root = np.stack(
-        [np.asarray(shaping.stationary_state(jnp.asarray(unit))) for unit in np.eye(shaping.size)], axis=1
-    )
+    transition, root, output_row, initial_root = (np.asarray(m) for m in _matrices(shaping, jnp.asarray(span)))
     return transition, root @ root.T, output_row, initial_root @ initial_root.T
+
+
+@eqx.filter_jit
+def _matrices(shaping, span):
+    units = jnp.eye(shaping.size)
+    initial_root = jax.vmap(shaping.stationary_state, out_axes=1)(units)
+    return *shaping.transition(span), jax.vmap(shaping.output)(units), initial_root
 
 
 @pytest.mark.parametrize("span", [1e-4, 3e-3, 0.049, 0.051, 1.0])
@@ -107,8 +111,12 @@ def simulate_sequences(shaping, span, count, samples, seed=3):
         new_state = jax.vmap(shaping.advance, in_axes=(1, 1, None), out_axes=1)(state, noise, jnp.asarray(span))
         return new_state, jax.vmap(shaping.output, in_axes=1)(new_state)
 
-    initial_states = jax.vmap(shaping.stationary_state, in_axes=1, out_axes=1)(jnp.asarray(normals[0]))
-    return np.asarray(jax.jit(lambda s, n: jax.lax.scan(step, s, n))(initial_states, jnp.asarray(normals[1:]))[1]).T
+    @jax.jit
+    def sequences(normals):
+        initial_states = jax.vmap(shaping.stationary_state, in_axes=1, out_axes=1)(normals[0])
+        return jax.lax.scan(step, initial_states, normals[1:])[1]
+
+    return np.asarray(sequences(jnp.asarray(normals))).T
 
 
 # 30 minutes at 150 m/s in scales of 533 m (1,750 ft) are a way of 506 scales; a sample each 0.075 s
@@ -145,8 +153,8 @@ def test_realisations_have_the_spectrum_of_the_filter(name, count, samples):
 
 
 def test_filters_support_gradients_and_batches_and_refuse_complex_poles():
-    slope = jax.grad(lambda t: jnp.sum(VON_KARMAN_TRANSVERSE.advance(jnp.ones(3), jnp.ones(3), t)))(jnp.asarray(0.01))
-    assert np.isfinite(slope)
+    slope = jax.jit(jax.grad(lambda t: jnp.sum(VON_KARMAN_TRANSVERSE.advance(jnp.ones(3), jnp.ones(3), t))))
+    assert np.isfinite(slope(0.01))
     spans = jnp.array([1e-4, 0.01, 1.0])
     batch = jax.jit(jax.vmap(lambda t: DRYDEN_TRANSVERSE.transition(t)[1]))(spans)
     for span, root in zip(spans, batch, strict=True):

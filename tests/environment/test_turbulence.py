@@ -28,10 +28,30 @@ def flow(height=3000.0, airspeed=150.0, time=0.0, heading=0.0):
 
 
 def level(height_ft, probability=1e-3, wind=30.0, family="dryden"):
-    table = exceedance_table()
-    return turbulence_levels(
-        jnp.asarray(height_ft * FOOT), jnp.asarray(wind * KNOT), jnp.asarray(np.log10(probability)), table, family
-    )
+    return _LEVELS(height_ft * FOOT, wind * KNOT, np.log10(probability), exceedance_table(), family)
+
+
+_LEVELS = jax.jit(turbulence_levels, static_argnums=4)
+
+
+@eqx.filter_jit
+def start(gusts, normals, conditions):
+    return gusts.init(normals, conditions)
+
+
+@eqx.filter_jit
+def advance(gusts, memory, normals, conditions, step):
+    return gusts.advance(memory, normals, conditions, step)
+
+
+@eqx.filter_jit
+def gust_at(gusts, memory, conditions):
+    return gusts.at(memory, conditions)
+
+
+@eqx.filter_jit
+def levels_at(gusts, conditions):
+    return gusts.levels(conditions)
 
 
 @pytest.mark.parametrize(
@@ -79,11 +99,12 @@ def test_gusts_have_the_published_intensity_and_rates_are_gradients(family):
 
     drawn = rng.normal(size=(count, 401, gusts.normals))
     gust = jax.jit(jax.vmap(flight))(jnp.asarray(drawn[:, 0]), jnp.asarray(drawn[:, 1:]))
-    sigma = float(gusts.levels(conditions).sigmas[0])
+    levels = levels_at(gusts, conditions)
+    sigma = float(levels.sigmas[0])
     velocity, rates = np.asarray(gust.velocity_b), np.asarray(gust.rates_b)
     expected = 1.0 if family == "dryden" else np.sqrt(0.945)
     np.testing.assert_allclose(velocity.std(axis=(0, 1)) / sigma, expected, rtol=0.06)
-    length = float(gusts.levels(conditions).lengths[2])
+    length = float(levels.lengths[2])
     np.testing.assert_allclose(rates[..., 0].std(), roll_sigma(length, sigma, SPAN), rtol=0.06)
     correlation = np.corrcoef(velocity.reshape(-1, 3).T)
     assert np.max(np.abs(correlation - np.eye(3))) < 0.1
@@ -106,22 +127,22 @@ def test_gusts_have_the_published_intensity_and_rates_are_gradients(family):
 
 def test_gust_axes_are_level_at_low_and_body_axes_at_high_altitude():
     gusts = turbulence()
-    memory = gusts.init(jnp.ones(gusts.normals), flow())
+    memory = start(gusts, jnp.ones(gusts.normals), flow())
     nose_up = eqx.tree_at(
         lambda f: f.R_bn, flow(height=100.0), jnp.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     )
     high = eqx.tree_at(lambda f: f.height, nose_up, jnp.asarray(3000.0))
-    w = float(gusts.at(memory, high).velocity_b[2])
-    np.testing.assert_allclose(w, float(gusts.at(memory, flow()).velocity_b[2]))
-    low = np.asarray(gusts.at(memory, nose_up).velocity_b)
-    sigma = np.asarray(gusts.levels(nose_up).sigmas)
+    w = float(gust_at(gusts, memory, high).velocity_b[2])
+    np.testing.assert_allclose(w, float(gust_at(gusts, memory, flow()).velocity_b[2]))
+    low = np.asarray(gust_at(gusts, memory, nose_up).velocity_b)
+    sigma = np.asarray(levels_at(gusts, nose_up).sigmas)
     np.testing.assert_allclose(low[0], -sigma[2] * float(gusts.filters[1].output(memory.w)), rtol=1e-12)
 
 
 def test_gusts_of_zero_intensity_vanish_with_finite_gradients():
     calm = turbulence(wind=0.0, log_probability=-1.0)
-    memory = calm.init(jnp.ones(calm.normals), flow(height=100.0))
-    np.testing.assert_array_equal(calm.at(memory, flow(height=100.0)).velocity_b, np.zeros(3))
+    memory = start(calm, jnp.ones(calm.normals), flow(height=100.0))
+    np.testing.assert_array_equal(gust_at(calm, memory, flow(height=100.0)).velocity_b, np.zeros(3))
 
     def met(airspeed, wind):
         gusts, conditions = turbulence(wind=wind), flow(height=200.0, airspeed=airspeed)
@@ -129,18 +150,20 @@ def test_gusts_of_zero_intensity_vanish_with_finite_gradients():
         gust = gusts.at(gusts.advance(memory, jnp.ones(gusts.normals), conditions, 0.01), conditions)
         return jnp.sum(gust.velocity_b) + jnp.sum(gust.rates_b)
 
-    assert np.all(np.isfinite(jax.grad(met, argnums=(0, 1))(150.0, 10.0)))
+    assert np.all(np.isfinite(jax.jit(jax.grad(met, argnums=(0, 1)))(150.0, 10.0)))
 
 
 @pytest.mark.parametrize(("returns", "last"), [(True, 0.0), (False, 6.0)])
 def test_a_discrete_gust_is_one_minus_cosine(returns, last):
     """MIL-F-8785C, 3.7.1.3: half amplitude at half the length, full amplitude at the length."""
     gust = DiscreteGust(jnp.array([0.0, 2.0, 6.0]), jnp.asarray(120.0), jnp.asarray(1.0), jnp.asarray(returns))
-    memory, velocities = gust.init(jnp.zeros(0), flow()), []
-    for k in range(500):
-        velocities.append(np.asarray(gust.at(memory, flow(time=0.01 * k)).velocity_b))
-        memory = gust.advance(memory, jnp.zeros(0), flow(time=0.01 * k), 0.01)
-    velocities = np.array(velocities)
+
+    def step(memory, time):
+        velocity_b = gust.at(memory, flow(time=time)).velocity_b
+        return gust.advance(memory, jnp.zeros(0), flow(time=time), 0.01), velocity_b
+
+    initial = gust.init(jnp.zeros(0), flow())
+    velocities = np.asarray(jax.jit(lambda times: jax.lax.scan(step, initial, times)[1])(0.01 * np.arange(500)))
     np.testing.assert_allclose(velocities[:101], 0.0)
     np.testing.assert_allclose(velocities[140], [0.0, 1.0, 3.0], atol=1e-9)  # 60 m on
     np.testing.assert_allclose(velocities[180], [0.0, 2.0, 6.0], atol=1e-9)
@@ -151,10 +174,9 @@ def test_the_sum_of_gusts_adds_the_parts():
     gust = DiscreteGust(jnp.array([0.0, 2.0, 6.0]), jnp.asarray(120.0), jnp.asarray(0.0), jnp.asarray(False))
     total = SummedGusts((turbulence(), gust, NoGusts()))
     normals = jnp.asarray(np.random.default_rng(0).normal(size=total.normals))
-    memory = total.init(normals, flow())
-    memory = total.advance(memory, normals, flow(), 0.5)
+    memory = advance(total, start(total, normals, flow()), normals, flow(), 0.5)
     alone = turbulence()
-    state = alone.advance(alone.init(normals, flow()), normals, flow(), 0.5)
+    state = advance(alone, start(alone, normals, flow()), normals, flow(), 0.5)
     single = gust.at(gust.advance(gust.init(jnp.zeros(0), flow()), jnp.zeros(0), flow(), 0.5), flow())
-    expected = alone.at(state, flow()).velocity_b + single.velocity_b
-    np.testing.assert_allclose(total.at(memory, flow()).velocity_b, expected, rtol=1e-12)
+    expected = gust_at(alone, state, flow()).velocity_b + single.velocity_b
+    np.testing.assert_allclose(gust_at(total, memory, flow()).velocity_b, expected, rtol=1e-12)

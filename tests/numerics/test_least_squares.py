@@ -57,23 +57,24 @@ def test_the_search_passes_a_kink():
     def kinked(x, p):
         return jnp.where(x > 1.0, 4.0 * (x - 1.0), x - 1.0) - p
 
+    solve_kinked = jax.jit(lambda p, start: levenberg_marquardt(kinked, p, start))
     for p, root in ((2.0, 1.5), (-2.0, -1.0)):
         for start in (-5.0, 5.0):
-            solution = levenberg_marquardt(kinked, p, jnp.array([start]))
+            solution = solve_kinked(p, jnp.array([start]))
             np.testing.assert_allclose(solution.x, [root], atol=1e-12)
 
 
 def test_without_a_root_the_residual_is_reported():
     # x^2 + 1 is at least 1; Gauss-Newton directions creep toward the minimum at 0, the start has 1.49.
-    solution = levenberg_marquardt(lambda x, p: x**2 + p, 1.0, jnp.array([0.7]))
+    solution = jax.jit(lambda start: levenberg_marquardt(lambda x, p: x**2 + p, 1.0, start))(jnp.array([0.7]))
     assert 1.0 <= float(solution.residual) < 1.01
     np.testing.assert_allclose(solution.residual, solution.x[0] ** 2 + 1.0, rtol=1e-15)
 
 
 def test_values_that_are_not_a_number_are_never_accepted():
-    solution = levenberg_marquardt(lambda x, p: jnp.log(x) - p, 0.0, jnp.array([3.0]))
-    np.testing.assert_allclose(solution.x, [1.0], atol=1e-12)
-    lost = levenberg_marquardt(lambda x, p: jnp.log(x) - p, 0.0, jnp.array([-3.0]))
+    solve_logarithm = jax.jit(lambda start: levenberg_marquardt(lambda x, p: jnp.log(x) - p, 0.0, start))
+    np.testing.assert_allclose(solve_logarithm(jnp.array([3.0])).x, [1.0], atol=1e-12)
+    lost = solve_logarithm(jnp.array([-3.0]))
     assert float(lost.x[0]) == -3.0
     assert not float(lost.residual) <= 1e-12
 
@@ -87,26 +88,29 @@ def _root(p):
 def test_the_derivative_equals_that_of_the_known_root(derivative):
     a, b = 1.7, 0.6
     # Normal equations: the condition squared, 1e2, times rounding.
-    np.testing.assert_allclose(derivative(_root)(jnp.array([a, b])), [[1, 0], [-b / a**2, 1 / a]], atol=1e-12)
+    slopes = jax.jit(derivative(_root))(jnp.array([a, b]))
+    np.testing.assert_allclose(slopes, [[1, 0], [-b / a**2, 1 / a]], atol=1e-12)
 
 
 def test_the_derivative_at_a_singular_root_is_finite():
     def flat(p):
         return with_implicit_derivative(lambda x, p: x**2 - p, p, jnp.array([0.0]))[0]
 
-    assert np.isfinite(jax.grad(flat)(0.0))
+    assert np.isfinite(jax.jit(jax.grad(flat))(0.0))
 
 
 def test_a_batch_equals_single_searches():
     p = jnp.array([[1.0, 2.0], [2.5, -1.0], [0.6, 0.1]])
-    batch = jax.vmap(lambda q: levenberg_marquardt(_curved, q, jnp.ones(2)))(p)
+    batch = jax.jit(jax.vmap(lambda q: levenberg_marquardt(_curved, q, jnp.ones(2))))(p)
     np.testing.assert_allclose(batch.x, [solve_curved(q, jnp.ones(2)).x for q in p], atol=1e-12)
 
 
 def test_damping_shortens_the_step():
-    matrix, vector = jnp.array([[2.0, 1.0], [0.0, 3.0]]), jnp.array([1.0, -2.0])
-    np.testing.assert_allclose(matrix @ damped_solve(matrix, vector, jnp.asarray(0.0)), vector, atol=1e-12)
-    lengths = [float(jnp.linalg.norm(damped_solve(matrix, vector, jnp.asarray(d)))) for d in (0.0, 1.0, 100.0)]
+    matrix, vector = np.array([[2.0, 1.0], [0.0, 3.0]]), np.array([1.0, -2.0])
+    solve = jax.jit(damped_solve)
+    undamped, *_, strongly_damped = steps = [np.asarray(solve(matrix, vector, d)) for d in (0.0, 1.0, 100.0, 1e9)]
+    np.testing.assert_allclose(matrix @ undamped, vector, atol=1e-12)
+    lengths = [np.linalg.norm(step) for step in steps]
     assert lengths == sorted(lengths, reverse=True)
     # Steepest descent in the limit.
-    np.testing.assert_allclose(1e9 * damped_solve(matrix, vector, jnp.asarray(1e9)), matrix.T @ vector, rtol=1e-7)
+    np.testing.assert_allclose(1e9 * strongly_damped, matrix.T @ vector, rtol=1e-7)

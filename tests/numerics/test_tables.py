@@ -19,6 +19,7 @@ SHEETS = [RNG.normal(size=(len(X), len(Y))) for _ in range(4)]
 BLOCK = RNG.normal(size=(len(X), len(Y), len(PAIR)))
 SOLID = make_tables(make_axes([X, Y, PAIR], clamp=False), [((0, 1, 2), [BLOCK])])
 look_up = jax.jit(lambda table, *at: table(*at)[0])
+look_up_all = jax.jit(lambda table, *at: table(*at))
 slopes = jax.jit(jax.jacfwd(lambda table, *at: table(*at)[0], argnums=1))
 slopes_y = jax.jit(jax.jacfwd(lambda table, *at: table(*at)[0], argnums=2))
 reverse_slopes = jax.jit(jax.jacrev(lambda table, *at: table(*at)[0], argnums=1))
@@ -89,9 +90,9 @@ def test_bilinear_functions_are_reproduced_exactly(x, y, a):
 
 def test_a_table_of_two_breakpoints_is_linear():
     line = make_tables(make_axes([PAIR], clamp=False), [((0,), [[3.0, 5.0]])])
-    np.testing.assert_allclose([line(x)[0][0] for x in (-1.0, 0.25, 2.0)], [1.0, 3.5, 7.0], rtol=1e-15)
+    np.testing.assert_allclose([look_up(line, x)[0] for x in (-1.0, 0.25, 2.0)], [1.0, 3.5, 7.0], rtol=1e-15)
     plane = make_tables(make_axes([PAIR, X], clamp=True), [((0, 1), [SHEETS[0][:2, [0] * 6]])])
-    np.testing.assert_allclose(plane(0.0, 3.0)[0][0], SHEETS[0][0, 0], rtol=1e-15)
+    np.testing.assert_allclose(look_up(plane, 0.0, 3.0)[0], SHEETS[0][0, 0], rtol=1e-15)
 
 
 def test_arguments_outside_the_breakpoints_are_reported():
@@ -137,10 +138,11 @@ def test_the_gradient_with_respect_to_the_cells_has_the_interpolation_weights():
     table = surfaces()
     u, v = 0.25, 0.75
     x, y = X[1] + u * (X[2] - X[1]), Y[2] + v * (Y[3] - Y[2])
-    gradient = jax.grad(lambda cells: eqx.tree_at(lambda t: t.cells[0], table, cells)(x, y)[0][1])(table.cells[0])
+    gradient_of = jax.jit(jax.grad(lambda cells: eqx.tree_at(lambda t: t.cells[0], table, cells)(x, y)[0][1]))
+    gradient = np.asarray(gradient_of(table.cells[0]))
     cell = 1 * (len(Y) - 1) + 2
     np.testing.assert_allclose(gradient[cell, :, 1], [1.0, u, v, u * v], rtol=1e-12)
-    assert jnp.sum(gradient != 0.0) == 4
+    assert np.sum(gradient != 0.0) == 4
 
 
 def test_a_batch_equals_single_evaluations():
@@ -149,7 +151,7 @@ def test_a_batch_equals_single_evaluations():
     batch = jax.jit(jax.vmap(sheet))(xs, ys)[0]
     assert batch.shape == (41, 4)
     np.testing.assert_allclose(batch, [look_up(sheet, x, y) for x, y in zip(xs, ys, strict=True)], atol=1e-13)
-    np.testing.assert_allclose(jax.vmap(line)(xs)[0], [look_up(line, x) for x in xs], atol=1e-14)
+    np.testing.assert_allclose(jax.jit(jax.vmap(line))(xs)[0], [look_up(line, x) for x in xs], atol=1e-14)
 
 
 def test_new_table_values_do_not_recompile():
@@ -185,7 +187,7 @@ def test_groups_on_axes_of_several_lengths_equal_separate_tables():
     table = make_tables(axes, [((0,), LINES), ((0, 1), SHEETS), ((0, 2), columns)])
     plane = make_tables(make_axes([X, PAIR], clamp=True), [((0, 1), columns)])
     for x, y, z in ((-31.0, 2.0, 0.3), (3.0, -70.0, 1.7), (45.0, 30.0, 1.0)):
-        line, sheet, column = table(x, y, z)
+        line, sheet, column = look_up_all(table, x, y, z)
         np.testing.assert_allclose(line, look_up(curves(clamp=True), x), rtol=1e-14)
         np.testing.assert_allclose(sheet, look_up(surfaces(clamp_x=True), x, y), rtol=1e-14)
         np.testing.assert_allclose(column, look_up(plane, x, z), rtol=1e-14)
