@@ -6,6 +6,7 @@ Air data, force and moment, gust and thrust loss, and the validity range of a mo
 import math
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from anser.environment.atmosphere import Air
 from anser.environment.gusts import Gust
