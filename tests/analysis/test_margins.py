@@ -15,18 +15,38 @@ OMEGA = frequencies(STEP)
 ROUNDING = 1e-11
 
 
-@functools.partial(jax.jit, static_argnums=0)
+ORDER_MAX = 5
+
+
 def margins_by_frequency(loop_at):
     L = jax.vmap(loop_at)(OMEGA)
     return margins_of(OMEGA, L, (1 - L) / (1 + L), loop_at)
 
 
-def margins(loop):
-    return margins_by_frequency(lambda w: loop(1j * w))
+@functools.partial(jax.jit, static_argnames="is_sampled")
+def rational_margins(numerator, denominator, is_sampled):
+    def loop_at(w):
+        point = jnp.exp(1j * w * STEP) if is_sampled else 1j * w
+        return jnp.polyval(numerator, point) / jnp.polyval(denominator, point)
+
+    return margins_by_frequency(loop_at)
 
 
-def sampled(loop):
-    return margins_by_frequency(lambda w: loop(jnp.exp(1j * w * STEP)))
+@jax.jit
+def sampled_system_margins(A, B, C):
+    unit = jnp.eye(A.shape[0])
+
+    def loop_at(w):
+        return (C @ jnp.linalg.solve(jnp.exp(1j * w * STEP) * unit - A, B.astype(complex)))[0, 0]
+
+    return margins_by_frequency(loop_at)
+
+
+def margins(loop, is_sampled=False):
+    """Margins of a rational function of s or, sampled, of z; every loop is data of one program."""
+    system = loop(control.tf("s"))
+    polynomials = (np.pad(values[0][0], (ORDER_MAX + 1 - len(values[0][0]), 0)) for values in (system.num, system.den))
+    return rational_margins(*polynomials, is_sampled=is_sampled)
 
 
 def test_frequencies_reach_nyquist():
@@ -55,7 +75,7 @@ def test_a_textbook_loop_has_its_known_margins():
 @pytest.mark.parametrize("K", [0.4, 1.0, 1.9])
 def test_a_sampled_integrator_has_its_known_margins(K):
     """K / (z - 1): the gain margin 2 / K is at the Nyquist frequency, where the response ends on the negative axis."""
-    result = sampled(lambda z: K / (z - 1))
+    result = margins(lambda z: K / (z - 1), is_sampled=True)
     omega = 2 * np.arcsin(K / 2) / STEP
     assert float(result.gain_up) == pytest.approx(2 / K, rel=1e-9)
     assert float(result.gain_up_at) == pytest.approx(np.pi / STEP)
@@ -141,9 +161,10 @@ def closed_loop_radius(system, factor):
 def test_at_every_margin_the_spectral_radius_is_1(numerator, denominator):
     """Inside 1 up to each stated gain, outside beyond; without a margin, inside up to the search bound."""
     system = control.c2d(control.ss(control.tf(numerator, denominator)), STEP)
-    A, B, C = (jnp.asarray(matrix) for matrix in (system.A, system.B, system.C))
-    unit = jnp.eye(A.shape[0])
-    result = sampled(lambda z: (C @ jnp.linalg.solve(z * unit - A, B.astype(complex)))[0, 0])
+    more = 3 - system.nstates  # states apart from the loop, so that every case has the same shapes
+    result = sampled_system_margins(
+        np.pad(system.A, (0, more)), np.pad(system.B, ((0, more), (0, 0))), np.pad(system.C, ((0, 0), (0, more)))
+    )
     assert closed_loop_radius(system, 1.0) < 1
     for gain, searched in (
         (float(result.gain_up), float(result.gain_up_searched)),
@@ -167,12 +188,12 @@ def test_a_batch_equals_single_loops():
         L = K / (s * (s + 1) * (s + 2))
         return margins_of(OMEGA, L, (1 - L) / (1 + L), lambda w: K / (1j * w * (1j * w + 1) * (1j * w + 2)))
 
-    gains = jnp.array([0.5, 1.0, 5.0])
+    gains, single = jnp.array([0.5, 1.0, 5.0]), jax.jit(of_gain)
     batch = jax.jit(jax.vmap(of_gain))(gains)
     for k in range(3):
-        single_loop = jax.jit(of_gain)(gains[k])
-        for batched, single in zip(jax.tree.leaves(batch), jax.tree.leaves(single_loop), strict=True):
-            np.testing.assert_allclose(batched[k], single, rtol=1e-12)
+        single_loop = single(gains[k])
+        for batched, expected in zip(jax.tree.leaves(batch), jax.tree.leaves(single_loop), strict=True):
+            np.testing.assert_allclose(batched[k], expected, rtol=1e-12)
 
 
 def test_the_largest_pole_has_the_largest_modulus():

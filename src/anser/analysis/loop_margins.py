@@ -241,16 +241,16 @@ def frequencies(step: ScalarLike, count: int = FREQUENCY_COUNT) -> Float[Array, 
 
 def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " frequency"]) -> LoopResponse:
     """Compute the frequency response of a sampled loop at its breakpoints, for frequencies up to pi / step."""
-    unit, B = jnp.eye(loop.A.shape[0]), loop.B.astype(complex)
-
-    def closed(w: Scalar) -> Complex[Array, "breakpoint breakpoint"]:
-        return loop.C @ jnp.linalg.solve(jnp.exp(1j * w * step) * unit - loop.A, B) + loop.D
-
-    T_zw = jax.vmap(closed)(omega)
+    T_zw = jax.vmap(lambda w: _response_at(w, step, loop.A, loop.B, loop.C, loop.D))(omega)
     diagonal = jnp.diagonal(T_zw, axis1=1, axis2=2)
     actuators = _actuators(diagonal.shape[1])
     actuators_difference = jax.vmap(_structured_gain)(jnp.eye(actuators.stop)[None] + 2 * T_zw[:, actuators, actuators])
     return LoopResponse(omega, -diagonal / (1 + diagonal), 1 + 2 * diagonal, actuators_difference)
+
+
+def _response_at(w: Scalar, step: ScalarLike, A: Array, B: Array, C: Array, D: Array) -> Complex[Array, "..."]:
+    """Return the response of a sampled system at a frequency (rad/s)."""
+    return C @ jnp.linalg.solve(jnp.exp(1j * w * step) * jnp.eye(A.shape[0]) - A, B.astype(complex)) + D
 
 
 def loop_margins(loop: ExcitedLoop, step: ScalarLike, response: LoopResponse) -> tuple[Margins, Scalar]:
@@ -259,16 +259,17 @@ def loop_margins(loop: ExcitedLoop, step: ScalarLike, response: LoopResponse) ->
     Margins are meaningful only if the closed loop is stable: see `largest_pole`. `response` is that of the loop with
     the same step.
     """
-    unit = jnp.eye(loop.A.shape[0])
 
-    def margins_at_breakpoint(open_loop: Array, difference: Array, b: Array, c: Array) -> Margins:
+    def margins_at_breakpoint(open_loop: Array, difference: Array, b: Array, c: Array, d: Array) -> Margins:
         def loop_at(w: Scalar) -> Complex[Array, ""]:
-            T_zw = c @ jnp.linalg.solve(jnp.exp(1j * w * step) * unit - loop.A, b.astype(complex))
+            T_zw = _response_at(w, step, loop.A, b, c, d)
             return -T_zw / (1 + T_zw)
 
         return margins_of(response.omega, open_loop, difference, loop_at)
 
-    margins = jax.vmap(margins_at_breakpoint, in_axes=(1, 1, 1, 0))(response.open, response.difference, loop.B, loop.C)
+    margins = jax.vmap(margins_at_breakpoint, in_axes=(1, 1, 1, 0, 0))(
+        response.open, response.difference, loop.B, loop.C, jnp.diagonal(loop.D)
+    )
     actuators_disk = 2 / _peak(jnp.log(response.actuators_difference))
     return margins, jnp.minimum(actuators_disk, jnp.min(margins.disk[_actuators(margins.disk.size)]))
 
