@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from anser.compiling.options import compiled, compiled_quickly
+from anser.compiling.options import compiled, compiled_by_older_generator
 from anser.numerics.arrays import as_array, pad_to_multiple, unstack_rows
 from anser.parts.paths import PathPoint, polar
 from anser.parts.planners import IdleDeceleration
@@ -69,18 +69,35 @@ def _interpolate(
     """Position at a time (`instant`, s) on the cubic between two samples; NaN if one of the samples is NaN."""
     k = jnp.clip(jnp.searchsorted(times, instant, side="right") - 1, 0, times.shape[0] - 2)
     step = times[k + 1] - times[k]
-    u = (instant - times[k]) / step
-    displacement = positions[k + 1] - positions[k]
-    c2 = 3.0 * displacement - step * (2.0 * velocities[k] + velocities[k + 1])
-    c3 = step * (velocities[k] + velocities[k + 1]) - 2.0 * displacement
-    interpolated = positions[k] + u * (step * velocities[k] + u * (c2 + u * c3))
+    states = positions[k], positions[k + 1], velocities[k], velocities[k + 1]
+    return _cubic(step, *states, (instant - times[k]) / step)
+
+
+def _cubic(
+    step: Array, position: Array, next_position: Array, velocity: Array, next_velocity: Array, u: Array
+) -> Float[Array, "*batch 3"]:
+    """Position on the cubic of an interval of duration `step` (s), at the fraction `u` of the interval."""
+    displacement = next_position - position
+    c2 = 3.0 * displacement - step * (2.0 * velocity + next_velocity)
+    c3 = step * (velocity + next_velocity) - 2.0 * displacement
+    interpolated = position + u * (step * velocity + u * (c2 + u * c3))
     # Exactly at a sample the next sample is ignored: it may be after the arrival.
-    return jnp.where(u == 0.0, positions[k], interpolated)
+    return jnp.where(u == 0.0, position, interpolated)
 
 
 def _fine_times(times: Float[Array, " time"]) -> Float[Array, " fine"]:
     inner = times[:-1, None] + (times[1:] - times[:-1])[:, None] * (jnp.arange(_SUBINTERVALS) / _SUBINTERVALS)[None, :]
     return jnp.concatenate([inner.ravel(), times[-1:]])
+
+
+def _fine_positions(
+    times: Float[Array, " time"], positions: Float[Array, "time 3"], velocities: Float[Array, "time 3"]
+) -> Float[Array, "fine 3"]:
+    """Positions at `_fine_times`, as by `_interpolate`."""
+    states = positions[:-1], positions[1:], velocities[:-1], velocities[1:]
+    step, states = (times[1:] - times[:-1])[:, None, None], (state[:, None] for state in states)
+    inner = _cubic(step, *states, (jnp.arange(_SUBINTERVALS) / _SUBINTERVALS)[None, :, None])
+    return jnp.concatenate([inner.reshape(-1, 3), positions[-1:]])
 
 
 def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"]) -> Float[Array, "*batch"]:
@@ -116,7 +133,7 @@ def _distances_at_samples(
     return distance, pair_indices, minima
 
 
-@compiled_quickly
+@compiled_by_older_generator(None)
 def _closest_approaches(
     motion: SampledMotion, pairs: Int[Array, "pairs 2"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " pairs"], Float[Array, "pairs 3"]]:
@@ -135,7 +152,8 @@ def _closest_approaches(
             distance = _distance(difference_then, separation)
             return jnp.where(jnp.isfinite(distance), distance, jnp.inf), difference_then
 
-        k = jnp.argmin(jax.vmap(lambda time: distance_at(time)[0])(fine))
+        distances = _distance(_fine_positions(motion.times, difference, rate), separation)
+        k = jnp.argmin(jnp.where(jnp.isfinite(distances), distances, jnp.inf))
         low, middle, high = (fine[jnp.clip(k + step, 0, fine.shape[0] - 1)] for step in (-1, 0, 1))
 
         def bisect(_: int, bracket: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
@@ -199,7 +217,7 @@ def _keep_out_margins(
     fine = _fine_times(motion.times)
 
     def aircraft_margins(track: tuple[Float[Array, "time 3"], Float[Array, "time 3"]]) -> tuple[Array, Array]:
-        positions = jax.vmap(lambda time: _interpolate(motion.times, *track, time))(fine)
+        positions = _fine_positions(motion.times, *track)
 
         def margin(volume: Float[Array, "7"]) -> tuple[Scalar, Scalar]:
             offset = positions[:, :2] - volume[None, 0:2] - fine[:, None] * volume[None, 2:4]
@@ -301,7 +319,7 @@ def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) 
     }
 
 
-@compiled_quickly
+@compiled_by_older_generator(None)
 def _sample_demands(
     paths: PlannedPath, times: Float[Array, "aircraft block"], gravity: Scalar
 ) -> dict[str, Float[Array, "aircraft block"]]:

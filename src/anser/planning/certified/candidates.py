@@ -29,7 +29,13 @@ from anser.planning.certified.profile import KINKS, TabulatedProfile, flown_betw
 from anser.planning.certified.routes import PIECES, PathEndpoints, Route, TurnsAndLegs, cis, route
 from anser.planning.certified.spline_search import find_splines
 from anser.planning.certified.task import AircraftTask, Airspace
-from anser.planning.certified.timed_profiles import RACETRACK, CandidateSet, TimedProfile, timed_profiles
+from anser.planning.certified.timed_profiles import (
+    RACETRACK,
+    CandidateSet,
+    TimedProfile,
+    profile_speeds,
+    timed_profiles,
+)
 from anser.planning.certified.turn_leg_paths import (
     TurnLegProblem,
     keep_outs_along_path,
@@ -143,6 +149,14 @@ class Candidates(eqx.Module):
         return select_rows(chosen >= routed, splines, paths)
 
 
+class _SelectedProfiles(NamedTuple):
+    """Profiles of a candidate set: their indices in the set, and their airspeeds."""
+
+    numbers: Int[Array, " selected"]
+    middle_speeds: Float[Array, " selected"]  # m/s
+    final_speeds: Float[Array, " selected"]  # m/s
+
+
 class _Routed(NamedTuple):
     """Candidates made of turns and legs (no splines); the fields have the meaning that they have in `Candidates`."""
 
@@ -171,19 +185,29 @@ def _routed_candidate(
 
 
 def routed_candidates(
-    task: AircraftTask, airspace: Airspace, duration: ScalarLike, intervals: int, candidate_set: CandidateSet
+    task: AircraftTask,
+    airspace: Airspace,
+    duration: ScalarLike,
+    intervals: int,
+    candidate_set: CandidateSet,
+    selected: _SelectedProfiles | None = None,  # profiles of the set to generate; None: all
 ) -> tuple[_Routed, TabulatedProfile]:
     """Generate the detours and turn-and-leg paths of one aircraft for a duration (s).
 
-    Returns the candidates, stacked, and the profiles to which their `routes.profile` is an index, stacked.
+    Returns the candidates, stacked, and the selected profiles, stacked; `routes.profile` of a candidate is the index of
+    its profile in the set.
     """
     duration = jnp.asarray(duration, dtype=float)
-    timed = timed_profiles(task, airspace, duration, intervals, candidate_set)
-    numbers = jnp.arange(len(candidate_set.speeds))
+    if selected is None:
+        count = len(candidate_set.speeds)
+        speeds = profile_speeds(task, airspace, duration, intervals, candidate_set, count)
+        selected = _SelectedProfiles(jnp.arange(count), *speeds)
+    numbers, *speeds = selected
+    altitude_detours = jnp.asarray(candidate_set.altitude_detours)[numbers]
+    timed = timed_profiles(task, airspace, duration, intervals, altitude_detours, (speeds[0], speeds[1]))
     detours = functools.partial(_detours, task, airspace.gravity, candidate_set)
     over_kinds = jax.vmap(detours, in_axes=(None, None, 0, 0, 0))
     tables = candidate_set.direct_ranks, candidate_set.detour_kinds, candidate_set.sides
-    altitude_detours = jnp.asarray(candidate_set.altitude_detours)
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
     candidates = jax.vmap(over_kinds, in_axes=(0, 0, None, None, None))(
         timed, (costs, numbers), *map(jnp.asarray, tables)
@@ -256,13 +280,15 @@ def _aircraft_candidates(
     candidate_set: CandidateSet,
     task: AircraftTask,
     duration: Scalar,
+    selected: _SelectedProfiles | None = None,
 ) -> Candidates:
-    """Generate all candidates of one aircraft for a duration (s), with their tracks at the sample times `times` (s)."""
+    """Generate candidates of one aircraft for a duration (s), with their tracks at the sample times `times` (s)."""
     parts: list[tuple[Any, ...]] = []
     routes = profiles = splines = None
     if candidate_set.speeds:
-        routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set)
-        parts.append(_tracked(task, airspace, times, routed, profiles))
+        routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set, selected)
+        numbers = None if selected is None else selected.numbers
+        parts.append(_tracked(task, airspace, times, routed, profiles, numbers))
         routes = routed.routes
     if candidate_set.spline_starts:
         found = find_splines(
@@ -281,13 +307,19 @@ def _aircraft_candidates(
 
 
 def _tracked(
-    task: AircraftTask, airspace: Airspace, times: Array, routed: _Routed, profiles: TabulatedProfile
+    task: AircraftTask,
+    airspace: Airspace,
+    times: Array,
+    routed: _Routed,
+    profiles: TabulatedProfile,
+    numbers: Int[Array, " selected"] | None,  # indices of the profiles in the candidate set; None: 0, 1, 2, ...
 ) -> tuple[Any, ...]:
     """Return the fields that `_common_fields` lists for detours and turn-and-leg paths; tracks at sample times (s)."""
     samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
 
     def track(routes: Routes, speed: Scalar) -> tuple[Track, Flag]:
-        profile, sampled = jax.tree.map(lambda leaf: leaf[routes.profile], (profiles, samples))
+        row = routes.profile if numbers is None else jnp.argmax(numbers == routes.profile)
+        profile, sampled = jax.tree.map(lambda leaf: leaf[row], (profiles, samples))
         conditions = task.limits, airspace.gravity, task.active
         return route_track(routes.endpoints, routes.turns_and_legs, speed, profile, sampled, times, *conditions)
 
@@ -303,9 +335,39 @@ def fleet_candidates(
     intervals: int,
     instants: int,
     candidate_set: CandidateSet,
+    # number of profiles for which candidates are generated, the first of the set, one after another; candidates of the
+    # rest are absent. None: all profiles, as one batch
+    profile_count: Integer | None = None,
 ) -> Candidates:
-    """Generate all candidates of a fleet, with tracks at `instants` common sample times up to the last arrival."""
-    return jax.vmap(_generator(airspace, durations, intervals, instants, candidate_set))(tasks, durations)
+    """Generate the candidates of a fleet, with tracks at `instants` common sample times up to the last arrival."""
+    generate = _generator(airspace, durations, intervals, instants, candidate_set)
+    if profile_count is None:
+        return jax.vmap(generate)(tasks, durations)
+    all_speeds = jax.vmap(
+        lambda task, duration: profile_speeds(task, airspace, duration, intervals, candidate_set, profile_count)
+    )(tasks, durations)
+
+    @jax.jit  # traced once, for its shapes and for the loop
+    def of_profile(number: Integer) -> Candidates:
+        speeds = (jax.lax.dynamic_slice_in_dim(values, number, 1, axis=1) for values in all_speeds)
+        selected = _SelectedProfiles(jnp.broadcast_to(number, (durations.shape[0], 1)), *speeds)
+        return jax.vmap(generate)(tasks, durations, selected)
+
+    def add(number: Integer, candidates: Candidates) -> Candidates:
+        def insert(stored: Array, rows: Array) -> Array:
+            return jax.lax.dynamic_update_slice_in_dim(stored, rows, number * rows.shape[1], axis=1)
+
+        return jax.tree.map(insert, candidates, of_profile(number))
+
+    profiles = len(candidate_set.speeds)
+    empty = _absent(jax.eval_shape(of_profile, profile_count), lambda shape: (shape[0], profiles * shape[1], *shape[2:]))
+    return jax.lax.fori_loop(jnp.zeros_like(profile_count), profile_count, add, empty)
+
+
+def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, ...]]) -> Candidates:
+    """Absent candidates in shapes changed by `resize`."""
+    absent = jax.tree.map(lambda leaf: jnp.zeros(resize(leaf.shape), leaf.dtype), shapes)
+    return eqx.tree_at(lambda c: c.cost, absent, jnp.full_like(absent.cost, ABSENT))
 
 
 def candidates_for_selected(
@@ -320,10 +382,7 @@ def candidates_for_selected(
     generate = jax.jit(_generator(airspace, durations, intervals, intervals, candidate_set))
     first_aircraft = jax.tree.map(lambda leaf: leaf[0], (tasks, durations))
     fleet = selected.shape[0]
-    empty = jax.tree.map(
-        lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), jax.eval_shape(generate, *first_aircraft)
-    )
-    empty = eqx.tree_at(lambda o: o.cost, empty, jnp.full_like(empty.cost, ABSENT))
+    empty = _absent(jax.eval_shape(generate, *first_aircraft), lambda shape: (fleet, *shape))
     queue = jnp.argsort(~selected, stable=True)
 
     def add(k: Integer, candidates: Candidates) -> Candidates:

@@ -40,7 +40,7 @@ from anser.planning.certified.clearance import (
 )
 from anser.planning.certified.path_bounds import PathBounds, excess, path_bounds
 from anser.planning.certified.task import AircraftTask, Airspace
-from anser.planning.certified.timed_profiles import EXTRA_SETS, STANDARD, CandidateSet
+from anser.planning.certified.timed_profiles import EXTRA_SETS, MINIMAL, STANDARD, CandidateSet
 from anser.planning.limits import PathLimits
 from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
@@ -301,13 +301,14 @@ def _candidates(
     intervals: int,
     candidate_set: CandidateSet,
     selected: Bool[Array, " aircraft"] | None = None,  # aircraft that get candidates; None: all, as one batch
+    profile_count: Integer | None = None,  # as in `fleet_candidates`
 ) -> Candidates:
     volumes = airspace.keep_outs
     airspace = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
     if selected is None:
-        return fleet_candidates(tasks, airspace, durations, intervals, intervals, candidate_set)
+        return fleet_candidates(tasks, airspace, durations, intervals, intervals, candidate_set, profile_count)
     return candidates_for_selected(tasks, airspace, durations, intervals, candidate_set, selected)
 
 
@@ -376,13 +377,14 @@ def plan_at(
 ) -> CertifiedPlan:
     """Choose and certify candidates as `plan_fleet_at` does, by a compiled program for each part; same arguments.
 
-    One program generates the candidates of `STANDARD`, of which smaller sets are members; a program for each kind of
+    One program generates the candidates of `STANDARD`, of which smaller sets are members, for as many profiles as the
+    set needs; a program for each kind of
     extra candidates generates these; one program chooses and certifies. Absent candidates and absent fixed paths stand
     in for those that are not requested, so that these programs serve every search.
     """
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
-    candidates = _generate(*arguments, intervals, STANDARD)
+    candidates = _generate(*arguments, intervals, STANDARD, profile_count=_profile_count(candidate_set))
     extra = _absent_extra(candidates, extra_set)
     if extra_set is not None:
         selected = as_array(tasks.active if extra_for is None else extra_for, bool)
@@ -398,10 +400,15 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
     """Yield the programs of `plan_at` without extra candidates, one at a time; the last one's shapes are the plan's."""
     times = as_array(0.0), jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     arguments = times[0], tasks, airspace, times[1]
-    candidates = _generate.prepare(*arguments, intervals, STANDARD)
+    candidates = _generate.prepare(*arguments, intervals, STANDARD, profile_count=_profile_count(MINIMAL))
     yield candidates
     extra = _absent_extra(candidates.shapes, STANDARD.extra)
     yield _choose.prepare(*arguments, *_choice_arguments(candidates.shapes, intervals, STANDARD, extra, None))
+
+
+def _profile_count(candidate_set: CandidateSet) -> Array:
+    """Number of the profiles of `STANDARD` for a candidate set."""
+    return as_array(STANDARD.leading_profiles(candidate_set), np.int64)
 
 
 def _absent_extra(candidates: Candidates, extra_set: CandidateSet | None) -> dict[CandidateSet, Candidates]:

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from anser.environment.environment import AbstractWind
 from anser.numerics.arrays import zeros_like_result
@@ -84,6 +84,13 @@ class CandidateSet(NamedTuple):
     def routed_count(self) -> int:
         """Number of retained detours and turn-and-leg paths."""
         return self.size if self.max_candidates is None else min(self.size, self.max_candidates)
+
+    def leading_profiles(self, smaller: "CandidateSet") -> int:
+        """Number of the first profiles among which all profiles of a smaller set are."""
+        profiles = list(zip(self.speeds, self.altitude_detours, strict=True))
+        return 1 + max(
+            profiles.index(profile) for profile in zip(smaller.speeds, smaller.altitude_detours, strict=True)
+        )
 
     def members_of(self, smaller: "CandidateSet") -> Bool[np.ndarray, " candidates"]:
         """Mask of the candidates that a smaller set of detours with wide turns contains too."""
@@ -368,7 +375,7 @@ def _approach_direct_length(
     intervals: int,
     mean: Scalar,  # initial mean airspeed, m/s
     bounds: tuple[Scalar, Scalar],  # least and greatest mean airspeed, m/s
-    rounds: int,  # number of changes of the airspeed
+    rounds: ScalarLike,  # number of changes of the airspeed
     with_wide_turns: bool,  # whether the path may have wide turns
 ) -> tuple[Scalar, _NearbyPath]:
     """Approach the mean airspeed (m/s) at which the shortest direct path takes the duration.
@@ -389,8 +396,6 @@ def _approach_direct_length(
         following = jnp.clip(mean * direct_length / jnp.maximum(length, 1.0), *bounds)
         return following, _NearbyPath(shortest, width)
 
-    if rounds == 0:
-        return mean, evaluate(mean)[1]
     evaluate = jax.jit(evaluate)  # traced once, for its shapes and for the loop
 
     def iterate(k: Integer, carry: tuple[Scalar, _NearbyPath]) -> tuple[Scalar, _NearbyPath]:
@@ -434,10 +439,15 @@ def _match_direct_length(
     return matched_mean, jnp.abs(final_mismatch) <= _LENGTH_TOLERANCE
 
 
-def timed_profiles(
-    task: AircraftTask, airspace: Airspace, duration: Scalar, intervals: int, candidate_set: CandidateSet
-) -> TimedProfile:
-    """Make the profiles of a candidate set for a duration (s), stacked."""
+def profile_speeds(
+    task: AircraftTask,
+    airspace: Airspace,
+    duration: Scalar,
+    intervals: int,
+    candidate_set: CandidateSet,
+    profile_count: ScalarLike,  # number of profiles needed, the first of the set; the speeds of the rest are arbitrary
+) -> tuple[Float[Array, " profiles"], Float[Array, " profiles"]]:
+    """Middle and final airspeeds of the profiles of a candidate set for a duration (s), m/s."""
     kinds = tuple(dict.fromkeys(candidate_set.speeds))
     limits, preferred = task.limits, task.speed
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
@@ -447,10 +457,11 @@ def timed_profiles(
     current_speed = jnp.clip(speed_0, low, high)
     preferred_speed = jnp.clip(preferred, low, high)
 
-    def match(mean: Scalar, bounds: tuple[Scalar, Scalar], fallback_factor: Scalar) -> Scalar:
+    def match(mean: Scalar, bounds: tuple[Scalar, Scalar], rounds: Integer, fallback_factor: Scalar) -> Scalar:
         """Nearest mean airspeed (m/s) at which the direct path takes the duration; else the approximate one.
 
-        The airspeed stays within `bounds` in the approximation; the factor applies to an approximate airspeed.
+        The airspeed stays within `bounds` in the approximation, which takes a number of rounds; the factor applies to
+        an approximate airspeed.
         """
         where = task, airspace, duration, intervals
         mean, nearby = _approach_direct_length(*where, mean, bounds, rounds, candidate_set.with_wide_turns)
@@ -462,16 +473,17 @@ def timed_profiles(
 
     # The preferred airspeed stays where it is in the approximation. The matched one is slightly faster than the
     # approximation, so that a detour slightly longer than the direct path exists.
-    starts, lower, upper, factors = ([preferred_speed], [preferred_speed], [preferred_speed], [1.0])
+    choices = [(preferred_speed, (preferred_speed, preferred_speed), 0, 1.0)]
+    needed: ScalarLike = 1
     if MATCHED in kinds:
-        starts, lower, upper, factors = (
-            [*starts, preferred],
-            [*lower, slowest],
-            [*upper, fastest],
-            [*factors, 1.0 + 2e-4],
-        )
-    rounds = _SPEED_ROUNDS if MATCHED in kinds else 0
-    matched = jax.vmap(match)(jnp.stack(starts), (jnp.stack(lower), jnp.stack(upper)), jnp.asarray(factors))
+        choices.append((preferred, (slowest, fastest), _SPEED_ROUNDS, 1.0 + 2e-4))
+        needed = jnp.where(profile_count > candidate_set.speeds.index(MATCHED), 2, 1)
+    stacked = jax.tree.map(lambda *values: jnp.stack([jnp.asarray(value) for value in values]), *choices)
+
+    def match_next(k: Integer, means: Float[Array, " choices"]) -> Float[Array, " choices"]:
+        return means.at[k].set(match(*jax.tree.map(lambda values: values[k], stacked)))
+
+    matched = jax.lax.fori_loop(0, needed, match_next, stacked[0])
     means = {
         PREFERRED: matched[0],
         MATCHED: matched[-1],
@@ -486,9 +498,18 @@ def timed_profiles(
         LATE_FAST: (current_speed, high),
         LATE_SLOW: (current_speed, low),
     }
-    altitude_detours = jnp.asarray(candidate_set.altitude_detours)
     middle_speeds, final_speeds = (jnp.stack([speeds[kind][k] for kind in candidate_set.speeds]) for k in range(2))
+    return middle_speeds, final_speeds
+
+
+def timed_profiles(
+    task: AircraftTask,
+    airspace: Airspace,
+    duration: Scalar,
+    intervals: int,
+    altitude_detours: Float[Array, " profiles"],  # m
+    speeds: tuple[Float[Array, " profiles"], Float[Array, " profiles"]],  # middle and final airspeeds, m/s
+) -> TimedProfile:
+    """Make profiles for a duration (s), stacked."""
     profile_for = functools.partial(timed_profile, task, airspace, duration, intervals)
-    return jax.vmap(lambda detour, *speed_pair: profile_for(detour, speed_pair))(
-        altitude_detours, middle_speeds, final_speeds
-    )
+    return jax.vmap(profile_for)(altitude_detours, speeds)
