@@ -175,15 +175,11 @@ def stack_objects(
         raise ValueError("objects of different structure cannot be stacked: each must have leaves of the same shapes")
     leaves_by_object = [jax.tree.leaves(part) for part in parts]
     structure = jax.tree.structure(parts[0])
-    always_batched = jax.tree.map(lambda _: False, parts[0])
-    if batched is not None:
-        always_batched = eqx.tree_at(
-            batched, always_batched, replace_fn=lambda part: jax.tree.map(lambda _: True, part)
-        )
+    always_batched = _is_in_subtree(structure, batched)
     stacks, shared = [], []
     # NumPy: stacking on the host compiles nothing.
     for always, *leaves in zip(
-        jax.tree.leaves(always_batched),
+        always_batched,
         *(map(np.asarray, object_leaves) for object_leaves in leaves_by_object),
         strict=True,
     ):
@@ -194,6 +190,15 @@ def stack_objects(
         stacks.append(None if equal else as_array(np.stack(leaves), None))
         shared.append(as_array(leaves[0], None) if equal else None)
     return Stacked(structure.unflatten(stacks), structure.unflatten(shared))
+
+
+@functools.lru_cache(maxsize=64)
+def _is_in_subtree(structure: jax.tree_util.PyTreeDef, select: Callable[[Any], Any] | None) -> tuple[bool, ...]:
+    """Whether each leaf of a tree is in the subtree that `select` returns; None: no subtree."""
+    tree = structure.unflatten([False] * structure.num_leaves)
+    if select is not None:
+        tree = eqx.tree_at(select, tree, replace_fn=lambda part: jax.tree.map(lambda _: True, part))
+    return tuple(jax.tree.leaves(tree))
 
 
 def stack_rows(parts: Sequence[T]) -> T:

@@ -81,7 +81,20 @@ class ResolvedAircraft:
 
 def resolve_fleet(scenario: Scenario) -> tuple[ResolvedAircraft, ...]:
     """Complete the limits, gains and guidance values of every aircraft of a scenario; see `ResolvedAircraft`."""
-    return tuple(_resolve_aircraft(scenario, aircraft) for aircraft in scenario.aircraft)
+    return _resolved(_ScenarioObject(id(scenario), scenario))
+
+
+@dataclass(frozen=True)
+class _ScenarioObject:
+    """A scenario as a cache key: the object itself, because a comparison of all values takes longer than a result."""
+
+    identity: int
+    scenario: Scenario = field(compare=False)
+
+
+@functools.lru_cache(maxsize=4)
+def _resolved(key: _ScenarioObject) -> tuple[ResolvedAircraft, ...]:
+    return tuple(_resolve_aircraft(key.scenario, aircraft) for aircraft in key.scenario.aircraft)
 
 
 def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraft:

@@ -166,12 +166,16 @@ def assemble(
     )
 
 
+def _mission_of(vehicle: Vehicle) -> Any:
+    return vehicle.mission
+
+
 def _stack_group(
     aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequence[int], real_count: int
 ) -> AircraftGroup:
     vehicles, starts, positions_n = zip(*(aircraft[k] for k in members), strict=True)
     return AircraftGroup(
-        vehicles=stack_objects(vehicles, batched=lambda vehicle: vehicle.mission),
+        vehicles=stack_objects(vehicles, batched=_mission_of),
         starts=stack_rows(starts),
         start_positions_n=stack_rows(positions_n),
         is_real=as_array([k < real_count for k in members], bool),

@@ -6,7 +6,7 @@ still in conflict choose again, until no conflict is left or the rounds are used
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -414,7 +414,26 @@ def _profile_count(candidate_set: CandidateSet) -> Array:
 def _absent_extra(candidates: Candidates, extra_set: CandidateSet | None) -> dict[CandidateSet, Candidates]:
     """Absent extra candidates of each kind; for a large fleet, which seldom needs any, only if a kind is requested."""
     needed = extra_set is not None or candidates.cost.shape[0] <= SMALL_FLEET
-    return {kind: absent_candidates(candidates, kind) for kind in EXTRA_SETS if needed}
+    return {kind: _shared_arrays(absent_candidates, _Shapes.of(candidates), kind) for kind in EXTRA_SETS if needed}
+
+
+class _Shapes(NamedTuple):
+    """Tree structure of candidates, and shape and type of each array; hashable."""
+
+    structure: Any
+    leaves: tuple[tuple[tuple[int, ...], np.dtype], ...]
+
+    @classmethod
+    def of(cls, candidates: Candidates) -> "_Shapes":
+        leaves, structure = jax.tree.flatten(candidates)
+        return cls(structure, tuple((leaf.shape, np.dtype(leaf.dtype)) for leaf in leaves))
+
+
+@functools.lru_cache(maxsize=8)
+def _shared_arrays(make: Callable[..., Any], shapes: _Shapes, *arguments: Any) -> Any:
+    """Arrays of `make` for candidates of the given shapes, once on the device for every search."""
+    candidates = shapes.structure.unflatten([jax.ShapeDtypeStruct(*leaf) for leaf in shapes.leaves])
+    return jax.tree.map(lambda leaf: as_array(leaf, None), make(candidates, *arguments))
 
 
 def _choice_arguments(
@@ -426,10 +445,16 @@ def _choice_arguments(
 ) -> tuple[Any, ...]:
     """Arguments of `_choose` after the durations."""
     if fixed_paths is None:
-        fixed_paths = _absent_fixed_paths(candidates)
-    members = as_array(STANDARD.members_of(candidate_set), bool)
+        fixed_paths = _shared_arrays(_absent_fixed_paths, _Shapes.of(candidates))
+    members = _members(candidate_set)
     rounds = as_array(candidate_set.rounds, np.int32)
     return candidates, intervals, rounds, fixed_paths, members, tuple(extra.values())
+
+
+@functools.cache
+def _members(candidate_set: CandidateSet) -> Array:
+    """Mask of the candidates of `STANDARD` that a smaller set contains too."""
+    return as_array(STANDARD.members_of(candidate_set), bool)
 
 
 def _absent_fixed_paths(candidates: Candidates) -> FixedPaths:
