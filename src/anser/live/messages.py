@@ -22,10 +22,11 @@ class _Request(_Message):
 
 
 class PlanRequest(_Request):
-    """Plan a document."""
+    """Plan a document; a final one, after a drag, replaces a document that is being planned."""
 
     type: Literal["plan"]
     scenario: _Document
+    final: bool = False
 
 
 class FlyRequest(_Request):

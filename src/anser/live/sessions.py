@@ -225,11 +225,12 @@ class Session:
             self.workbench.planning.submit(self._plan_newest)
 
     def _answer_plan(self, request: messages.PlanRequest, send: Send | None) -> None:
-        """Send the answer to a plan request, unless the page has another socket now, or a newer request waits long."""
+        """Send the answer to a plan request, unless a newer one is final or waits long, or the socket has changed."""
         begin = time.monotonic()
 
         def is_superseded() -> bool:
-            is_old = self._waiting is not None and time.monotonic() - begin > _SUPERSEDED_AFTER_S
+            waiting = self._waiting
+            is_old = waiting is not None and (waiting[0].final or time.monotonic() - begin > _SUPERSEDED_AFTER_S)
             return self._send is not send or is_old
 
         try:

@@ -64,19 +64,23 @@ class Connection {
   }
 }
 
-/** Plan requests: the newest scenario is sent when the former answer has arrived, or when it is late; at the end always. */
+/** Plan requests: the newest scenario is sent when the former answer has arrived, or when it is late; after a drag always. */
 class PlanRequests {
   constructor(connection, scenario) {
-    Object.assign(this, { connection, scenario, flying: 0, sent: 0, since: 0, due: false, frame: 0, late: 0, usual: 0, answered: 0 });
+    Object.assign(this, { connection, scenario, flying: 0, sent: 0, since: 0, due: false, late: 0, usual: 0, answered: 0 });
     this.stamps = new Map(); // number of a request: time stamp of the newest event in its scenario
   }
 
-  /** The scenario has changed by an event with this time stamp; `final` after a drag. */
-  ask(stamp, final = false) {
+  /** The scenario has changed by an event with this time stamp. */
+  ask(stamp) {
     this.stamp = stamp;
     this.due = true;
-    if (final) this._send();
-    else this.frame ||= requestAnimationFrame(() => { this.frame = 0; this._try(); });
+    this._try();
+  }
+
+  /** A drag has ended: a scenario that has not been sent replaces the one that is being planned. */
+  finish() {
+    if (this.due) this._send(true);
   }
 
   _try() {
@@ -87,8 +91,8 @@ class PlanRequests {
     else if (!this.late) this.late = setTimeout(() => { this.late = 0; this._try(); }, rest);
   }
 
-  _send() {
-    this.number = this.connection.send("plan", { scenario: this.scenario.table });
+  _send(final = false) {
+    this.number = this.connection.send("plan", { scenario: this.scenario.table, final });
     if (!this.number) return; // asked again after the reconnection
     this.due = false;
     this.flying = this.number;

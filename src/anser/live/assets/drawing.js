@@ -129,7 +129,7 @@ class Handles {
     if (!this.held || event.pointerId !== this.held.id) return;
     const { moved } = this.held;
     this.held = null;
-    if (moved) this.page.released(event.timeStamp);
+    if (moved) this.page.released();
   }
 
   _key(event) {

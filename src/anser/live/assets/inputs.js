@@ -166,7 +166,7 @@ class Inputs {
       reset.title = "back to the default";
       reset.setAttribute("aria-label", `${label}: back to the default`);
       input.addEventListener("input", (event) => scenario.set(key, Number(input.value), { held: true, stamp: event.timeStamp }));
-      input.addEventListener("change", (event) => this.page.released(event.timeStamp));
+      input.addEventListener("change", () => this.page.released());
       reset.addEventListener("click", () => scenario.set(key, undefined));
       const show = () => {
         const { min, max, value } = this.page.welcome.sliders.find((one) => one.key === key) ?? {}, set = scenario.get(key), now = typeof set === "number" ? set : value;

@@ -95,7 +95,7 @@ class LivePage {
     connection.on("open", (again) => {
       this.message = "";
       if (this.session) connection.send("resume", { session: this.session, flight_ids: flights.known.map((one) => one.id) });
-      if (this.scenario.table) this.requests.ask(performance.now(), true);
+      if (this.scenario.table) this.requests.ask(performance.now());
       this.report();
     });
     connection.on("closed", () => {
@@ -184,9 +184,9 @@ class LivePage {
   }
 
   /** A drag has ended: the final scenario is planned. */
-  released(stamp) {
+  released() {
     this.scenario.release();
-    this.requests.ask(stamp, true);
+    this.requests.finish();
     this.draw();
   }
 
