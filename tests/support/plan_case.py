@@ -78,7 +78,7 @@ def plan_case(
         history=history,
         goal_positions_n=goals,
         extremes=extremes,
-        closest_by_distance=closest,
+        find_closest_by_distance=lambda: closest,
         closest_by_separation=None if separation_m is None else closest,
         keep_out_margin_m=room,
         keep_out_margin_time_s=np.full(room.shape, 12.0),

@@ -195,6 +195,7 @@ class LiveServer:
                 lifespan="off",
                 ws="websockets-sansio",
                 ws_max_size=SIZE_MAX,
+                ws_per_message_deflate=False,  # compression takes longer than the way to a page on this machine
                 timeout_graceful_shutdown=1,
             )
         )

@@ -4,6 +4,7 @@ Between two samples a path is the cubic through the positions and velocities at 
 for aircraft paths is below a millimetre: fourth derivative times interval to the fourth power, over 384.
 """
 
+import functools
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -430,7 +431,7 @@ def sample_plan(
         history=history,
         goal_positions_n=np.where(is_flying[:, :, None], goal_positions_n, np.nan),
         extremes=sample_extremes(paths, start_s, arrival_times, gravity, limits),
-        closest_by_distance=nearest_pairs(motion, None),
+        find_closest_by_distance=functools.partial(nearest_pairs, motion, None),
         closest_by_separation=None if separation_m is None else nearest_pairs(motion, separation_m),
         keep_out_margin_m=margins,
         keep_out_margin_time_s=margin_times,

@@ -1,6 +1,7 @@
 """Record of a plan: samples of the paths, extremes, closest approaches and the planner's report, as a dataset."""
 
-from collections.abc import Iterator, Mapping
+import functools
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,12 +53,17 @@ class PlanSamples:
     history: Mapping[str, np.ndarray]  # arrays (time, aircraft), SI units and radians, by key of `anser.variables`
     goal_positions_n: np.ndarray  # goal positions (time, aircraft, NED axis), m
     extremes: PlanExtremes  # extremes of each path
-    closest_by_distance: ClosestApproach  # closest approaches by distance in space
+    find_closest_by_distance: Callable[[], ClosestApproach]  # function that computes `closest_by_distance`
     # closest approaches by required separation; None without a requirement
     closest_by_separation: ClosestApproach | None
     # least distance outside each keep-out (aircraft, keep-out), m, negative inside, and its time, s
     keep_out_margin_m: np.ndarray
     keep_out_margin_time_s: np.ndarray
+
+    @functools.cached_property
+    def closest_by_distance(self) -> ClosestApproach:
+        """Closest approaches by distance in space."""
+        return self.find_closest_by_distance()
 
 
 @dataclass(frozen=True)

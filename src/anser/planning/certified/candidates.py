@@ -360,7 +360,9 @@ def fleet_candidates(
         return jax.tree.map(insert, candidates, of_profile(number))
 
     profiles = len(candidate_set.speeds)
-    empty = _absent(jax.eval_shape(of_profile, profile_count), lambda shape: (shape[0], profiles * shape[1], *shape[2:]))
+    empty = _absent(
+        jax.eval_shape(of_profile, profile_count), lambda shape: (shape[0], profiles * shape[1], *shape[2:])
+    )
     return jax.lax.fori_loop(jnp.zeros_like(profile_count), profile_count, add, empty)
 
 
