@@ -132,16 +132,26 @@ def test_absent_candidates_and_absent_fixed_paths_change_no_plan():
     np.testing.assert_allclose(plan.certificate.clearance_ratio, plain.certificate.clearance_ratio, rtol=1e-9)
 
 
-def test_the_smaller_set_is_a_part_of_the_standard_set():
+def test_the_smaller_set_and_the_first_profiles_are_parts_of_the_standard_set():
     tasks, airspace, _ = planner_task(random_case(2))
     durations = jnp.full(8, 260.0)
 
     @compiled_quickly
-    def generated(candidate_set):
-        return fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, candidate_set)
+    def generated(candidate_set, profile_count):
+        return fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, candidate_set, profile_count)
 
-    small, large = (generated(candidate_set) for candidate_set in (MINIMAL, STANDARD))
+    small, large = (generated(candidate_set, None) for candidate_set in (MINIMAL, STANDARD))
     members = STANDARD.members_of(MINIMAL)
     assert members.shape == large.cost.shape[1:]
     np.testing.assert_array_equal(large.valid[:, members], small.valid)
     np.testing.assert_allclose(large.cost[:, members], small.cost, rtol=1e-9)  # rounding of the airspeeds
+    assert STANDARD.leading_profiles(MINIMAL) == 1
+    assert STANDARD.leading_profiles(STANDARD) == len(STANDARD.speeds)
+    first, every = (generated(STANDARD, jnp.asarray(count)) for count in (1, len(STANDARD.speeds)))
+    np.testing.assert_allclose(first.cost[:, members], small.cost, rtol=1e-9)
+    np.testing.assert_array_equal(first.valid[:, members], small.valid)
+    assert not np.any(first.valid[:, STANDARD.size // len(STANDARD.speeds) :])
+    assert np.all(np.asarray(first.cost)[:, STANDARD.size // len(STANDARD.speeds) :] > 1e8)
+    for leaf, expected in zip(jax.tree.leaves(every), jax.tree.leaves(large), strict=True):
+        assert (leaf.shape, leaf.dtype) == (expected.shape, expected.dtype)
+        np.testing.assert_allclose(leaf, expected, rtol=1e-9, atol=1e-6)
