@@ -202,21 +202,21 @@ def routed_candidates(
         count = len(candidate_set.speeds)
         speeds = profile_speeds(task, airspace, duration, intervals, candidate_set, count)
         selected = _SelectedProfiles(jnp.arange(count), *speeds)
-    numbers, *speeds = selected
-    altitude_detours = jnp.asarray(candidate_set.altitude_detours)[numbers]
-    timed = timed_profiles(task, airspace, duration, intervals, altitude_detours, (speeds[0], speeds[1]))
+    altitude_detours = jnp.asarray(candidate_set.altitude_detours)[selected.numbers]
+    speeds = selected.middle_speeds, selected.final_speeds
+    timed = timed_profiles(task, airspace, duration, intervals, altitude_detours, speeds)
     detours = functools.partial(_detours, task, airspace.gravity, candidate_set)
     over_kinds = jax.vmap(detours, in_axes=(None, None, 0, 0, 0))
     tables = candidate_set.direct_ranks, candidate_set.detour_kinds, candidate_set.sides
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
     candidates = jax.vmap(over_kinds, in_axes=(0, 0, None, None, None))(
-        timed, (costs, numbers), *map(jnp.asarray, tables)
+        timed, (costs, selected.numbers), *map(jnp.asarray, tables)
     )
     candidates = jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]), candidates)
     if candidate_set.turn_leg_starts:
         turn_leg_candidates = jax.vmap(
             functools.partial(_turn_leg_paths, task, airspace, candidate_set.turn_leg_starts)
-        )(timed, (costs, numbers))
+        )(timed, (costs, selected.numbers))
         candidates = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), candidates, turn_leg_candidates)
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), candidates)
     if candidate_set.max_candidates is not None and candidate_set.max_candidates < candidate_set.size:

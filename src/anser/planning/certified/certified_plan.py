@@ -378,9 +378,9 @@ def plan_at(
     """Choose and certify candidates as `plan_fleet_at` does, by a compiled program for each part; same arguments.
 
     One program generates the candidates of `STANDARD`, of which smaller sets are members, for as many profiles as the
-    set needs; a program for each kind of
-    extra candidates generates these; one program chooses and certifies. Absent candidates and absent fixed paths stand
-    in for those that are not requested, so that these programs serve every search.
+    set needs; a program for each kind of extra candidates generates these; one program chooses and certifies. Absent
+    candidates and absent fixed paths stand in for those that are not requested, so that these programs serve every
+    search.
     """
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
