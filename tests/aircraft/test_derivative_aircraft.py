@@ -57,6 +57,7 @@ def with_values(aircraft, **values):
     return eqx.tree_at(lambda a: a.derivatives, aircraft, changed)
 
 
+@functools.cache
 def navion():
     """The light aircraft of the tests by derivatives; drag CD0 + K (CL^2 - CL0^2) at zero rates and deflections."""
     light = light_aircraft()
@@ -76,14 +77,11 @@ def navion():
     ), light
 
 
-NAVION = navion()
-
-
 @given(V=st.floats(20.0, 80.0), alpha=st.floats(-0.15, 0.2), beta=st.floats(-0.3, 0.3), seed=st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None)
 def test_the_aircraft_equals_a_hand_written_one(V, alpha, beta, seed):
     """Two formulations agree, except for drag: the hand-written one includes the lift of rates and elevator."""
-    mine, light = NAVION
+    mine, light = navion()
     direction = [np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)]
     data = flow(V * np.asarray(direction))
     random = np.random.default_rng(seed)
@@ -154,6 +152,7 @@ def with_table(name, over, points, values):
     )
 
 
+@functools.cache
 def linear_tables():
     """A constant derivative, and a whole coefficient over two angles, as tables."""
     constant = with_table("Cm_q", ("alpha",), [np.array([-0.5, 0.0, 0.5])], np.full(3, -38.21))
@@ -162,16 +161,13 @@ def linear_tables():
     return constant, with_values(whole, Cm_alpha=0.0, Cm_elevator=0.0)
 
 
-LINEAR_TABLES = linear_tables()
-
-
 @given(alpha=st.floats(-0.4, 0.4), elevator=st.floats(-0.5, 0.5))
 @settings(max_examples=25, deadline=None)
 def test_a_table_of_a_linear_function_equals_derivatives(alpha, elevator):
     """Of a derivative, and of a whole coefficient over two angles."""
     data, surfaces = at(alpha), np.asarray([elevator, *np.asarray(DEFLECTIONS)[1:]])
     expected = coefficient(AEROSONDE, "Cm", data, RATES, surfaces)
-    for with_a_table in LINEAR_TABLES:
+    for with_a_table in linear_tables():
         assert coefficient(with_a_table, "Cm", data, RATES, surfaces) == pytest.approx(expected, abs=1e-12)
 
 

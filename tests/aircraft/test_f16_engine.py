@@ -21,7 +21,7 @@ ENGINE = f16_from_data(DATA).engine
 PERCENT = st.floats(0.0, 100.0)
 
 power_rate = jax.jit(lambda *x: ENGINE.power_rate(*x))
-gearing, throttle_for_power = (eqx.filter_jit(f) for f in (ENGINE.gearing, ENGINE.throttle_for_power))
+gearing, throttle_for_power = jax.jit(lambda t: ENGINE.gearing(t)), jax.jit(lambda p: ENGINE.throttle_for_power(p))
 command_for_rate = jax.jit(lambda *x: ENGINE.power_command_for_rate(*x))
 thrust = jax.jit(lambda *x: ENGINE.thrust(*x))
 power_for_thrust = jax.jit(lambda T, altitude, mach: ENGINE.power_for_thrust(T, air_at(altitude, mach)))
