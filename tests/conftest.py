@@ -64,12 +64,13 @@ if os.environ.get("CI"):
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files first, so that no worker waits for one at the end."""
     first = (
-        "test_report_browser.py",
+        "test_live_page.py",
         "test_flight_batches.py",
+        "test_simulate.py",
         "test_cli.py",
-        "test_plan_file.py",
-        "test_capability.py",
-        "test_goal_filters.py",
+        "test_identify.py",
+        "test_user_parts_in_runs.py",
+        "test_documented_commands.py",
     )
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
 

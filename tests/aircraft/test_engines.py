@@ -48,15 +48,41 @@ def air(V, density=1.2, altitude=100.0):
     return AirData(V, zero, zero, density, 0.5 * density * V * V, V / 340.0, jnp.asarray(float(altitude)))
 
 
-def thrust(engine, power, data):
+propulsion = eqx.filter_jit(lambda engine, power, data: engine.propulsion(jnp.asarray(power), data))
+motor_speed = eqx.filter_jit(lambda engine, power, data: engine.motor_speed(jnp.asarray(power), data))
+torque_of = eqx.filter_jit(lambda engine, power, data: engine.thrust_and_torque(jnp.asarray(power), data)[1])
+_power_for_thrust = eqx.filter_jit(lambda engine, thrust, data: engine.power_for_thrust(thrust, data))
+_throttles = eqx.filter_jit(
+    lambda engine, power, rate: (engine.throttle_for_power_rate(power, rate), engine.throttle_for_power(power))
+)
+_power_rate = eqx.filter_jit(
+    lambda engine, power, throttle, data: engine.rate(EnginePower(power), throttle, data).power
+)
+
+
+def thrust_along_x(engine, power, data):
     return engine.propulsion(power, data).force_b[0]
+
+
+_thrust = eqx.filter_jit(thrust_along_x)
+
+
+def thrust(engine, power, data):
+    return _thrust(engine, np.asarray(power), data)
+
+
+_thrusts = eqx.filter_jit(jax.vmap(thrust_along_x, in_axes=(None, 0, None)))
+
+
+def power_for_thrust(engine, required, data):
+    return _power_for_thrust(engine, np.asarray(required), data)
 
 
 @pytest.mark.parametrize("case", PUBLISHED["checks"], ids=lambda case: case["name"])
 def test_thrust_and_torque_equal_the_authors_figures(case):
     """[BM] addendum; the `torque` in the authors' simulator is the propeller's; the reaction rolls left."""
     data = air(case.get("V", 25.0), PUBLISHED["rho_check_kg_m3"])
-    wrench = AEROSONDE.propulsion(100.0 * case["controls"]["throttle"], data)
+    wrench = propulsion(AEROSONDE, np.asarray(100.0 * case["controls"]["throttle"]), data)
     assert float(wrench.force_b[0]) == pytest.approx(case["thrust_N"], abs=1e-10)
     assert float(wrench.moment_b[0]) == pytest.approx(-case["torque_Nm"], abs=1e-10)
 
@@ -65,10 +91,11 @@ def test_thrust_and_torque_equal_the_authors_figures(case):
 @settings(max_examples=50, deadline=None)
 def test_motor_and_propeller_torques_balance(power, V, density):
     data = air(V, density)
-    omega = AEROSONDE.motor_speed(power, data)
-    current = (AEROSONDE.voltage_max * power / 100 - AEROSONDE.motor_constant * omega) / AEROSONDE.resistance
-    motor = AEROSONDE.motor_constant * (current - AEROSONDE.no_load_current)
-    torque = AEROSONDE.thrust_and_torque(power, data)[1]
+    omega = float(motor_speed(AEROSONDE, np.asarray(power), data))
+    constant, resistance = float(AEROSONDE.motor_constant), float(AEROSONDE.resistance)
+    current = (float(AEROSONDE.voltage_max) * power / 100 - constant * omega) / resistance
+    motor = constant * (current - float(AEROSONDE.no_load_current))
+    torque = torque_of(AEROSONDE, np.asarray(power), data)
     if omega > 0:
         assert float(motor) == pytest.approx(float(torque), abs=1e-9)
     else:
@@ -81,7 +108,7 @@ def test_the_power_for_a_thrust_gives_that_thrust(power, V, density):
     data = air(V, density)
     for engine in ENGINES.values():
         required = thrust(engine, power, data)
-        inverse_power = engine.power_for_thrust(required, data)
+        inverse_power = power_for_thrust(engine, required, data)
         assert 0.0 <= float(inverse_power) <= 100.0
         assert float(thrust(engine, inverse_power, data)) == pytest.approx(float(required), rel=1e-6, abs=1e-5)
 
@@ -91,8 +118,8 @@ def test_the_power_for_a_thrust_gives_that_thrust(power, V, density):
 def test_no_power_comes_nearer_to_a_thrust(wanted, V):
     """The nearest available thrust; the power of least thrust need not be 0."""
     data = air(V)
-    inverse_power = AEROSONDE.power_for_thrust(wanted, data)
-    best = np.abs(np.asarray(jax.vmap(lambda p: thrust(AEROSONDE, p, data))(jnp.linspace(0, 100, 501))) - wanted).min()
+    inverse_power = power_for_thrust(AEROSONDE, wanted, data)
+    best = np.abs(np.asarray(_thrusts(AEROSONDE, np.linspace(0, 100, 501), data)) - wanted).min()
     assert abs(float(thrust(AEROSONDE, inverse_power, data)) - wanted) <= best + 1e-6
 
 
@@ -100,12 +127,12 @@ def test_a_slow_propeller_in_fast_air_brakes():
     assert float(thrust(AEROSONDE, 20.0, air(30.0))) < -20.0
     # at rest nothing brakes, and a motor without voltage does not turn backwards
     assert float(thrust(AEROSONDE, 0.0, air(0.0))) == 0.0
-    assert float(AEROSONDE.motor_speed(0.0, air(0.0))) == 0.0
+    assert float(motor_speed(AEROSONDE, np.asarray(0.0), air(0.0))) == 0.0
 
 
 def test_a_left_handed_propeller_rolls_the_aircraft_to_the_right():
     left_handed = eqx.tree_at(lambda e: e.direction, AEROSONDE, -ONE)
-    a, b = (engine.propulsion(80.0, air(20.0)) for engine in (AEROSONDE, left_handed))
+    a, b = (propulsion(engine, np.asarray(80.0), air(20.0)) for engine in (AEROSONDE, left_handed))
     assert float(a.moment_b[0]) == -float(b.moment_b[0]) < 0.0
     np.testing.assert_array_equal(a.force_b, b.force_b)
 
@@ -118,7 +145,7 @@ def test_piston_power_falls_with_density_and_thrust_is_limited_at_rest():
     half = float(thrust(PISTON, 100.0, air(80.0, 0.6125))) / float(thrust(PISTON, 100.0, fast))
     assert half == pytest.approx(1.132 * 0.5 - 0.132)
     assert float(thrust(PISTON, 100.0, air(80.0, 0.05))) > 0.0
-    wrench = PISTON.propulsion(100.0, fast)
+    wrench = propulsion(PISTON, np.asarray(100.0), fast)
     assert float(wrench.moment_b[0]) == pytest.approx(-120e3 / 280.0)
     assert float(wrench.moment_b[1]) == pytest.approx(0.1 * float(wrench.force_b[0]))  # from below: nose up
 
@@ -137,23 +164,26 @@ def test_the_jet_follows_its_tables():
 @settings(max_examples=30, deadline=None)
 def test_the_throttle_for_a_rate_gives_that_rate_where_possible(name, power, rate):
     engine, data = ENGINES[name], air(20.0)
-    throttle = engine.throttle_for_power_rate(power, rate)
-    given_rate = float(engine.rate(EnginePower(jnp.asarray(power)), throttle, data).power)
+    throttle, steady_throttle = _throttles(engine, np.asarray(power), np.asarray(rate))
+    given_rate = float(_power_rate(engine, np.asarray(power), throttle, data))
     slowest, fastest = -power / float(engine.lag), (100 - power) / float(engine.lag)
     assert given_rate == pytest.approx(np.clip(rate, slowest, fastest), abs=1e-9)
-    assert float(engine.rate(EnginePower(jnp.asarray(power)), engine.throttle_for_power(power), data).power) == (
-        pytest.approx(0.0, abs=1e-9)
-    )
+    assert float(_power_rate(engine, np.asarray(power), steady_throttle, data)) == pytest.approx(0.0, abs=1e-9)
 
 
 @named
 def test_gradients_are_finite_at_rest_and_at_every_edge(name):
     engine = ENGINES[name]
-    for V in (0.0, 1e-9, 13.0, 40.0):
-        for power in (0.0, 13.7, 100.0):
-            slopes = jax.grad(lambda p, v: thrust(engine, p, air_of(v)), argnums=(0, 1))(power, V)
-            back = jax.grad(lambda t, v: engine.power_for_thrust(t, air_of(v)), argnums=(0, 1))(-1e3, V)
-            assert np.all(np.isfinite([*slopes, *back]))
+
+    @jax.jit
+    @jax.vmap
+    def slopes(power, V):
+        forward = jax.grad(lambda p, v: thrust_along_x(engine, p, air_of(v)), argnums=(0, 1))(power, V)
+        back = jax.grad(lambda t, v: engine.power_for_thrust(t, air_of(v)), argnums=(0, 1))(-1e3, V)
+        return *forward, *back
+
+    powers, speeds = (x.ravel() for x in np.meshgrid((0.0, 13.7, 100.0), (0.0, 1e-9, 13.0, 40.0)))
+    assert np.all(np.isfinite(slopes(powers, speeds)))
 
 
 def air_of(V):
@@ -165,10 +195,11 @@ def air_of(V):
 @named
 def test_batches_and_compiled_code_equal_single_evaluations(name):
     engine = ENGINES[name]
-    powers, speeds = jnp.linspace(0.0, 100.0, 7), jnp.linspace(0.0, 40.0, 7)
-    alone = [thrust(engine, p, air_of(v)) for p, v in zip(powers, speeds, strict=True)]
-    np.testing.assert_allclose(jax.vmap(lambda p, v: thrust(engine, p, air_of(v)))(powers, speeds), alone, rtol=1e-12)
-    np.testing.assert_allclose(jax.jit(thrust)(engine, powers[3], air_of(speeds[3])), alone[3], rtol=1e-12)
+    powers, speeds = np.linspace(0.0, 100.0, 7), np.linspace(0.0, 40.0, 7)
+    alone = [thrust_along_x(engine, p, air_of(v)) for p, v in zip(powers, speeds, strict=True)]
+    batch = jax.jit(jax.vmap(lambda p, v: thrust_along_x(engine, p, air_of(v))))(powers, speeds)
+    np.testing.assert_allclose(batch, alone, rtol=1e-12)
+    np.testing.assert_allclose(thrust(engine, powers[3], air_of(speeds[3])), alone[3], rtol=1e-12)
 
 
 @named

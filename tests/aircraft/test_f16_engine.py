@@ -1,5 +1,6 @@
 """The engine of [SL] appendix A: gearing, lag, thrust and their inverses (theory section 4)."""
 
+import functools
 import json
 from importlib import resources
 
@@ -20,6 +21,7 @@ ENGINE = f16_from_data(DATA).engine
 PERCENT = st.floats(0.0, 100.0)
 
 power_rate = jax.jit(lambda *x: ENGINE.power_rate(*x))
+gearing, throttle_for_power = jax.jit(lambda t: ENGINE.gearing(t)), jax.jit(lambda p: ENGINE.throttle_for_power(p))
 command_for_rate = jax.jit(lambda *x: ENGINE.power_command_for_rate(*x))
 thrust = jax.jit(lambda *x: ENGINE.thrust(*x))
 power_for_thrust = jax.jit(lambda T, altitude, mach: ENGINE.power_for_thrust(T, air_at(altitude, mach)))
@@ -34,21 +36,21 @@ rates_of_all_commands = jax.jit(
 )
 def test_the_gearing_equals_the_published_one(throttle, power):
     # Theory section 4: 64.94 t up to 0.77, 217.38 t - 117.38 above; held at its stops.
-    assert float(ENGINE.gearing(throttle)) == pytest.approx(power, abs=1e-12)
+    assert float(gearing(throttle)) == pytest.approx(power, abs=1e-12)
 
 
 @settings(deadline=None, max_examples=50)
 @given(power=PERCENT)
 def test_the_throttle_is_the_inverse_of_the_gearing(power):
     # The published gearing jumps down by 0.0012 percent at throttle 0.77; powers inside the jump come out within it.
-    assert float(ENGINE.gearing(ENGINE.throttle_for_power(power))) == pytest.approx(power, abs=0.00121)
+    assert float(gearing(throttle_for_power(power))) == pytest.approx(power, abs=0.00121)
 
 
 @settings(deadline=None, max_examples=50)
 @given(throttle=st.floats(0.0, 1.0))
 def test_the_gearing_is_the_inverse_of_the_throttle(throttle):
     # 0.0012 percent over the lower slope 64.94 percent.
-    assert float(ENGINE.throttle_for_power(ENGINE.gearing(throttle))) == pytest.approx(throttle, abs=2e-5)
+    assert float(throttle_for_power(gearing(throttle))) == pytest.approx(throttle, abs=2e-5)
 
 
 @pytest.mark.parametrize(
@@ -130,19 +132,21 @@ def test_conditions_outside_the_thrust_tables_are_reported():
     assert np.all(outside)
 
 
+@jax.jit
+@functools.partial(jax.grad, argnums=(0, 1, 2, 3))
+def slopes_of_total(power, throttle, altitude, mach):
+    rate = ENGINE.power_rate(power, ENGINE.gearing(throttle))
+    command = ENGINE.power_command_for_rate(power, rate)
+    back = ENGINE.power_for_thrust(ENGINE.thrust(power, altitude, mach), air_at(altitude, mach))
+    return rate + command + back + ENGINE.throttle_for_power(command)
+
+
 @pytest.mark.parametrize("power", [0.0, 50.0, 100.0])
 def test_gradients_are_finite_at_the_joints(power):
-    def total(power, throttle, altitude, mach):
-        rate = ENGINE.power_rate(power, ENGINE.gearing(throttle))
-        command = ENGINE.power_command_for_rate(power, rate)
-        back = ENGINE.power_for_thrust(ENGINE.thrust(power, altitude, mach), air_at(altitude, mach))
-        return rate + command + back + ENGINE.throttle_for_power(command)
-
-    gradient = jax.grad(total, argnums=(0, 1, 2, 3))(power, 0.77, 10000 * FOOT_M, 0.6)
-    assert np.isfinite(gradient).all()
+    assert np.isfinite(slopes_of_total(power, 0.77, 10000 * FOOT_M, 0.6)).all()
 
 
 def test_batches_equal_single_evaluations():
     powers = jnp.array([10.0, 49.0, 51.0, 90.0])
-    batch = jax.vmap(lambda p: ENGINE.thrust(p, 4000.0, 0.55))(powers)
+    batch = jax.jit(jax.vmap(lambda p: ENGINE.thrust(p, 4000.0, 0.55)))(powers)
     np.testing.assert_allclose(batch, [float(thrust(p, 4000.0, 0.55)) for p in powers], rtol=1e-14)

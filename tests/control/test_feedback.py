@@ -15,6 +15,16 @@ triples = vectors(*((-5.0, 5.0),) * 3)
 modest = settings(deadline=None, max_examples=30)
 
 
+# Compiled once each, not operation by operation.
+advance_integral, limit_to_braking, virtual_control, wrap_angle = map(
+    jax.jit, (advance_integral, limit_to_braking, virtual_control, wrap_angle)
+)
+advanced_state = jax.jit(lambda start, *arguments: Differentiator(start).advance(*arguments).state)
+rate_of = jax.jit(lambda start, *arguments: Differentiator(start).rate(*arguments))
+limited_rate_of = jax.jit(lambda start, *arguments: Differentiator(start).limited_rate(*arguments))
+wrap_slope = jax.jit(jax.grad(wrap_angle))
+
+
 @jax.jit
 def ramp_rates(slope, offset, bandwidth, step, times):
     def one(state, t):
@@ -37,26 +47,24 @@ def test_rate_of_a_ramp_is_exact_once_the_filter_has_settled(slope, offset, band
 @given(triples, triples, st.floats(2.0, 40.0))
 def test_the_filter_is_exact_for_a_constant_reference_at_any_step(start, reference, bandwidth):
     """x(t) = r + (x_0 - r) exp(-N t), for any division of the time into steps."""
-    single_step = Differentiator(jnp.asarray(start)).advance(jnp.asarray(reference), bandwidth, 0.06)
-    three_steps = Differentiator(jnp.asarray(start))
+    single_step, three_steps = advanced_state(start, reference, bandwidth, 0.06), start
     for _ in range(3):
-        three_steps = three_steps.advance(jnp.asarray(reference), bandwidth, 0.02)
+        three_steps = advanced_state(three_steps, reference, bandwidth, 0.02)
     exact = reference + (start - reference) * np.exp(-bandwidth * 0.06)
-    np.testing.assert_allclose(single_step.state, exact, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(three_steps.state, exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(single_step, exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(three_steps, exact, rtol=0, atol=1e-13)
 
 
 def test_rate_tends_to_the_filter_equation_for_short_steps():
     """r_dot = N (r - x) in the limit; the first correction is N step / 2 = 2e-5."""
-    rate = Differentiator(jnp.array([1.0, 2.0, 3.0])).rate(jnp.array([2.0, 2.0, 1.0]), 4.0, 1e-5)
+    rate = rate_of(jnp.array([1.0, 2.0, 3.0]), jnp.array([2.0, 2.0, 1.0]), 4.0, 1e-5)
     np.testing.assert_allclose(rate, [4.0, 0.0, -8.0], rtol=3e-5)
 
 
 @modest
 @given(*[triples] * 8)
 def test_virtual_control_is_the_published_law(kp, ki, kd, kf, error, integral, r_dot, y_dot):
-    gains = LoopGains(*map(jnp.asarray, (kp, ki, kd, kf)))
-    nu = virtual_control(gains, *map(jnp.asarray, (error, integral, r_dot, y_dot)))
+    nu = virtual_control(LoopGains(kp, ki, kd, kf), error, integral, r_dot, y_dot)
     np.testing.assert_allclose(nu, kf * r_dot + kp * error + ki * integral + kd * (r_dot - y_dot), atol=1e-12)
 
 
@@ -80,7 +88,7 @@ def test_virtual_control_closes_an_integrator_onto_a_ramp():
 @modest
 @given(vectors(*((-50.0, 50.0),) * 3))
 def test_a_wrapped_angle_is_the_same_angle_within_half_a_turn(angle):
-    result = np.asarray(wrap_angle(jnp.asarray(angle)))
+    result = np.asarray(wrap_angle(angle))
     assert np.all(np.abs(result) <= np.pi)
     turns = (angle - result) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-13)
@@ -88,13 +96,13 @@ def test_a_wrapped_angle_is_the_same_angle_within_half_a_turn(angle):
 
 @pytest.mark.parametrize("angle", [0.0, 1.0, -2.5, 6.5, 3.0 - 2 * np.pi])
 def test_a_wrapped_angle_has_unit_slope(angle):
-    assert jax.grad(wrap_angle)(angle) == pytest.approx(1.0, abs=1e-14)
+    assert wrap_slope(angle) == pytest.approx(1.0, abs=1e-14)
 
 
 @modest
 @given(triples, triples, st.tuples(*[st.booleans()] * 3))
 def test_only_saturated_channels_stop_integrating(integral, error, saturated):
-    advanced = advance_integral(jnp.asarray(integral), jnp.asarray(error), jnp.array(saturated), 0.01)
+    advanced = advance_integral(integral, error, np.array(saturated), 0.01)
     # Exact, but for products below the least normal number: XLA makes them zero.
     tiny = np.finfo(float).tiny
     np.testing.assert_allclose(advanced, np.where(saturated, integral, integral + 0.01 * error), rtol=0.0, atol=tiny)
@@ -106,11 +114,11 @@ def test_one_flag_stops_all_channels():
 
 
 def test_batched_equals_single():
-    batch = jnp.arange(12.0).reshape(4, 3)
-    together = jax.vmap(lambda r: Differentiator(jnp.zeros(3)).rate(r, 4.0, 0.01))(batch)
+    batch = np.arange(12.0).reshape(4, 3)
+    together = jax.jit(jax.vmap(lambda r: Differentiator(jnp.zeros(3)).rate(r, 4.0, 0.01)))(batch)
     for reference, rate in zip(batch, together, strict=True):
         # the same sums; vectorized code may round the product differently
-        np.testing.assert_allclose(rate, Differentiator(jnp.zeros(3)).rate(reference, 4.0, 0.01), rtol=1e-15)
+        np.testing.assert_allclose(rate, rate_of(np.zeros(3), reference, 4.0, 0.01), rtol=1e-15)
 
 
 GAINS = LoopGains(jnp.array([10.0, 2.0, 4.0]), jnp.zeros(3), jnp.array([1.0, 0.0, 0.0]), jnp.ones(3))
@@ -122,7 +130,7 @@ LIMIT = jnp.array([3.0, 0.5, 1.0])
 @modest
 @given(triples)
 def test_the_limited_error_is_linear_near_zero_and_follows_the_stopping_law_beyond(error):
-    limited = np.asarray(limit_to_braking(GAINS, jnp.asarray(error), LIMIT))
+    limited = np.asarray(limit_to_braking(GAINS, error, LIMIT))
     edge = np.asarray(LIMIT) / BANDWIDTH**2
     is_linear = np.abs(error) <= edge
     np.testing.assert_array_equal(limited[is_linear], error[is_linear])
@@ -149,18 +157,17 @@ def test_the_limited_error_never_demands_more_acceleration():
 
 
 def test_the_limited_error_has_a_continuous_finite_slope():
-    slope = jax.vmap(jax.grad(lambda e: limit_to_braking(GAINS, jnp.full(3, e), LIMIT)[0]))
+    slope = jax.jit(jax.vmap(jax.grad(lambda e: limit_to_braking(GAINS, jnp.full(3, e), LIMIT)[0])))
     edge = 3.0 / 25
     values = slope(jnp.array([-2.0, 0.0, edge - 1e-9, edge + 1e-9, 5.0]))
     assert np.isfinite(values).all()
     np.testing.assert_allclose(values[1:4], 1.0, atol=1e-6)
     none = LoopGains(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3))
-    assert np.isfinite(jax.jacfwd(lambda e: limit_to_braking(none, e, LIMIT))(jnp.ones(3))).all()
+    assert np.isfinite(jax.jit(jax.jacfwd(lambda e: limit_to_braking(none, e, LIMIT)))(jnp.ones(3))).all()
 
 
 def test_the_feed_forward_is_limited_to_the_rate_of_the_filter():
-    filtered = Differentiator(jnp.zeros(3))
-    reference = jnp.array([1e-3, 1.0, -1.0])
-    unlimited_rate = filtered.rate(reference, 4.0, 0.01)
-    limited_rate = filtered.limited_rate(reference, 4.0, 0.01, jnp.array([0.5, 0.5, 0.2]))
+    start, reference = np.zeros(3), np.array([1e-3, 1.0, -1.0])
+    unlimited_rate = rate_of(start, reference, 4.0, 0.01)
+    limited_rate = limited_rate_of(start, reference, 4.0, 0.01, np.array([0.5, 0.5, 0.2]))
     np.testing.assert_allclose(limited_rate, [unlimited_rate[0], 0.5 / 4, -0.2 / 4])

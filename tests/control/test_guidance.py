@@ -250,6 +250,7 @@ def test_course_of_the_flown_hold_changes_at_the_commanded_rate(held_flights):
     np.testing.assert_allclose(flown, command.chi_dot[middle], atol=2e-3)
 
 
+@jax.jit
 def _hold_numbers(relative_n, goal_velocity_n, arrival_n):
     velocity_n = jnp.array([100.0, -50.0, 5.0])
     return jnp.stack(jax.tree.leaves(held(relative_n, velocity_n, goal_velocity_n, jnp.zeros(3), arrival_n, 1.0)))
@@ -316,11 +317,9 @@ def test_a_batch_equals_single_commands():
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 def test_an_arrival_towards_the_goal_turns_in_the_direction_of_the_hold(turn):
     """700 m before the goal and flying towards it, the field points back: both sides turn as the hold does."""
-    velocity_n = jnp.array([160.0, 0.0, 0.0])
+    velocity_n, compiled, turning = jnp.array([160.0, 0.0, 0.0]), jax.jit(hold), settings_of(turn=turn)
     for aside in (-30.0, 0.0, 30.0):
         relative_n = jnp.array([-700.0, aside, -300.0])
-        command = hold(
-            relative_n, velocity_n, jnp.zeros(3), jnp.zeros(3), velocity_n, 300.0, 160.0, settings_of(turn=turn)
-        )
+        command = compiled(relative_n, velocity_n, jnp.zeros(3), jnp.zeros(3), velocity_n, 300.0, 160.0, turning)
         np.testing.assert_allclose(command.chi, turn * np.pi / 4, atol=1e-12)
         assert float(command.chi_dot) == 0.0

@@ -8,7 +8,11 @@ import pytest
 from anser.constants import STANDARD_GRAVITY_M_S2 as GRAVITY
 from anser.control.ground_clearance import REACTION_S, level_off_height, required_pull
 
-height = jax.jit(level_off_height)
+height, pull_for = jax.jit(level_off_height), jax.jit(required_pull)
+values_and_slopes = {
+    function: jax.jit(jax.value_and_grad(lambda x, f=function: f(*x))) for function in (level_off_height, required_pull)
+}
+heights = jax.jit(jax.vmap(level_off_height, in_axes=(None, 0, None, None, None)))
 
 
 def integrated(speed, gamma, pull, step=1e-4):
@@ -61,21 +65,20 @@ def test_bank_push_and_weak_pull_cost_height():
 @pytest.mark.parametrize("bank", [0.0, 0.8])
 def test_the_required_pull_ends_the_descent_within_the_height(bank):
     speed, sink, room = 150.0, 40.0, 250.0
-    pull = required_pull(speed, sink, bank, room)
+    pull = pull_for(speed, sink, bank, room)
     # without the speed that is gained on the way, which the pull of the next instant makes up for
     assert height(speed, sink, 0.0, bank, pull) == pytest.approx(room, rel=0.1)
-    assert required_pull(speed, 0.0, bank, room) == 0.0
-    assert required_pull(speed, -10.0, bank, -5.0) == 0.0
-    assert np.isfinite(required_pull(speed, sink, bank, -100.0))
+    assert pull_for(speed, 0.0, bank, room) == 0.0
+    assert pull_for(speed, -10.0, bank, -5.0) == 0.0
+    assert np.isfinite(pull_for(speed, sink, bank, -100.0))
 
 
 @pytest.mark.parametrize("sink", [0.0, -10.0, 40.0, 150.0, 200.0])
 def test_values_and_gradients_are_finite(sink):
     numbers = [jnp.asarray(x) for x in (150.0, sink, 0.0, 0.0, 0.0)]
     for function, count in ((level_off_height, 5), (required_pull, 4)):
-        assert np.isfinite(function(*numbers[:count]))
-        assert np.isfinite(jax.jit(jax.grad(lambda x, f=function: f(*x)))(numbers[:count])).all()
-    batch = jax.vmap(level_off_height, in_axes=(None, 0, None, None, None))(
-        150.0, jnp.array([10.0, sink]), 1.0, 0.2, 9.0
-    )
+        value, slope = values_and_slopes[function](numbers[:count])
+        assert np.isfinite(value)
+        assert np.isfinite(slope).all()
+    batch = heights(150.0, jnp.array([10.0, sink]), 1.0, 0.2, 9.0)
     np.testing.assert_allclose(batch[1], height(150.0, sink, 1.0, 0.2, 9.0), rtol=1e-12)

@@ -36,6 +36,11 @@ def demanded(airframe, state, chi_dot=0.0):
     return side_force(model), attitude_demand(model, jnp.asarray(0.0), jnp.asarray(chi_dot)).angles
 
 
+forces_of = jax.jit(air_data_and_forces)
+motion_of = jax.jit(path_motion)
+
+
+@jax.jit
 def banked(state, mu, alpha, surfaces):
     """State in level flight without sideslip or rates."""
     direction_b = jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
@@ -62,22 +67,22 @@ def test_the_bank_of_the_f16_of_tp1538_stops_the_drift_of_the_course():
 
     def turning(lateral):
         surfaces = np.array([steady[0], *lateral, steady[3]])
-        condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
+        condition = forces_of(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
         return np.asarray(condition.wrench.moment_b)[[0, 2]]
 
     surfaces = np.array([steady[0], *fsolve(turning, steady[1:3]), steady[3]])
     state = banked(trim.state, mu, alpha, surfaces)
-    condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, state)
+    condition = forces_of(airframe, ENVIRONMENT, 0.0, state)
     # Aileron and rudder against its moments change it by 1 % here, by 17 % at 220 m/s.
     assert float(force) == pytest.approx(float(condition.wrench.force_b[1]), rel=0.03)
     mass = airframe.mass_properties.mass
     chi_dot = float(
-        path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
+        motion_of(condition, condition.wrench.force_b, state.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
     )
     level = banked(trim.state, 0.0 * mu, alpha, surfaces)
-    condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, level)
+    condition = forces_of(airframe, ENVIRONMENT, 0.0, level)
     level_chi_dot = float(
-        path_motion(condition, condition.wrench.force_b, level.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
+        motion_of(condition, condition.wrench.force_b, level.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
     )
     assert level_chi_dot == pytest.approx(-0.123 / V, rel=0.01)
     assert abs(chi_dot) < 0.05 * abs(level_chi_dot)
@@ -94,9 +99,9 @@ def test_turns_to_both_sides_are_level_and_at_the_commanded_rate(turn):
     for _ in range(6):  # the lift for a bank is that for the present one
         state = banked(state, mu, alpha, still)
         _, (mu, alpha, _) = demanded(airframe, state, turn)
-    condition = air_data_and_forces(airframe, ENVIRONMENT, 0.0, state)
+    condition = forces_of(airframe, ENVIRONMENT, 0.0, state)
     mass, gravity = airframe.mass_properties.mass, ENVIRONMENT.gravity
-    _, gamma_dot, chi_dot = path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, gravity).path_rates
+    _, gamma_dot, chi_dot = motion_of(condition, condition.wrench.force_b, state.velocity_b, mass, gravity).path_rates
     rate_without_bank = 0.123 / V
     assert abs(float(gamma_dot)) < 0.1 * rate_without_bank
     assert abs(float(chi_dot) - turn) < 0.1 * rate_without_bank

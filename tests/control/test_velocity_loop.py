@@ -72,7 +72,7 @@ def test_throttle_inverts_the_lag_of_the_lit_engine(x, power, change):
     x = x.copy()
     x[12] = power
     data = setting_of_jit(x).condition.air_data
-    thrust = AIRFRAME.engine.propulsion(jnp.clip(power + change, 50.5, 100.0), data).force_b[0]
+    thrust = propulsion(AIRFRAME.engine, np.clip(power + change, 50.5, 100.0), data).force_b[0]
     V_dot = V_dot_for_thrust(x, thrust)
     demand, _, gap, power_rate, _ = thrust_case(x, V_dot)
     assume(not demand.saturated)
@@ -83,6 +83,9 @@ def test_throttle_inverts_the_lag_of_the_lit_engine(x, power, change):
 
 
 setting_of_jit = jax.jit(setting_of)
+propulsion = jax.jit(lambda engine, power, data: engine.propulsion(power, data))
+aerodynamics = jax.jit(lambda airframe, *arguments: airframe.aerodynamics(*arguments))
+limit_rate = jax.jit(limit_bank_rate)
 
 
 @jax.jit
@@ -262,8 +265,8 @@ def _greatest_lift(x):
     """Lift at the limit of alpha in the same condition, including the component of thrust."""
     setting = setting_of_jit(x)
     data = eqx.tree_at(lambda d: d.alpha, setting.condition.air_data, LIMITS.alpha_max)
-    force_b = AIRFRAME.aerodynamics(data, setting.state.rates_b, setting.state.surfaces).force_b
-    force_b = force_b + setting.condition.propulsive.force_b
+    force_b = np.asarray(aerodynamics(AIRFRAME, data, setting.state.rates_b, setting.state.surfaces).force_b)
+    force_b = force_b + np.asarray(setting.condition.propulsive.force_b)
     return float(force_b[0] * np.sin(LIMITS.alpha_max) - force_b[2] * np.cos(LIMITS.alpha_max))
 
 
@@ -306,7 +309,7 @@ STEP = 0.01
 @modest
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_the_commanded_bank_changes_within_the_rate_limit(previous_bank, target_bank):
-    limited, bank = limit_bank_rate(_demand(target_bank), jnp.asarray(previous_bank), SLOW, STEP)
+    limited, bank = limit_rate(_demand(target_bank), jnp.asarray(previous_bank), SLOW, STEP)
     assert limited.angles[0] == bank
     assert abs(bank - previous_bank) <= 5.0 * DEGREE * STEP * (1 + 1e-12)
     assert min(previous_bank, target_bank) - 1e-15 <= bank <= max(previous_bank, target_bank) + 1e-15  # rounding
@@ -317,14 +320,14 @@ def test_the_commanded_bank_changes_within_the_rate_limit(previous_bank, target_
 def test_the_commanded_bank_reaches_the_target():
     bank = jnp.zeros(())
     for _ in range(200):
-        limited, bank = limit_bank_rate(_demand(0.15), bank, SLOW, STEP)
+        limited, bank = limit_rate(_demand(0.15), bank, SLOW, STEP)
     assert bank == 0.15
     assert not limited.bank_saturated
 
 
 @pytest.mark.parametrize("previous_bank", [3.0, -2.0])
 def test_the_bank_command_after_an_upset_is_within_the_limit_at_once(previous_bank):
-    _, bank = limit_bank_rate(_demand(0.0), jnp.asarray(previous_bank), SLOW, STEP)
+    _, bank = limit_rate(_demand(0.0), jnp.asarray(previous_bank), SLOW, STEP)
     assert abs(abs(bank) - (LIMITS.bank_max - 5.0 * DEGREE * STEP)) < 1e-12
     assert bank * previous_bank > 0.0
 

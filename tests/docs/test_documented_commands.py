@@ -104,6 +104,10 @@ COVERED = {
         '"--processes", 1, "--resume")',
     ),
     "anser run --campaign runs/how-surely --flight 17": ("tests/test_cli_campaign.py", '"--flight", 1'),
+    "anser aircraft show f16 --performance --altitude-m 3000": (
+        "tests/single_aircraft/test_performance_sheet.py",
+        'anser("aircraft", "show", "f16", "--performance", "--altitude-m", 3000, "--json")',
+    ),
     "anser cache measure --scenario mine.toml": (
         "tests/test_cli_cache.py",
         'anser("cache", "measure", "--scenario", scenario, "--json")',

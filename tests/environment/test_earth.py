@@ -105,7 +105,7 @@ def test_the_chart_moves_with_the_velocity(place, velocity_n):
 anywhere = st.tuples(st.floats(-89.99, 89.99), st.floats(-180.0, 180.0))
 
 
-@eqx.filter_jit
+@jax.jit
 def _through_the_chart(earth, lat, lon, h):
     """Chart position, geodetic coordinates converted back, and deviation of the scaled Jacobian from the axes."""
     position = earth.chart_from_ecef(ecef_from_geodetic(lat, lon, h))

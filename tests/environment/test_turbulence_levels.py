@@ -1,6 +1,5 @@
 """Intensities and scales of turbulence: every entry of the table, joints between the heights, what lies in between."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,7 +31,7 @@ FIGURE_7 = np.array(
 )
 
 TABLE = exceedance_table()
-_AT = eqx.filter_jit(TABLE.at)
+_AT = jax.jit(lambda height, log_probability: TABLE.at(height, log_probability))
 _LEVELS = {
     family: jax.jit(lambda h, wind, logp, family=family: turbulence_levels(h, wind, logp, TABLE, family))
     for family in ("dryden", "von-karman")

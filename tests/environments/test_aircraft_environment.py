@@ -108,13 +108,13 @@ def test_recorded_actions_fly_as_simulate_does():
     environment = velocity_command()
     params = environment.default_params
     step = jax.jit(environment.step_env)
-    _, state = environment.reset(jax.random.key(3), params)
+    _, state = jax.jit(environment.reset)(jax.random.key(3), params)
     case = params.case(state.row)
     actions = 0.2 * np.random.default_rng(0).uniform(-1.0, 1.0, (40, 4)) + np.array([-0.1, 0.0, 0.0, -0.3])
-    level = SurfaceLevel()
-    controls = [
-        level.command(jnp.asarray(action), case.autopilot, situation_of(environment, state)) for action in actions
-    ]
+    situation = jax.jit(environment.situation)
+    belief = situation(state, params).belief
+    command = jax.jit(lambda action: SurfaceLevel().command(action, case.autopilot, belief))
+    controls = [command(action) for action in actions]
     inputs = np.array([[*np.asarray(c.surfaces) * RAD_DEG, float(c.throttle)] for c in controls])
     names = (*case.vehicle.airframe.actuators.names, "throttle")
     wind_n = np.asarray(case.environment.wind.velocity_n)
@@ -128,13 +128,9 @@ def test_recorded_actions_fly_as_simulate_does():
     ).dataset
     for action in actions:
         _, state, *_ = step(jax.random.key(0), state, jnp.asarray(action), params)
-    variables = environment.situation(state, params).variables
+    variables = situation(state, params).variables
     for name in ("airspeed_m_s", "alpha_deg", "beta_deg", "pitch_deg", "roll_deg", "roll_rate_deg_s", "altitude_m"):
         assert float(variables[name]) == pytest.approx(float(flight[name][-1]), rel=1e-12, abs=1e-11), name
-
-
-def situation_of(environment, state):
-    return environment.situation(state).belief
 
 
 def in_still_air(case):

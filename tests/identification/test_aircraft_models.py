@@ -26,9 +26,10 @@ def test_nonlinear_model_equals_the_equations_of_motion(name):
     controls = np.array([*surfaces, 0.3])
     rate = aircraft.derivatives(state, controls, lag=False)
     percent = float(aircraft.airframe.engine.steady_power(jnp.asarray(0.3)))
-    flow, flow_rates = jax.jvp(lambda v: jnp.stack(flow_angles(v)), (jnp.asarray(velocity),), (rate[3:6],))
-    x_dot, y = model.equations(
-        jnp.concatenate([flow, jnp.array([roll, pitch, *rates])]), jnp.array([*surfaces, percent, 500.0]), {}
+    angles_and_rates = jax.jit(lambda v, a: jax.jvp(lambda v: jnp.stack(flow_angles(v)), (v,), (a,)))
+    flow, flow_rates = angles_and_rates(velocity, np.asarray(rate[3:6]))
+    x_dot, y = jax.jit(lambda x, u: model.equations(x, u, {}))(
+        np.array([*flow, roll, pitch, *rates]), np.array([*surfaces, percent, 500.0])
     )
     np.testing.assert_allclose(x_dot, [*flow_rates, rate[6], rate[7], *rate[9:12]], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(y[:8], [*flow, roll, pitch, *rates])
@@ -161,9 +162,9 @@ def test_lateral_model_equals_the_linear_model_of_the_aircraft():
     model = lateral_model(150.0, alpha, theta)
     columns, rows = ("beta", "p", "r", "aileron", "rudder"), np.column_stack([A[:, :3], B])
     parameters = {f"{axis}_{name}": rows[k, j] for k, axis in enumerate("YLN") for j, name in enumerate(columns)}
-    x_dot = jax.jacfwd(lambda x: model.equations(x, jnp.zeros(2), parameters)[0])(jnp.zeros(4))
+    slopes = jax.jit(jax.jacfwd(lambda x, u: model.equations(x, u, parameters)[0], argnums=(0, 1)))
+    x_dot, by_input = slopes(jnp.zeros(4), jnp.zeros(2))
     np.testing.assert_allclose(x_dot, A, atol=2e-3)  # gravity in alpha' and the flat Earth
-    by_input = jax.jacfwd(lambda u: model.equations(jnp.zeros(4), u, parameters)[0])(jnp.zeros(2))
     np.testing.assert_allclose(by_input, B, atol=1e-12)
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 import anser
+from anser.identification import frequency_regression
 from anser.identification.frequency_regression import fourier_transforms, regress_spectra
 from support.identification_cases import SHORT_PERIOD_FREQUENCIES_HZ, short_period
 
@@ -18,6 +19,22 @@ CASES = {
     "unstable, doublet, 4 s": ((4.0, 1.0, "doublet"), (0.018, 0.014, 0.029, 0.023, 0.016, 0.037)),
     "unstable, 3-2-1-1, 10 s": ((10.0, 1.0, "3-2-1-1"), (0.006, 0.007, 0.017, 0.006, 0.007, 0.018)),
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def transforms_of_each_record():
+    """The transforms of a record, the same for every seed, are built once."""
+    built = {}
+
+    def of(time_s, frequencies_hz, **options):
+        key = time_s.tobytes(), np.asarray(frequencies_hz).tobytes(), *sorted(options.items())
+        if key not in built:
+            built[key] = fourier_transforms(time_s, frequencies_hz, **options)
+        return built[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frequency_regression, "fourier_transforms", of)
+        yield
 
 
 @functools.cache

@@ -1,5 +1,6 @@
 """User-defined parts through `anser.run`: every planner, by object, by aircraft, by name in a file; and the refusals."""
 
+import tomllib
 from pathlib import Path
 
 import equinox as eqx
@@ -11,6 +12,7 @@ import anser
 from anser.aircraft import Controls
 from anser.config.errors import ScenarioError
 from anser.parts import AbstractController, AbstractPlanner, AbstractReference, AbstractSensors
+from anser.scenario import validate
 from anser.sensing import IdealSensors
 from support.straight_lines import StraightLines
 
@@ -42,8 +44,12 @@ def lines(arrival_s=60.0):
     return StraightLines(jnp.asarray(arrival_s), jnp.zeros(3))
 
 
-def test_an_own_planner_and_sensor_give_the_ordinary_results(tmp_path):
-    flight = anser.run(THREE, planner=lines(), sensors={"aircraft-1": Biased()})
+# With other sensors for one of several aircraft these form two groups: twice the program.
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.long)])
+def test_an_own_planner_and_sensor_give_the_ordinary_results(count, tmp_path):
+    tables = tomllib.loads(Path(THREE).read_text(encoding="utf-8"))
+    scenario = validate({**tables, **{key: tables[key][:count] for key in ("aircraft", "goal")}})
+    flight = anser.run(scenario, planner=lines(), sensors={"aircraft-1": Biased()})
     assert flight.summary["aircraft"][0]["arrival_s"] == pytest.approx(60.0, abs=0.1)
     assert "StraightLines" in flight.dataset.attrs["user_parts"]
     assert "Biased" in flight.dataset.attrs["user_parts"]

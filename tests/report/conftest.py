@@ -15,7 +15,7 @@ def flight():
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    with Chromium(tmp_path_factory.mktemp("chromium"), *WINDOW) as opened:
+    with Chromium(tmp_path_factory.mktemp("chromium"), *WINDOW, software=True) as opened:
         yield opened
 
 

@@ -33,7 +33,7 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser(page, tmp_path_factory):
-    with Chromium(tmp_path_factory.mktemp("chromium"), 1280, 800) as opened:
+    with Chromium(tmp_path_factory.mktemp("chromium"), 1280, 800, software=True) as opened:
         opened.open(page)
         opened.settle()
         yield opened

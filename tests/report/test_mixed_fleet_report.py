@@ -114,7 +114,7 @@ def test_the_report_has_a_panel_for_each_surface(page):
 @pytest.mark.skipif(find_chromium() is None, reason=f"no Chromium here (none of {', '.join(NAMES)})")
 def test_the_browser_draws_the_surfaces_without_errors(page, mixed, tmp_path):
     dataset = mixed[-2]
-    with Chromium(tmp_path, 1010, 600) as browser:
+    with Chromium(tmp_path, 1010, 600, software=True) as browser:
         browser.open(page)
         browser.settle()
         browser.run("document.getElementById('controls').scrollIntoView()")

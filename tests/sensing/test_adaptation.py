@@ -20,10 +20,9 @@ from anser.sensing.estimators import DirectEstimator
 from anser.single_aircraft.starts import resolve_start
 
 
-def regressions(phi, y, prior, forgetting=0.0, weight=1.0):
-    """Coefficients and covariance after all rows of one regression."""
-    size = phi.shape[1]
-    theta, P = jnp.zeros((1, size)), jnp.diag(jnp.asarray(prior, dtype=float) ** 2)[None]
+@jax.jit
+def _recursion(phi, y, prior, forgetting, weight):
+    theta, P = jnp.zeros((1, phi.shape[1])), jnp.diag(prior**2)[None]
 
     def step(state, row):
         phi_k, y_k = row
@@ -31,7 +30,12 @@ def regressions(phi, y, prior, forgetting=0.0, weight=1.0):
         error = y_k - jnp.sum(theta[0] * phi_k)
         return least_squares_step(theta, P, phi_k[None], error[None], weight, forgetting), None
 
-    (theta, P), _ = jax.lax.scan(step, (theta, P), (jnp.asarray(phi), jnp.asarray(y)))
+    return jax.lax.scan(step, (theta, P), (phi, y))[0]
+
+
+def regressions(phi, y, prior, forgetting=0.0, weight=1.0):
+    """Coefficients and covariance after all rows of one regression."""
+    theta, P = _recursion(phi, y, np.asarray(prior, dtype=float), forgetting, weight)
     return np.asarray(theta[0]), np.asarray(P[0])
 
 
@@ -75,13 +79,17 @@ def test_derivatives_of_the_model_are_differences_of_its_coefficients():
     trim = anser.aircraft("f16").trim(speed_m_s=150.0, altitude_m=1000.0)
     state = resolve_start(airframe, environment, trim).state
     lengths = reference_lengths(airframe)
-    data = air_data_and_forces(airframe, environment, 0.0, state).air_data
-    derivatives = np.asarray(model_derivatives(airframe, lengths, data, state.rates_b, state.surfaces))
+    data = jax.jit(air_data_and_forces)(airframe, environment, 0.0, state).air_data
+    derivatives = np.asarray(jax.jit(model_derivatives)(airframe, lengths, data, state.rates_b, state.surfaces))
     assert derivatives.shape == (6, 7)
     assert not np.any(derivatives[:, 0])
 
+    @jax.jit
+    def compiled(rates_b, surfaces):
+        return lengths.coefficients(data.qbar, airframe.aerodynamics(data, rates_b, surfaces))
+
     def coefficients(rates_b, surfaces):
-        return np.asarray(lengths.coefficients(data.qbar, airframe.aerodynamics(data, rates_b, surfaces)))
+        return np.asarray(compiled(rates_b, surfaces))
 
     small = 1e-4
     for k in range(3):

@@ -19,6 +19,7 @@ AIRFRAME, ENVIRONMENT = load_airframe(), standard_environment()
 STEP, DELAY_MAX = 0.01, 0.1
 
 
+@jax.jit
 def true_at(k):
     """Truth and instant of sample k: 150 m/s to the North, a boat ahead."""
     x = 1.0 * k

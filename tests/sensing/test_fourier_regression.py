@@ -51,7 +51,6 @@ def estimates():
     regression = FourierRegression(jnp.asarray(FREQUENCIES), jnp.asarray(jnp.inf), (0, 1), (0, 1), steady_start=True)
     step = jnp.asarray(STEP_S)
 
-    @jax.jit
     def estimate(states, inputs):
         def add(sums, sample):
             return regression.advance(sums, sample[0], sample[1][None], step), None
@@ -60,11 +59,8 @@ def estimates():
         result = regression.estimate(sums, step)
         return result.values, result.standard_errors, result.misfit
 
-    results = {}
-    for case in SCATTERS:
-        states, inputs = records(*case)
-        results[case] = [np.asarray(a) for a in jax.vmap(estimate, in_axes=(0, None))(jnp.asarray(states), inputs)]
-    return results
+    of_all_seeds = jax.jit(jax.vmap(estimate, in_axes=(0, None)))
+    return {case: [np.asarray(a) for a in of_all_seeds(*records(*case))] for case in SCATTERS}
 
 
 @pytest.mark.parametrize("case", SCATTERS, ids=str)
@@ -122,10 +118,12 @@ def test_without_the_corrections_the_estimates_are_biased():
 
 def test_a_short_record_has_no_estimate():
     regression = FourierRegression(jnp.asarray(FREQUENCIES), jnp.asarray(jnp.inf), (0,), (0,))
-    sums = regression.init(1, 1)
+    sums = jax.jit(lambda: regression.init(1, 1))()
+    advance = jax.jit(lambda sums: regression.advance(sums, jnp.ones(1), jnp.ones(1), jnp.asarray(STEP_S)))
     for _ in range(5):
-        sums = regression.advance(sums, jnp.ones(1), jnp.ones(1), jnp.asarray(STEP_S))
-    assert np.all(np.isnan(regression.estimate(sums, jnp.asarray(STEP_S)).values))
+        sums = advance(sums)
+    estimate = jax.jit(lambda sums: regression.estimate(sums, jnp.asarray(STEP_S)))(sums)
+    assert np.all(np.isnan(estimate.values))
 
 
 def test_forgetting_follows_a_change():
@@ -137,14 +135,15 @@ def test_forgetting_follows_a_change():
     for k in range(count):
         x[k + 1] = np.exp(rates[k] * step) * x[k] + np.expm1(rates[k] * step) / rates[k] * u[k]
 
-    def last(forgetting_time):
-        regression = FourierRegression(jnp.asarray(FREQUENCIES), jnp.asarray(forgetting_time), (0,), (0,))
+    @jax.jit
+    def last(forgetting_time, rows):
+        regression = FourierRegression(jnp.asarray(FREQUENCIES), forgetting_time, (0,), (0,))
 
         def add(sums, sample):
             return regression.advance(sums, sample[:1], sample[1:], jnp.asarray(step)), None
 
-        rows = jnp.stack([jnp.asarray(x), jnp.concatenate([jnp.zeros(1), jnp.asarray(u)])], axis=1)
-        return np.asarray(regression.estimate(jax.lax.scan(add, regression.init(1, 1), rows)[0], step).values)[0]
+        return regression.estimate(jax.lax.scan(add, regression.init(1, 1), rows)[0], step).values[0]
 
-    np.testing.assert_allclose(last(8.0), [-1.0, 1.0], atol=0.06)
-    assert abs(last(np.inf)[0] + 1.0) > 0.2
+    rows = np.stack([x, np.concatenate([[0.0], u])], axis=1)
+    np.testing.assert_allclose(last(8.0, rows), [-1.0, 1.0], atol=0.06)
+    assert abs(last(np.inf, rows)[0] + 1.0) > 0.2

@@ -1,6 +1,9 @@
 """Estimators with an onboard model: air data as measured, gusts included, forces and moments of the model."""
 
+import functools
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -23,10 +26,22 @@ GUST = Disturbance(Gust(jnp.asarray([1.0, 2.0, -3.0]), jnp.zeros(3)), jnp.asarra
 INSTANT = Instant(ENVIRONMENT, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(0.01), None)
 
 
+condition_in_a_gust = jax.jit(
+    lambda airframe, state: air_data_and_forces(airframe, ENVIRONMENT, 0.0, state, disturbance=GUST)
+)
+air_data_of = jax.jit(lambda reading: reading.air_data(ENVIRONMENT))
+
+
+@eqx.filter_jit
+def estimated(estimator, reading, airframe):
+    return estimator.estimate(estimator.init(reading, airframe, INSTANT), reading, airframe, INSTANT)
+
+
+@functools.cache
 def reading_in_a_gust():
     trim = anser.aircraft("f16").trim(speed_m_s=150.0, altitude_m=1000.0)
     state = resolve_start(AIRFRAME, ENVIRONMENT, trim).state
-    condition = air_data_and_forces(AIRFRAME, ENVIRONMENT, 0.0, state, disturbance=GUST)
+    condition = condition_in_a_gust(AIRFRAME, state)
     return Reading(state, condition, condition.wrench.force_b / AIRFRAME.mass_properties.mass, None)
 
 
@@ -34,8 +49,8 @@ def test_the_direct_estimator_has_the_model_at_the_measured_air_data():
     reading = reading_in_a_gust()
     heavier = eqx.tree_at(lambda a: a.wing_area, AIRFRAME, 1.1 * AIRFRAME.wing_area)
     for estimator in (DirectEstimator(heavier), TrackingEstimator(model=heavier)):
-        belief, _ = estimator.estimate(estimator.init(reading, AIRFRAME, INSTANT), reading, AIRFRAME, INSTANT)
-        expected = air_data_and_forces(heavier, ENVIRONMENT, 0.0, reading.state, disturbance=GUST)
+        belief, _ = estimated(estimator, reading, AIRFRAME)
+        expected = condition_in_a_gust(heavier, reading.state)
         np.testing.assert_array_equal(belief.condition.air_data.alpha, reading.condition.air_data.alpha)
         np.testing.assert_allclose(belief.condition.wrench.force_b, expected.wrench.force_b, rtol=1e-12)
         np.testing.assert_allclose(belief.condition.wrench.moment_b, expected.wrench.moment_b, rtol=1e-12)
@@ -43,10 +58,10 @@ def test_the_direct_estimator_has_the_model_at_the_measured_air_data():
 
 def test_measured_air_data_are_those_of_pitot_tube_and_vanes():
     reading = reading_in_a_gust()
-    exact = reading.air_data(ENVIRONMENT)
-    turned = 0.98 * exact.V * air_direction_b(exact.alpha + 0.01, exact.beta)
+    exact = air_data_of(reading)
+    turned = 0.98 * exact.V * jax.jit(air_direction_b)(exact.alpha + 0.01, exact.beta)
     noisy = eqx.tree_at(lambda r: r.velocity_air_b, reading, turned, is_leaf=lambda leaf: leaf is None)
-    measured = noisy.air_data(ENVIRONMENT)
+    measured = air_data_of(noisy)
     np.testing.assert_allclose(measured.alpha, exact.alpha + 0.01, rtol=1e-12)
     np.testing.assert_allclose(measured.qbar, 0.98**2 * exact.qbar, rtol=1e-12)
 
@@ -57,8 +72,7 @@ def test_without_known_aerodynamics_a_gust_belongs_to_the_measured_angle_of_atta
     blank = without_aerodynamics(AIRFRAME)
     slow = TrackingEstimator(air=AirFilter(jnp.asarray(20.0), jnp.asarray(10.0)), model=blank)
     estimator = adaptive_estimator(slow, blank, aerodynamics_known=False)
-    state = estimator.init(reading, AIRFRAME, INSTANT)
-    belief, state = estimator.estimate(state, reading, AIRFRAME, INSTANT)
+    belief, state = estimated(estimator, reading, AIRFRAME)
     measured, filtered = reading.condition.air_data, belief.condition.air_data
     assert abs(float(filtered.alpha - measured.alpha)) > 0.01
     moved = float(state.previous_regressors[0, 1] + state.reference[0, 1])

@@ -1,5 +1,7 @@
 """Sensors with errors: magnitudes, correlation times, delays and dropouts as specified."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -41,12 +43,13 @@ def instant_at(k, aircraft=0):
     return Instant(ENVIRONMENT, jnp.asarray(k, dtype=jnp.int32), jnp.asarray(STEP), source)
 
 
-def readings(sensor, count, aircraft=0, **truth_options):
+@functools.partial(jax.jit, static_argnames="count")
+def readings(sensor, count, aircraft=0, works=True, goal_position=(3000.0, 500.0, 0.0)):
     def one(memory, k):
-        reading, memory = sensor.read(memory, truth_at(k, **truth_options), instant_at(k, aircraft))
+        reading, memory = sensor.read(memory, truth_at(k, works, goal_position), instant_at(k, aircraft))
         return memory, reading
 
-    initial_state = sensor.init(truth_at(jnp.asarray(0), **truth_options), instant_at(0, aircraft))
+    initial_state = sensor.init(truth_at(jnp.asarray(0), works, goal_position), instant_at(0, aircraft))
     return jax.lax.scan(one, initial_state, jnp.arange(count, dtype=jnp.int32))[1]
 
 
@@ -129,8 +132,7 @@ def test_satellite_navigation_and_inertial_sensors():
     sensors = build_vehicle_sensors(
         Navigation(sensors="satellite-inertial", noise_m=0.5, period_s=1.0, correlation_s=20.0)
     )
-    read = jax.jit(lambda k: readings(sensors, 300, aircraft=k))
-    flights = [read(k) for k in range(40)]
+    flights = [readings(sensors, 300, aircraft=k) for k in range(40)]
     true = 10.0 * np.arange(300)
     new = np.asarray(flights[0].fix.is_new)
     assert np.all(np.flatnonzero(new) % 10 == 0)
@@ -185,9 +187,10 @@ def test_the_air_filter_finds_a_steady_wind_and_gusts_across():
     wind_n, gust_b = jnp.array([6.0, -3.0, 0.5]), jnp.array([0.0, 0.0, 2.0])
     memory = air.init(jnp.zeros(3))
     velocity_n = jnp.array([150.0, 0.0, 0.0])
+    step = jax.jit(lambda *arguments: air.step(*arguments))
     for _ in range(400):
-        memory = air.step(memory, jnp.eye(3), velocity_n, velocity_n - wind_n, STEP)
+        memory = step(memory, jnp.eye(3), velocity_n, velocity_n - wind_n, STEP)
     np.testing.assert_allclose(memory.wind_n, wind_n, atol=0.01)
     for _ in range(10):
-        memory = air.step(memory, jnp.eye(3), velocity_n, velocity_n - wind_n - gust_b, STEP)
+        memory = step(memory, jnp.eye(3), velocity_n, velocity_n - wind_n - gust_b, STEP)
     assert 1.5 < float(memory.gust_b[2]) < 2.0

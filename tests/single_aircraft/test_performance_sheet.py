@@ -1,17 +1,34 @@
 """Performance sheets: a parabolic polar against the textbook's formulas, the F-16 against trims and by hand."""
 
 import functools
+import json
 
 import numpy as np
 import pytest
 
 import anser
 from anser.constants import STANDARD_GRAVITY_M_S2
+from anser.single_aircraft import performance
 
 
 @functools.cache
 def sheet():
     return anser.aircraft("f16").performance(1000.0)
+
+
+def test_the_command_prints_the_limits_of_a_coarse_sheet(anser, monkeypatch):
+    """With grids of a quarter of the size: the stall, the level flight and the turn end at the limits of the F-16."""
+    for name, value in (("_SPEEDS", 11), ("_ALTITUDES", 3), ("_TURN_PASSES", 2), ("_CHUNK", 16)):
+        monkeypatch.setattr(performance, name, value)
+    code, printed, _ = anser("aircraft", "show", "f16", "--performance", "--altitude-m", 3000, "--json")
+    assert code == 0
+    figures = {figure["name"]: figure for figure in json.loads(printed)["figures"]}
+    least, greatest = (figures[f"{end} level airspeed"]["value"] for end in ("least", "greatest"))
+    assert 40.0 < least < 70.0 < 250.0 < greatest < 400.0
+    assert figures["least level airspeed"]["limit"] == "angle of attack: end of the data"
+    heavy = figures["least level airspeed, mass 120%"]["value"]
+    assert 1.05 < heavy / least < np.sqrt(1.2) + 0.02
+    assert figures["greatest sustained turn rate"]["limit"].endswith("full power")
 
 
 @pytest.mark.long

@@ -16,12 +16,12 @@ ENVIRONMENT, AIRFRAME = standard_environment(), light_aircraft()
 ALTITUDE, SPEED, SPEEDS = 500.0, 53.0, (15.0, 120.0)
 
 
-@eqx.filter_jit
+@jax.jit
 def points_of(airframe, speed):
     return capability_points(airframe, ENVIRONMENT, ALTITUDE, speed, SPEEDS)
 
 
-@eqx.filter_jit
+@jax.jit
 def point_of(speed, path_angle, turn_rate):
     return trim_map_point(AIRFRAME, ENVIRONMENT, trim_target(speed, ALTITUDE, path_angle, 0.0, turn_rate))
 

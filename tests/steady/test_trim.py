@@ -23,11 +23,19 @@ AIRFRAMES["light"] = light_aircraft()
 F16 = AIRFRAMES["textbook"]
 
 
+@jax.jit
+def _moving_angles(environment, state, rate):
+    return jax.jvp(lambda s: flight_angles(environment, s), (state,), (rate,))[1]
+
+
+_moving_euler = jax.jit(lambda q, q_dot: jax.jvp(euler_from_quaternion, (q,), (q_dot,)))
+_angles_along = jax.jit(jax.vmap(flight_angles, in_axes=(None, 0)))
+
+
 def _rates(airframe, environment, point):
     """Rates of V, alpha, beta, mu, gamma, chi and of (P, Q, R), power, by the equations of motion."""
     rate = derivative(airframe, environment, 0.0, point.state, point.controls)
-    _, angles = jax.jvp(lambda s: flight_angles(environment, s), (point.state,), (rate,))
-    return np.asarray(angles), np.asarray(rate.rates_b), float(rate.power)
+    return np.asarray(_moving_angles(environment, point.state, rate)), np.asarray(rate.rates_b), float(rate.power)
 
 
 @pytest.mark.long
@@ -84,15 +92,14 @@ def test_pull_up_by_pitch_rate_has_no_other_rate_and_no_bank(name, pitch_deg_s):
     assert point.converged
     assert float(point.excess) == 0.0
     np.testing.assert_array_equal(point.state.rates_b, [0.0, pitch_deg_s * DEG_RAD, 0.0])
-    roll, _, _ = euler_from_quaternion(point.state.quaternion)
-    assert abs(float(roll)) < 1e-12
     angles, rotation, _ = _rates(AIRFRAMES[name], STILL, point)
     np.testing.assert_allclose(angles[:3], 0.0, atol=3e-11)
     # The path bends by Q; the sideslip of the turning engine, 2e-5 rad, takes the rest to the course.
     assert angles[4] == pytest.approx(pitch_deg_s * DEG_RAD, abs=1e-8)
     np.testing.assert_allclose(rotation, 0.0, atol=1e-11)
     rate = derivative(AIRFRAMES[name], STILL, 0.0, point.state, point.controls)
-    _, euler_rates = jax.jvp(euler_from_quaternion, (point.state.quaternion,), (rate.quaternion,))
+    (roll, _, _), euler_rates = _moving_euler(point.state.quaternion, rate.quaternion)
+    assert abs(float(roll)) < 1e-12
     np.testing.assert_allclose(euler_rates, [0.0, pitch_deg_s * DEG_RAD, 0.0], atol=1e-12)
 
 
@@ -145,7 +152,7 @@ def test_trimmed_flight_with_held_controls_stays_steady(numbers):
         assert float(point.excess) > 0.0 or float(point.residual) > 1e-8
         return
     path = fly(F16, STILL, point.state, point.controls, 0.01, 50)
-    V, _, _, _, gamma, chi = jax.vmap(lambda s: flight_angles(STILL, s))(path).T
+    V, _, _, _, gamma, chi = np.asarray(_angles_along(STILL, path)).T
     # Level flight is steady but for rounding and the throttle's gap (0.006 percent/s of power, 0.1 N/s). A climb
     # leaves its air: over 5 s, 9 km being the scale height, the forces change by the load factor times climbed / 9 km.
     climbed = 5.0 * speed * abs(np.sin(path_deg * DEG_RAD))

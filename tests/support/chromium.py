@@ -18,6 +18,8 @@ _FLAGS = (
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
     *("--disable-background-networking", "--disable-component-update", "--remote-debugging-pipe"),
 )
+_DRIVER_MESSAGE = "GL Driver Message"
+"""In the log of a browser without a graphics card: that pictures of a scene are slow."""
 # Chromium's own choice without a graphics card: pages are painted by the processor, WebGL alone by SwiftShader
 _SOFTWARE_FLAGS = (*(flag for flag in _FLAGS if not flag.startswith("--use-")), "--disable-gpu")
 
@@ -179,4 +181,6 @@ class Chromium:
                 f"{params['type']}: {[arg.get('value', arg.get('description')) for arg in params['args']]}"
             )
         elif method == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
-            self.faults.append(f"{params['entry']['level']}: {params['entry']['text']}")
+            text = params["entry"]["text"]
+            if _DRIVER_MESSAGE not in text:
+                self.faults.append(f"{params['entry']['level']}: {text}")

@@ -15,6 +15,7 @@ from anser.spatial import quaternion_from_euler
 
 derivative = jax.jit(flat_earth_derivative)
 condition_of = jax.jit(air_data_and_forces)
+_quaternion = jax.jit(quaternion_from_euler)
 
 
 def make_state(
@@ -31,14 +32,15 @@ def make_state(
     direction = [np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)]
     return AircraftState(
         position_n=jnp.array([100.0, -200.0, -altitude]),
-        velocity_b=V * jnp.array(direction),
-        quaternion=quaternion_from_euler(*euler),
+        velocity_b=jnp.array(V * np.array(direction)),
+        quaternion=_quaternion(*map(float, euler)),
         rates_b=jnp.array(rates),
         actuators=Deflections(jnp.array(surfaces)),
         engine=EnginePower(jnp.asarray(power)),
     )
 
 
+@jax.jit
 def air_at(altitude, mach) -> AirData:
     """Standard air met straight ahead at an altitude (m) and Mach number."""
     air = StandardAtmosphere().at(altitude)

@@ -222,15 +222,14 @@ def coloured_covariance(
     lag_max = min(count // 5, int(4.0 * np.sqrt(count)))
     gamma = autocovariances(residuals, lag_max)
     columns = sensitivities.reshape(count, -1)
-    total, remaining = np.zeros_like(square), np.zeros_like(square)
-    for lag in range(lag_max + 1):
-        products = columns[: count - lag].T @ columns[lag:]
-        products = products.reshape(responses, parameters, responses, parameters)
-        white = np.eye(responses) * (lag == 0) - np.einsum("apbq,pq->ab", products, inverse) / count
-        weight = (1.0 if lag else 0.5) * (1.0 - lag / (lag_max + 1))
-        for covariance, sums in ((gamma[lag], total), (white, remaining)):
-            part = weight * np.einsum("ab,apbq->pq", covariance, products)
-            sums += part + part.T
+    lags = np.arange(lag_max + 1)
+    products = np.stack([columns[: count - lag].T @ columns[lag:] for lag in lags])
+    products = products.reshape(lags.size, responses, parameters, responses, parameters)
+    white = -np.einsum("kapbq,pq->kab", products, inverse) / count
+    white[0] += np.eye(responses)
+    weights = np.where(lags == 0, 0.5, 1.0 - lags / lags.size)[:, None, None]
+    parts = [np.einsum("kab,kapbq->pq", weights * each, products) for each in (gamma, white)]
+    total, remaining = (part + part.T for part in parts)
     share = np.diag(inverse @ remaining @ inverse) / np.diag(inverse @ square @ inverse)
     scale = 1.0 / np.sqrt(np.clip(share, 0.1, 1.0))
     covariance = scale[:, None] * (inverse @ total @ inverse) * scale

@@ -1,5 +1,6 @@
 """Statistics of sampled flights: confidence intervals, McNemar's exact test, rank correlations and Sobol indices."""
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -73,12 +74,21 @@ def order_statistic_interval(
     ordered = np.sort(np.asarray(values, dtype=float))
     if np.isnan(ordered).any():
         raise ValueError("arrived NaN among the values; expected infinity where a flight has none")
-    count, tail = ordered.size, 0.5 * (1.0 - confidence)
-    count_below = stats.binom(count, share)
+    low, high = _bounding_ranks(ordered.size, share, confidence)
+    return (
+        -math.inf if low < 1 else float(ordered[low - 1]),
+        math.inf if high > ordered.size else float(ordered[high - 1]),
+    )
+
+
+@functools.lru_cache(maxsize=1024)
+def _bounding_ranks(count: int, share: float, confidence: float) -> tuple[int, int]:
+    """Return the ranks, from 1, of the two sorted values that bound a quantile; 0 or `count` + 1: no such value."""
+    count_below, tail = stats.binom(count, share), 0.5 * (1.0 - confidence)
     # the k-th smallest value is above the quantile if fewer than k values are below the quantile
     low = int(count_below.ppf(tail))  # the greatest k with P(fewer than k below) <= tail
     high = int(count_below.isf(tail)) + 1  # the least k with P(k or more below) <= tail
-    return (-math.inf if low < 1 else float(ordered[low - 1]), math.inf if high > count else float(ordered[high - 1]))
+    return low, high
 
 
 def quantile(values: np.ndarray, share: float) -> float:

@@ -40,8 +40,12 @@ def problem_of(seed, index, duration=230.0):
     return SplineProblem(picked(tasks, index), airspace, number(duration))
 
 
+_start = eqx.filter_jit(lambda problem, guess: spline_start(problem, CELLS, guess))
+GUESSES = jax.jit(lambda: make_guesses(6))()
+
+
 def start_of(problem, k=0):
-    return spline_start(problem, CELLS, picked(make_guesses(6), k))
+    return _start(problem, picked(GUESSES, k))
 
 
 def changes(seed, size=300.0):
@@ -107,16 +111,26 @@ def test_the_size_of_a_step_is_its_mean_motion(seed, index):
     assert np.min(np.linalg.eigvalsh(form)) > 0.0
 
 
+@eqx.filter_jit
+def ends_of_a_change(problem, start, change):
+    """States at both ends of a changed spline, and the prescribed ones."""
+    coefficients = update_coefficients(start, problem.duration / CELLS, change)
+    ends = states_at(Spline(problem.duration, coefficients), jnp.stack([number(0.0), problem.duration]))
+    return *ends, initial_state_n(problem), problem.task.meeting_n(problem.duration)
+
+
+limit_violations = eqx.filter_jit(_limit_violations)
+
+
 @pytest.mark.parametrize(("seed", "index"), TASKS)
 def test_changed_splines_keep_their_end_conditions(seed, index):
     problem = problem_of(seed, index)
     rendezvous = problem.task.rendezvous
     for k in range(6):
         start = start_of(problem, k)
-        coefficients = update_coefficients(start, problem.duration / CELLS, changes(k, 50.0))
-        initial, final = states_at(Spline(problem.duration, coefficients), jnp.stack([number(0.0), problem.duration]))
-        np.testing.assert_allclose(initial, initial_state_n(problem), rtol=1e-9, atol=1e-8)
-        np.testing.assert_allclose(final[0], problem.task.meeting_n(problem.duration), rtol=1e-9)
+        initial, final, given_initial, meeting_n = ends_of_a_change(problem, start, changes(k, 50.0))
+        np.testing.assert_allclose(initial, given_initial, rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(final[0], meeting_n, rtol=1e-9)
         north, east, down = np.asarray(final[1])
         if rendezvous.course_prescribed:
             assert np.cos(np.arctan2(east, north) - float(rendezvous.course)) == pytest.approx(1.0, abs=1e-12)
@@ -144,7 +158,7 @@ def test_violations_agree_with_the_independent_checker():
             continue
         acceleration = rng.normal(0.0, 5.0, 3)
         violations = np.asarray(
-            _limit_violations(problem, allowed, number(altitude), jnp.asarray(velocity), jnp.asarray(acceleration))
+            limit_violations(problem, allowed, number(altitude), jnp.asarray(velocity), jnp.asarray(acceleration))
         )
         wind = case.wind.at(np.array([altitude]))[:, 0]
         demands = path_demands(velocity[:, None], acceleration[:, None], wind[:, None], float(problem.airspace.gravity))

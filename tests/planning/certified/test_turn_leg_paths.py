@@ -273,9 +273,14 @@ def test_long_waits_are_circles_wherever_there_is_room():
 
 def test_radii_follow_from_level_turns_and_climbs():
     limits = PathLimits(*(number(x) for x in (90.0, 240.0, np.radians(60.0), 80.0, 0.0, 9000.0, 5.0, 2.0, 2.0)))
-    level = tabulate(make_profile(200.0, (900.0, 900.0), (0.0, 0.0), 0.0, 0.0, (150.0, 130.0, 140.0), 0.0), STEADY, 128)
     endpoints = eqx.tree_at(lambda e: e.curvature_max, picked(ENDS, 0), number(1.0 / 2000.0))
-    schedule = make_radius_schedule(level, endpoints, limits, GRAVITY)
+
+    @jax.jit
+    def table_and_schedule(altitudes, speeds):
+        table = tabulate(make_profile(200.0, altitudes, (0.0, 0.0), 0.0, 0.0, speeds, 0.0), STEADY, 128)
+        return table, make_radius_schedule(table, endpoints, limits, GRAVITY)
+
+    level, schedule = table_and_schedule((900.0, 900.0), (150.0, 130.0, 140.0))
     # In steady level flight the radius is V^2 / (g tan(bank)), and 2 % more for the certificate.
     for index, speed in ((0, 150.0), (64, 130.0), (128, 140.0)):
         radius = speed**2 / (GRAVITY * np.tan(np.radians(60.0))) / 0.98
@@ -285,10 +290,7 @@ def test_radii_follow_from_level_turns_and_climbs():
     total_length = float(level.length)
     np.testing.assert_allclose(schedule.least_radius(total_length - 100.0, 100.0), schedule.scales[-1], rtol=1e-12)
     # Climbing at a tenth of the speed leaves less lift, pulling up more of it.
-    climbing = tabulate(
-        make_profile(200.0, (900.0, 3500.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0), STEADY, 128
-    )
-    steep = make_radius_schedule(climbing, endpoints, limits, GRAVITY)
+    climbing, steep = table_and_schedule((900.0, 3500.0), (150.0, 150.0, 150.0))
     state = climbing.profile.at(100.0)
     expected = 150.0**2 / (0.98 * GRAVITY * np.sqrt(1 - (float(state.climb) / 150.0) ** 2) * np.tan(np.radians(60.0)))
     np.testing.assert_allclose(float(steep.scales[64]) * 2000.0, expected, rtol=1e-6)
