@@ -147,18 +147,16 @@ class LinearFeedback(AbstractController):
         from scipy.linalg import LinAlgError, solve_continuous_are
 
         model = _open_model(linear)
-        known = [name for name in model.states if name in _VARIABLES]
-        _check_names("Q", list(Q), [*known, *_INTEGRALS])
+        fed_back = [name for name in model.states if name in _VARIABLES]
+        _check_names("Q", list(Q), [*fed_back, *_INTEGRALS])
         _check_names("R", list(R), model.inputs)
-        motion = [name for name in known if name in Q or name != "altitude"]
+        motion = [name for name in fed_back if name in Q or name != "altitude"]
         integrals = [name for name in _INTEGRALS if name in Q]
         rows, columns = [model.states.index(name) for name in motion], [model.inputs.index(name) for name in R]
         outputs = [model.outputs.index(name.removesuffix("_integral")) for name in integrals]
-        count = len(motion) + len(integrals)
-        A, B = np.zeros((count, count)), np.zeros((count, len(R)))
-        A[: len(motion), : len(motion)] = np.asarray(model.A)[np.ix_(rows, rows)]
-        A[len(motion) :, : len(motion)] = np.asarray(model.C)[np.ix_(outputs, rows)]
-        B[: len(motion)] = np.asarray(model.B)[np.ix_(rows, columns)]
+        slopes = np.vstack([np.asarray(model.A)[rows], np.asarray(model.C)[outputs]])[:, rows]
+        A = np.pad(slopes, ((0, 0), (0, len(integrals))))
+        B = np.pad(np.asarray(model.B)[np.ix_(rows, columns)], ((0, len(integrals)), (0, 0)))
         states = [*motion, *integrals]
         weights = np.array([float(Q.get(name, 0.0)) for name in states]), np.array([float(R[name]) for name in R])
         if not (weights[0] >= 0.0).all() or not (weights[1] > 0.0).all():
