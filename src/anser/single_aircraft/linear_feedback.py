@@ -162,7 +162,7 @@ class LinearFeedback(AbstractController):
         if not (weights[0] >= 0.0).all() or not (weights[1] > 0.0).all():
             raise ValueError("Q, R: arrived a negative weight; expected numbers from 0 (Q), above 0 (R)")
         try:
-            cost = solve_continuous_are(A, B, *map(np.diag, weights))
+            cost = solve_continuous_are(A, B, np.diag(weights[0]), np.diag(weights[1]))
         except LinAlgError as error:
             raise ValueError(
                 f"Q, R: no regulator exists ({error}); expected weights of inputs that stabilize the motion, and of "

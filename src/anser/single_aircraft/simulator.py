@@ -180,7 +180,7 @@ class Simulator:
 
     def save(self) -> dict[str, Any]:
         """Return a checkpoint, from which `restore` continues bit by bit as without it; it can be pickled or copied."""
-        return {"state": np.array(self._packed), "inputs": np.array(self._inputs), "number": self._number}
+        return {"motion": np.array(self._packed), "inputs": np.array(self._inputs), "number": self._number}
 
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
         """Return to a checkpoint of `save`, of this simulator or of an equal one.
@@ -190,7 +190,7 @@ class Simulator:
         ValueError
             The checkpoint belongs to another aircraft or another number of aircraft.
         """
-        packed, inputs = np.asarray(checkpoint["state"]), np.asarray(checkpoint["inputs"])
+        packed, inputs = np.asarray(checkpoint["motion"]), np.asarray(checkpoint["inputs"])
         if packed.shape != self._start_state.shape or inputs.shape != self._start_inputs.shape:
             raise ValueError(
                 f"checkpoint: arrived states of shape {packed.shape}; expected {self._start_state.shape}: one of "
