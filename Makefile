@@ -37,7 +37,7 @@ docs: .venv/.installed-docs
 
 bench: .venv/.installed-test
 	$(BIN)/anser cache measure $(addprefix --scenario ,$(sort $(wildcard scenarios/*.toml)))
-	$(BIN)/pytest benchmarks/bench_flight.py --benchmark-enable --benchmark-only -s -p no:xdist
+	$(BIN)/pytest benchmarks/bench_flight.py benchmarks/bench_single_aircraft.py --benchmark-enable --benchmark-only -s -p no:xdist
 
 verification: .venv/.installed-test
 	mkdir -p build

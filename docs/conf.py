@@ -98,7 +98,7 @@ import textwrap
 
 from IPython.core.magic import register_cell_magic
 
-for folder in ("scenarios", "docs"):
+for folder in ("scenarios", "studies", "docs"):
     if not os.path.exists(folder):
         os.symlink(os.path.join({str(_ROOT)!r}, folder), folder)
 for name in ("FORCE_COLOR", "CLICOLOR", "CLICOLOR_FORCE"):

@@ -13,6 +13,7 @@ import anser
 from anser.config import ScenarioError
 
 ENTRIES = [
+    "LinearFeedback",
     "Simulator",
     "aircraft",
     "campaign",

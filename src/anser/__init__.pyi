@@ -6,11 +6,13 @@ from .missions import load_flight, plan, run, sweep
 from .parts.input_signals import doublet, multisine, sine_sweep, step_input, three_two_one_one
 from .scenario import load, loads
 from .single_aircraft.flight import simulate
+from .single_aircraft.linear_feedback import LinearFeedback
 from .single_aircraft.model import aircraft
 from .single_aircraft.simulator import Simulator
 
 __version__: str
 __all__ = [
+    "LinearFeedback",
     "Simulator",
     "aircraft",
     "campaign",

@@ -22,9 +22,6 @@ SINGLE, THREE = "scenarios/single-aircraft.toml", "scenarios/three-aircraft.toml
 class Biased(AbstractSensors):
     range_m: float = 2.0
 
-    def init(self, truth, instant):
-        return IdealSensors().init(truth, instant)
-
     def read(self, state, truth, instant):
         reading, state = IdealSensors().read(state, truth, instant)
         return eqx.tree_at(lambda r: r.sight.range, reading, reading.sight.range + self.range_m), state
@@ -117,7 +114,7 @@ def test_a_scenario_file_names_its_parts(tmp_path):
         (lambda u, s: u, r"Returns.control: arrived .* expected \(controls, signals, state\)"),
         (lambda u, s: (Controls(u[:2], u[0]), None, s), r"surfaces of shape \(2,\)"),
         (lambda u, s: (Controls(u, u[0]), None, jnp.zeros(3)), "the state in the structure of init"),
-        (lambda u, s: (Controls(u + s, u[0]), None, s), "expected a traceable method"),
+        (lambda u, s: (Controls(u + s, u[0]), None, s), "expected a method that JAX can trace"),
     ],
 )
 def test_wrong_returns_are_refused_by_part_and_method(result, message):

@@ -42,9 +42,10 @@ def test_a_checkpoint_continues_bit_by_bit():
     simulator.reset()
     for _ in range(5):
         simulator.step({"elevator": -3.0})
-    checkpoint = pickle.loads(pickle.dumps(simulator.save()))
+    saved, checkpoint = dict(simulator.state), pickle.loads(pickle.dumps(simulator.save()))
     expected = [dict(simulator.step({"aileron": 2.0})) for _ in range(5)]
     simulator.step({"rudder": 5.0})
+    assert dict(simulator.restore(checkpoint)) == saved
     assert simulator.restore(checkpoint)["elevator_command_deg"] == pytest.approx(-3.0, abs=1e-12)
     continued = [dict(simulator.step({"aileron": 2.0})) for _ in range(5)]
     for before, after in zip(expected, continued, strict=True):

@@ -1,4 +1,3 @@
-from .airframes import list_airframes
 from .deep_stalls import deep_stall
 from .envelope import survey_envelope
 from .linear_models import linearize
@@ -17,7 +16,6 @@ __all__ = [
     "fly_steps",
     "linearize",
     "linearize_loop",
-    "list_airframes",
     "margins_at",
     "modes_of",
     "robustness_study",

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.aircraft.airframe import AircraftState, Controls
+from anser.aircraft.airframe import Controls
 from anser.dave_ml.evaluator import Evaluator
 from anser.dave_ml.model import Model
 from anser.dave_ml.standard_units import ANGLE, refuse_other_units
@@ -114,9 +114,6 @@ class DaveMlLaw(AbstractController):
     #: Names of the outputs for the airframe's surfaces, in the airframe's order.
     surfaces: tuple[str, ...] = eqx.field(static=True)
     power: str = eqx.field(static=True)  #: Name of the output with the commanded engine power.
-
-    def init(self, state: AircraftState, attitude: Vector3) -> None:
-        """The law has no state."""
 
     def control(
         self,

@@ -35,9 +35,6 @@ class FollowPlan(AbstractGuidance):
 
     settings: GuidanceSettings
 
-    def init(self, belief: Belief, instant: Instant) -> None:
-        """The guidance has no state."""
-
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.airframe import AbstractAirframe, Controls
 from anser.control.feedback import wrap_angle
 from anser.control.inversion_autopilot import InversionAutopilot, LoopCommand
 from anser.environments.spaces import Entry
@@ -32,9 +32,6 @@ class HeldCommand(AbstractGuidance):
 
     held: Any
 
-    def init(self, belief: Belief, instant: Instant) -> None:
-        """The guidance has no state."""
-
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, None]:
@@ -44,9 +41,6 @@ class HeldCommand(AbstractGuidance):
 
 class DirectControls(AbstractController):
     """Controller whose command is the controls themselves."""
-
-    def init(self, state: AircraftState, attitude: Vector3) -> None:
-        """The controller has no state."""
 
     def control(
         self, controller_state: None, belief: Belief, command: Controls, step: ScalarLike

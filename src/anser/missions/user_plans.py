@@ -16,6 +16,7 @@ from anser.numerics.arrays import first_rows
 from anser.parts.paths import AbstractReference, PathPoint
 from anser.parts.planners import AircraftPlan
 from anser.scenario.schema import Scenario
+from anser.scenario.user_parts import trace_method
 from anser.shapes import ScalarLike, Vector3
 from anser.simulation.closed_loop import STATUS_MESSAGES
 from anser.simulation.flight import Flight, statuses
@@ -109,18 +110,9 @@ def _check_plans(flight: Flight) -> None:
     planner, name = flight.planner, type(flight.planner).__qualname__
     fleet = eqx.filter_eval_shape(trimmed_fleet, flight)
 
-    def trace(method: str, function: Any, *arguments: Any) -> Any:
-        try:
-            return eqx.filter_eval_shape(function, *arguments)
-        except Exception as error:
-            message = (str(error).strip() or type(error).__name__).splitlines()[0]
-            arrived = f"{type(error).__name__}: {message}"
-            raise problem_error(
-                "user-defined parts", arrived, "a method that JAX can trace", f"planner {name}.{method}"
-            ) from error
-
-    state = trace("first_plan", planner.first_plan, jnp.zeros(()), fleet.reports, fleet.performance)
-    plans = trace("plans", planner.plans, state)
+    inputs = jnp.zeros(()), fleet.reports, fleet.performance
+    state = trace_method("planner", planner, "first_plan", planner.first_plan, *inputs)
+    plans = trace_method("planner", planner, "plans", planner.plans, state)
     wrong = None
     if not isinstance(plans, AircraftPlan):
         wrong = type(plans).__name__

@@ -1,6 +1,6 @@
 from .controllers import AbstractController, AbstractGuidance
 from .input_signals import InputSignal
-from .paths import AbstractReference, PathCommand, PathPoint
+from .paths import AbstractReference, PathCommand, PathPoint, StraightPath
 from .perception import (
     AbstractEstimator,
     AbstractSensors,
@@ -34,6 +34,7 @@ __all__ = [
     "Performance",
     "Reading",
     "Rendezvous",
+    "StraightPath",
     "Truth",
     "make_rendezvous",
 ]

@@ -15,9 +15,9 @@ from anser.shapes import ScalarLike, Vector3
 class AbstractGuidance(AbstractPart):
     """Interface of guidance, which commands one aircraft. Subclass this class directly, not a concrete guidance."""
 
-    @abc.abstractmethod
     def init(self, belief: Belief, instant: Instant) -> Any:
-        """Return the guidance's state before the first sample."""
+        """Return the guidance's state before the first sample; by default None, for a guidance without state."""
+        return None
 
     @abc.abstractmethod
     def command(
@@ -33,9 +33,12 @@ class AbstractGuidance(AbstractPart):
 class AbstractController(AbstractPart):
     """Interface of controllers, which turn commands into controls. Subclass this class directly, not a concrete one."""
 
-    @abc.abstractmethod
     def init(self, state: AircraftState, attitude: Vector3) -> Any:
-        """Return the controller's state after a long time in steady flight; `attitude` is (mu, alpha, beta), rad."""
+        """Return the controller's state after a long time in steady flight; by default None, for a law without state.
+
+        `attitude` is (mu, alpha, beta), rad.
+        """
+        return None
 
     @abc.abstractmethod
     def control(

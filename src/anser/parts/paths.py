@@ -54,6 +54,20 @@ class AbstractReference(AbstractPart):
         return self.at(time).acceleration_n
 
 
+class StraightPath(AbstractReference):
+    """Straight line over the ground at constant speed; times in s, positions in the Earth's chart, NED, m."""
+
+    start_n: Vector3
+    end_n: Vector3
+    start_time: ScalarLike
+    end_time: ScalarLike
+
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Return position, velocity and acceleration at a time, s; the line continues beyond its ends."""
+        velocity_n = (self.end_n - self.start_n) / (self.end_time - self.start_time)
+        return PathPoint(self.start_n + (time - self.start_time) * velocity_n, velocity_n, jnp.zeros_like(velocity_n))
+
+
 class LoopExcitation(eqx.Module):
     """Test input that is added to the commands from the velocity loop to the attitude loop and on to the rate loop.
 

@@ -253,9 +253,12 @@ class AbstractSensors(AbstractPart):
     with errors.
     """
 
-    @abc.abstractmethod
     def init(self, truth: Truth, instant: Instant) -> Any:
-        """Return the sensors' state before the first sample, as after a long time in the present flight condition."""
+        """Return the sensors' state before the first sample, as after a long time in the present flight condition.
+
+        By default None, for sensors without state.
+        """
+        return None
 
     @abc.abstractmethod
     def read(self, sensor_state: Any, truth: Truth, instant: Instant) -> tuple[Reading, Any]:
@@ -265,9 +268,9 @@ class AbstractSensors(AbstractPart):
 class AbstractEstimator(AbstractPart):
     """Interface of the estimator of one aircraft. Subclass this class directly, not a concrete estimator."""
 
-    @abc.abstractmethod
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> Any:
-        """Return the estimator's state before the first sample."""
+        """Return the estimator's state before the first sample; by default None, for an estimator without state."""
+        return None
 
     @abc.abstractmethod
     def estimate(

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 from anser.numerics.arrays import as_array, namespace
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.part import AbstractPart
-from anser.parts.paths import AbstractReference, polar
+from anser.parts.paths import AbstractReference, StraightPath, polar
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm, safe_sqrt, unit_vector
 
@@ -205,6 +205,10 @@ class AircraftReport(eqx.Module):
     #: Covariance of the goal's position and velocity; None if both are exact.
     goal_covariance: Float[Array, "*aircraft 6 6"] | None = None
 
+    def rendezvous_n(self, duration: ScalarLike) -> Vector3:
+        """Return the position of one aircraft's rendezvous after a duration (s), its goal in steady motion; NED, m."""
+        return self.goal_position_n + duration * self.goal_velocity_n + self.rendezvous.stand_off_n
+
 
 class Performance(eqx.Module):
     """Acceleration and deceleration that one aircraft can reach along its path; stacked for a fleet.
@@ -248,6 +252,33 @@ class AircraftPlan(eqx.Module):
     #: the hold is not moved (see `hold_reference`).
     hold_reach: Scalar | None = None
     network: NetworkView | None = None  #: Data of a fleet without a centre; otherwise None.
+
+    @classmethod
+    def straight(
+        cls, reports: AircraftReport, time: ScalarLike, arrival_time: ScalarLike | None = None
+    ) -> "AircraftPlan":
+        """Return the stacked plans of straight paths from the present positions to the rendezvous.
+
+        Parameters
+        ----------
+        reports
+            Stacked reports at `time` (s).
+        arrival_time
+            Common time of arrival, s; None: the earliest at which every active aircraft arrives at its airspeed.
+        """
+
+        def arrival(report: AircraftReport) -> Scalar:
+            air_motion_n = report.goal_velocity_n - report.wind_n
+            duration, _ = time_to_go(report.rendezvous_n(0.0) - report.position_n, air_motion_n, report.airspeed)
+            return jnp.where(report.active, time + duration, -jnp.inf)
+
+        common = jnp.max(jax.vmap(arrival)(reports)) if arrival_time is None else jnp.asarray(arrival_time)
+
+        def plan(report: AircraftReport) -> AircraftPlan:
+            path = StraightPath(report.position_n, report.rendezvous_n(common - time), jnp.asarray(time), common)
+            return cls(path, common)
+
+        return jax.vmap(plan)(reports)
 
 
 class AbstractPlanner(AbstractPart):

@@ -1,5 +1,4 @@
 from .campaign_figures import draw_campaign
-from .campaign_page import write_campaign_report
 from .envelope_figures import draw_bode, draw_envelope
 from .flight_figures import FlightPlots, draw_flight
 from .flight_page import write_comparison, write_report
@@ -14,7 +13,6 @@ __all__ = [
     "draw_flight",
     "draw_plan",
     "draw_robustness",
-    "write_campaign_report",
     "write_comparison",
     "write_report",
 ]

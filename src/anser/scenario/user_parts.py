@@ -187,17 +187,8 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(step_s), flight_randomness(0))
 
     def trace(kind: str, method: str, function: Any, *arguments: Any) -> Any:
-        try:
-            return eqx.filter_eval_shape(function, *arguments)
-        except ScenarioError:
-            raise
-        except Exception as error:
-            if kind not in kinds:
-                raise
-            message = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-            raise _part_error(
-                vehicle, kind, method, f"{type(error).__name__}: {message}", "a traceable method"
-            ) from error
+        part = getattr(vehicle, kind) if kind in kinds else None
+        return trace_method(kind, part, method, function, *arguments)
 
     def pair(kind: str, method: str, result: Any, size: int, expected: str) -> Any:
         if kind in kinds and (not isinstance(result, tuple) or len(result) != size):
@@ -253,6 +244,27 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
     ):
         expected = f"anser.aircraft.Controls with surfaces of shape ({count},) and a throttle of shape ()"
         raise _part_error(vehicle, "controller", "control", _described(controls), expected)
+
+
+def trace_method(kind: str, part: Any, method: str, function: Any, *arguments: Any) -> Any:
+    """Trace a method of a user-defined part on shapes alone; `part` None: one of the package's.
+
+    Raises ScenarioError, with part and method, for an error of the user's code.
+    """
+    try:
+        return eqx.filter_eval_shape(function, *arguments)
+    except ScenarioError:
+        raise
+    except Exception as error:
+        if part is None:
+            raise
+        message = (str(error).strip() or type(error).__name__).splitlines()[0]
+        problem = Problem(
+            f"{kind} {type(part).__qualname__}.{method}",
+            f"{type(error).__name__}: {message}",
+            "a method that JAX can trace",
+        )
+        raise ScenarioError("user-defined parts", [problem]) from error
 
 
 def _start_state(airframe: AbstractAirframe) -> AircraftState:

@@ -28,9 +28,6 @@ from anser.spatial.rotations import normalize
 class IdealSensors(AbstractSensors):
     """Sensors without noise or delay; the line of sight to the goal is a straight line in space (theory section 7)."""
 
-    def init(self, truth: Truth, instant: Instant) -> None:
-        """The sensors have no state."""
-
     def read(self, sensor_state: None, truth: Truth, instant: Instant) -> tuple[Reading, None]:
         """Return the reading that equals the truth."""
         specific_force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass

@@ -109,9 +109,6 @@ class PrescribedCommand(AbstractGuidance):
 
     values: Float[Array, "sample 3"]
 
-    def init(self, belief: Belief, instant: Instant) -> None:
-        """The guidance has no state."""
-
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:

@@ -45,9 +45,6 @@ class ConstantCommand(AbstractGuidance):
 
     value: Any
 
-    def init(self, belief: Belief, instant: Instant) -> None:
-        """The guidance has no state."""
-
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, None]:

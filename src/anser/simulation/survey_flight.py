@@ -191,9 +191,6 @@ class SteppedPath(AbstractGuidance):
     target: TrimTarget
     size: Vector3
 
-    def init(self, belief: Belief, instant: Instant) -> None:
-        """The guidance has no state."""
-
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:

@@ -1,6 +1,7 @@
 """Simulator by hand: one aircraft, or many at once, advanced step by step under the user's controls."""
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from jaxtyping import Array, Float
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.motion import MotionState, to_local_state, to_motion_state
 from anser.compiling.options import compiled_quickly, enable_compilation_cache
+from anser.compiling.single_kernel import as_single_kernel
 from anser.environment.environment import Environment
 from anser.environment.gridded_wind import GriddedWind, has_left_field
 from anser.simulation.open_loop import dataset_variables
@@ -33,11 +35,11 @@ class NamedState(Mapping[str, Any]):
         self._indices, self._values = indices, values
 
     def __getitem__(self, name: str) -> Any:
-        try:
-            values = self._values()
-            return float(values[self._indices[name]]) if values.ndim == 1 else values[:, self._indices[name]]
-        except KeyError:
-            raise KeyError(f"{name!r} is not a variable of the state; the names are {', '.join(self)}") from None
+        index = self._indices.get(name)
+        if index is None:
+            raise KeyError(f"{name!r} is not a variable of the state; the names are {', '.join(self)}")
+        values = self._values()
+        return float(values[index]) if values.ndim == 1 else values[:, index]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._indices)
@@ -109,19 +111,20 @@ class Simulator:
         self._count = len(starts) if isinstance(start, Sequence) else None
         self.step_s = float(step_s)
         motions = [_to_motion(environment, point.state) for point in points]
-        states = [np.append(np.asarray(ravel_pytree(motion)[0]), 0.0) for motion in motions]
-        inputs = [np.array(list(reference_inputs(airframe, point.controls).values())) for point in points]
-        self._start_state, self._start_inputs = _stack(states, self._count), _stack(inputs, self._count)
-        constants, self._programs = _prepare(
+        self._constants, self._programs = _prepare(
             airframe, environment, motions[0], self.step_s, batched=self._count is not None
         )
-        self._constants, self._wind = constants, environment.wind
+        # motion, number of the sample and, for one aircraft, its variables, which the first step computes
+        blank = np.zeros(1 if self._count is not None else 1 + len(self._programs.indices))
+        states = [np.append(np.asarray(ravel_pytree(motion)[0]), blank) for motion in motions]
+        inputs = [np.array(list(reference_inputs(airframe, point.controls).values())) for point in points]
+        self._start_state, self._start_inputs = _stack(states, self._count), _stack(inputs, self._count)
+        self._wind = environment.wind
         self.reset()
 
     def reset(self) -> NamedState:
         """Return to the start."""
-        self._motion, self._inputs, self._number = self._start_state, self._start_inputs, 0
-        self._rows: np.ndarray | None = None
+        self._packed, self._inputs, self._number = self._start_state, self._start_inputs, 0
         return self.state
 
     @property
@@ -132,10 +135,11 @@ class Simulator:
     @property
     def state(self) -> NamedState:
         """Variables of the catalogue at the present sample, by name; computed when one of them is read."""
-        motion, inputs, rows = self._motion, self._inputs, self._rows
-        if rows is not None:
-            return NamedState(self._programs.indices, lambda: rows)
-        compute = functools.cache(lambda: np.asarray(self._programs.variables(self._constants, motion, inputs)))
+        packed, inputs = self._packed, self._inputs
+        if self._count is None and self._number > 0:
+            values = np.asarray(packed)
+            return NamedState(self._programs.indices, lambda: values)
+        compute = functools.cache(lambda: np.asarray(self._programs.read(self._constants, packed, inputs)))
         return NamedState(self._programs.indices, compute)
 
     def step(self, controls: Mapping[str, Any] | Float[np.ndarray, "... input"] | None = None) -> NamedState:
@@ -155,21 +159,16 @@ class Simulator:
             boundary values hold; the state then stays as it was.
         """
         inputs = self._merge(controls)
-        result = self._programs.step(self._constants, self._motion, inputs)
+        packed = self._programs.step(self._constants, self._packed, inputs)
         if isinstance(self._wind, GriddedWind):
-            self._check_field(result if self._count is not None else result[0][None])
-        self._inputs = inputs
+            self._check_field(packed if self._count is not None else packed[None])
+        self._packed, self._inputs = packed, inputs
         self._number += 1
-        if self._count is None:
-            self._motion, rows = result
-            self._rows = np.asarray(rows)
-        else:
-            self._motion = result
         return self.state
 
-    def _check_field(self, motion: Array) -> None:
+    def _check_field(self, packed: Array) -> None:
         time_s = self.time_s + self.step_s
-        positions_n = self._programs.positions_n(self._constants, motion)
+        positions_n = self._programs.positions_n(self._constants, packed)
         is_outside = jax.vmap(has_left_field, in_axes=(None, 0, None))(self._wind, positions_n, time_s)
         if np.any(np.asarray(is_outside)):
             north, east, down = np.asarray(positions_n)[int(np.argmax(is_outside))]
@@ -181,7 +180,7 @@ class Simulator:
 
     def save(self) -> dict[str, Any]:
         """Return a checkpoint, from which `restore` continues bit by bit as without it; it can be pickled or copied."""
-        return {"motion": np.array(self._motion), "inputs": np.array(self._inputs), "number": self._number}
+        return {"motion": np.array(self._packed), "inputs": np.array(self._inputs), "number": self._number}
 
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
         """Return to a checkpoint of `save`, of this simulator or of an equal one.
@@ -191,13 +190,13 @@ class Simulator:
         ValueError
             The checkpoint belongs to another aircraft or another number of aircraft.
         """
-        motion, inputs = np.asarray(checkpoint["motion"]), np.asarray(checkpoint["inputs"])
-        if motion.shape != np.shape(self._start_state) or inputs.shape != self._start_inputs.shape:
+        packed, inputs = np.asarray(checkpoint["motion"]), np.asarray(checkpoint["inputs"])
+        if packed.shape != self._start_state.shape or inputs.shape != self._start_inputs.shape:
             raise ValueError(
-                f"checkpoint: arrived states of shape {motion.shape}; expected {np.shape(self._start_state)}: one of "
+                f"checkpoint: arrived states of shape {packed.shape}; expected {self._start_state.shape}: one of "
                 "the same aircraft, and of as many of them"
             )
-        self._motion, self._inputs, self._number, self._rows = motion, inputs, int(checkpoint["number"]), None
+        self._packed, self._inputs, self._number = packed, inputs, int(checkpoint["number"])
         return self.state
 
     def _merge(self, controls: Any) -> np.ndarray:
@@ -223,8 +222,13 @@ class Simulator:
         return self._checked(inputs)
 
     def _checked(self, inputs: np.ndarray) -> np.ndarray:
-        throttle = inputs[..., -1]
-        if not (np.isfinite(inputs).all() and 0.0 <= throttle.min() <= throttle.max() <= 1.0):
+        if self._count is None:  # in Python, which takes a tenth of the time for few numbers
+            values = inputs.tolist()
+            is_valid = all(map(math.isfinite, values)) and 0.0 <= values[-1] <= 1.0
+        else:
+            throttle = inputs[:, -1]
+            is_valid = np.isfinite(inputs).all() and 0.0 <= throttle.min() <= throttle.max() <= 1.0
+        if not is_valid:
             named = dict(zip(self.inputs, inputs.T.tolist(), strict=True)) if self._count is None else inputs
             raise ValueError(f"controls: arrived {named!s:.200}; expected finite numbers, and a throttle from 0 to 1")
         return inputs
@@ -233,43 +237,44 @@ class Simulator:
 class _Programs:
     """Compiled functions of the simulators with one structure of aircraft and air, alone or batched.
 
-    All numbers of the aircraft and the air enter as one array, which ends with the step; the last element of the motion
-    is the number of the sample. A call with few arguments takes less time.
+    A call with few arguments takes less time: all numbers of the aircraft and the air enter as one array, which ends
+    with the step. The motion, the number of the sample and the variables (at `indices`) are another one. The step of
+    one aircraft is a single kernel, its variables included; those of several are computed when they are read.
     """
 
-    def __init__(self, unpack: Callable[[Array], Any], unravel: Callable[[Array], Any], batched: bool) -> None:
+    def __init__(
+        self, unpack: Callable[[Array], Any], unravel: Callable[[Array], Any], size: int, batched: bool
+    ) -> None:
         self.indices: dict[str, int] = {}
 
-        def variables(constants: Array, motion: Array, inputs: Array) -> Array:
+        def read(constants: Array, packed: Array, inputs: Array) -> Array:
             airframe, environment = unpack(constants[:-1])
-            time, state = motion[-1] * constants[-1], unravel(motion[:-1])
+            time, state = packed[size] * constants[-1], unravel(packed[:size])
             named = dataset_variables(airframe, environment, time, state, _controls(inputs))
-            self.indices.update({name: index for index, name in enumerate(named)})
-            return jnp.stack([jnp.asarray(value, dtype=float) for value in named.values()])
+            self.indices.update({name: index for index, name in enumerate(named, start=size + 1)})
+            return jnp.concatenate([packed[: size + 1], *(jnp.asarray(v, dtype=float)[None] for v in named.values())])
 
-        def advance_once(constants: Array, motion: Array, inputs: Array) -> Array:
+        def advance_once(constants: Array, packed: Array, inputs: Array) -> Array:
             airframe, environment = unpack(constants[:-1])
-            step = constants[-1]
-            time, state = motion[-1] * step, unravel(motion[:-1])
-            moved = advance(airframe, environment, time, state, _controls(inputs), step)
-            return jnp.append(ravel_pytree(moved)[0], motion[-1] + 1.0)
+            time, state = packed[size] * constants[-1], unravel(packed[:size])
+            moved = advance(airframe, environment, time, state, _controls(inputs), constants[-1])
+            return jnp.append(ravel_pytree(moved)[0], packed[size] + 1.0)
 
-        def advance_and_read(constants: Array, motion: Array, inputs: Array) -> tuple[Array, Array]:
-            # A loop of one step runs on one thread: without it, XLA's runtime hands small operations to other threads.
-            def body(_: Any, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-                moved = advance_once(constants, carry[0], inputs)
-                return moved, variables(constants, moved, inputs)
+        def advance_and_read(constants: Array, packed: Array, inputs: Array) -> Array:
+            # If this is no single kernel, a loop of one step still runs on one thread: without it, XLA's runtime hands
+            # small operations to other threads.
+            def body(_: Any, before: Array) -> Array:
+                return read(constants, advance_once(constants, before, inputs), inputs)
 
-            start = motion, jnp.zeros(len(self.indices))
-            return jax.lax.fori_loop(0, (motion[-1] >= 0.0).astype(int), body, start)
+            return jax.lax.fori_loop(0, (packed[size] >= 0.0).astype(int), body, packed)
 
-        def position_n(constants: Array, motion: Array) -> Array:
-            return to_local_state(unpack(constants[:-1])[1], unravel(motion[:-1])).position_n
+        def position_n(constants: Array, packed: Array) -> Array:
+            return to_local_state(unpack(constants[:-1])[1], unravel(packed[:size])).position_n
 
         in_axes = (None, 0, 0)
         self.positions_n = jax.jit(jax.vmap(position_n, in_axes[:2]))
-        self.variables = jax.jit(jax.vmap(variables, in_axes) if batched else variables)
-        self.step = jax.jit(jax.vmap(advance_once, in_axes) if batched else advance_and_read)
+        self.read = jax.jit(jax.vmap(read, in_axes) if batched else read)
+        self.step = jax.jit(jax.vmap(advance_once, in_axes) if batched else as_single_kernel(advance_and_read))
 
 
 def _controls(inputs: Array) -> Controls:
@@ -304,12 +309,12 @@ def _prepare(
     constants = jnp.append(constants, step)
     programs = _programs.get(key)
     if programs is None:
-        programs = _programs[key] = _Programs(unpack, unravel, batched)
+        programs = _programs[key] = _Programs(unpack, unravel, state.size, batched)
         # The names of the variables are known from a trace.
         inputs = np.zeros(len(airframe.actuators.names) + 1)
         motion_row = jnp.append(state, 0.0)
         rows = (motion_row[None], inputs[None]) if batched else (motion_row, inputs)
-        jax.eval_shape(programs.variables, constants, *rows)
+        jax.eval_shape(programs.read, constants, *rows)
     return constants, programs
 
 

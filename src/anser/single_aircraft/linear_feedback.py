@@ -1,0 +1,228 @@
+"""Linear feedback of the state as a controller: from a gain matrix, or by the weights of a quadratic regulator."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft.airframe import AircraftState, Controls
+from anser.control.feedback import wrap_angle
+from anser.numerics.arrays import as_array
+from anser.parts.controllers import AbstractController
+from anser.parts.paths import PathCommand
+from anser.parts.perception import Belief
+from anser.shapes import Scalar, ScalarLike, Vector, Vector3
+from anser.simulation.open_loop import believed_variables
+from anser.units import DEG_RAD, RAD_DEG
+
+if TYPE_CHECKING:
+    from anser.analysis.linear_models import LinearizationResult
+
+_VARIABLES = {
+    "V": ("airspeed_m_s", 1.0),
+    "alpha": ("alpha_deg", DEG_RAD),
+    "beta": ("beta_deg", DEG_RAD),
+    "phi": ("roll_deg", DEG_RAD),
+    "theta": ("pitch_deg", DEG_RAD),
+    "P": ("roll_rate_deg_s", DEG_RAD),
+    "Q": ("pitch_rate_deg_s", DEG_RAD),
+    "R": ("yaw_rate_deg_s", DEG_RAD),
+    "altitude": ("altitude_m", 1.0),
+    "power": ("power_percent", 1.0),
+}
+"""Variable of a dataset, and factor to the unit of the linear model, of each state that can be fed back."""
+_INTEGRALS = {"V_integral": 30.0, "gamma_integral": 0.3}
+"""Greatest integrals of the errors of airspeed (m) and path angle (rad s), reached where the controls are at stops."""
+
+
+class LinearFeedback(AbstractController):
+    """Linear feedback about a trim: u = u0 - K (x - x0), in SI units and radians.
+
+    Commands move the reference x0: the airspeed that of V, the path angle that of theta, and the course that of phi, by
+    the bank of the commanded turn plus `course_gain` times the error of the course. The last columns of K may be those
+    of the integrals of the errors of airspeed and path angle. Inputs without feedback keep their trim.
+
+    Attributes
+    ----------
+    gain
+        K: a row for each input of the linear model, the throttle first; columns as in `states`.
+    trim_state, trim_input, trim_path_angle
+        x0 without integrals, u0, and the path angle of the trim.
+    course_gain
+        Commanded rate of the course for an error of the course, 1/s.
+    bank_max
+        Limit of the reference of phi, rad.
+    states, surfaces
+        Names of the states, integrals included, and of the aircraft's surfaces.
+    """
+
+    gain: Float[Array, "input state"]
+    trim_state: Vector
+    trim_input: Vector
+    trim_path_angle: Scalar
+    course_gain: Scalar
+    bank_max: Scalar
+    states: tuple[str, ...] = eqx.field(static=True)
+    surfaces: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def from_gain(
+        cls,
+        linear: "LinearizationResult",
+        gain: Float[np.ndarray, "input state"],
+        states: Sequence[str],
+        inputs: Sequence[str],
+        *,
+        course_gain: float = 0.25,
+        bank_max_deg: float = 40.0,
+    ) -> "LinearFeedback":
+        """Return the feedback by a gain matrix.
+
+        Parameters
+        ----------
+        linear
+            Open-loop linear model without actuators, from `aircraft.linearize(...)`, for its trim.
+        gain
+            K, a row for each of `inputs` and a column for each of `states`; SI units and radians.
+        states
+            Names among V, alpha, beta, phi, theta, P, Q, R, altitude and power, then V_integral and gamma_integral.
+        inputs
+            Names among the aircraft's surfaces and throttle.
+        course_gain, bank_max_deg
+            See the class.
+
+        Raises
+        ------
+        ValueError
+            A name is unknown, a shape does not fit, or the model is of another kind.
+        """
+        model = _open_model(linear)
+        motion = [name for name in states if name not in _INTEGRALS]
+        ordered = [*motion, *(name for name in _INTEGRALS if name in states)]
+        _check_names("states", ordered, [*(name for name in model.states if name in _VARIABLES), *_INTEGRALS])
+        _check_names("inputs", inputs, model.inputs)
+        matrix = np.asarray(gain, dtype=float)
+        if list(states) != ordered or matrix.shape != (len(inputs), len(states)):
+            raise ValueError(
+                f"gain: arrived shape {matrix.shape} for the states {', '.join(states)}; expected ({len(inputs)}, "
+                f"{len(states)}), the columns in the order {', '.join(ordered)}"
+            )
+        whole = np.zeros((len(model.inputs), len(states)))
+        whole[[model.inputs.index(name) for name in inputs]] = matrix
+        return cls(
+            as_array(whole),
+            as_array(np.asarray(model.x)[[model.states.index(name) for name in motion]]),
+            as_array(np.asarray(model.u)),
+            as_array(float(model.y[model.outputs.index("gamma")])),
+            as_array(course_gain),
+            as_array(bank_max_deg * DEG_RAD),
+            tuple(states),
+            tuple(model.surfaces),
+        )
+
+    @classmethod
+    def from_weights(
+        cls, linear: "LinearizationResult", Q: Mapping[str, float], R: Mapping[str, float], **options: float
+    ) -> "LinearFeedback":
+        """Return the linear-quadratic regulator: K minimizes the integral of x' Q x + u' R u.
+
+        Parameters
+        ----------
+        linear, **options
+            See `from_gain`.
+        Q
+            Weights of states and integrals by name, in SI units and radians. All states of the motion but heading and
+            altitude are fed back, with the weight 0 if they are left out.
+        R
+            Weights of the inputs that are moved.
+
+        Raises
+        ------
+        ValueError
+            A name is unknown, a weight is negative, or no regulator exists for these weights.
+        """
+        from scipy.linalg import LinAlgError, solve_continuous_are
+
+        model = _open_model(linear)
+        fed_back = [name for name in model.states if name in _VARIABLES]
+        _check_names("Q", list(Q), [*fed_back, *_INTEGRALS])
+        _check_names("R", list(R), model.inputs)
+        motion = [name for name in fed_back if name in Q or name != "altitude"]
+        integrals = [name for name in _INTEGRALS if name in Q]
+        rows, columns = [model.states.index(name) for name in motion], [model.inputs.index(name) for name in R]
+        outputs = [model.outputs.index(name.removesuffix("_integral")) for name in integrals]
+        slopes = np.vstack([np.asarray(model.A)[rows], np.asarray(model.C)[outputs]])[:, rows]
+        A = np.pad(slopes, ((0, 0), (0, len(integrals))))
+        B = np.pad(np.asarray(model.B)[np.ix_(rows, columns)], ((0, len(integrals)), (0, 0)))
+        states = [*motion, *integrals]
+        weights = np.array([float(Q.get(name, 0.0)) for name in states]), np.array([float(R[name]) for name in R])
+        if not (weights[0] >= 0.0).all() or not (weights[1] > 0.0).all():
+            raise ValueError("Q, R: arrived a negative weight; expected numbers from 0 (Q), above 0 (R)")
+        try:
+            cost = solve_continuous_are(A, B, np.diag(weights[0]), np.diag(weights[1]))
+        except LinAlgError as error:
+            raise ValueError(
+                f"Q, R: no regulator exists ({error}); expected weights of inputs that stabilize the motion, and of "
+                "states in which every undamped motion shows"
+            ) from None
+        return cls.from_gain(linear, (B / weights[1]).T @ cost, states, list(R), **options)
+
+    def init(self, state: AircraftState, attitude: Vector3) -> Vector:
+        """Return the integrals of the errors at the start: 0."""
+        return jnp.zeros(len(self.states) - self.trim_state.size, state.rates_b.dtype)
+
+    def control(
+        self, controller_state: Vector, belief: Belief, command: PathCommand, step: ScalarLike
+    ) -> tuple[Controls, None, Vector]:
+        """Return the controls of the feedback, no signals, and the integrals at the next sample."""
+        if belief.airframe.actuators.names != self.surfaces:
+            arrived = ", ".join(belief.airframe.actuators.names)
+            raise ValueError(f"linear feedback: arrived {arrived}; expected the surfaces {', '.join(self.surfaces)}")
+        variables = believed_variables(belief)
+        V, gamma, chi = (
+            variables[name] * factor
+            for name, factor in (("airspeed_m_s", 1.0), ("path_angle_deg", DEG_RAD), ("course_deg", DEG_RAD))
+        )
+        turn_rate = command.chi_dot + self.course_gain * wrap_angle(command.chi - chi)
+        bank = jnp.clip(V * turn_rate / belief.condition.earth.gravity, -self.bank_max, self.bank_max)
+        reference = dict(zip(self.states, self.trim_state, strict=False)) | {"V": command.V, "phi": bank}
+        if "theta" in self.states:
+            reference["theta"] = reference["theta"] + command.gamma - self.trim_path_angle
+        motion = self.states[: self.trim_state.size]
+        measured = [variables[_VARIABLES[name][0]] * _VARIABLES[name][1] - reference[name] for name in motion]
+        throttle, *surfaces = self.trim_input - self.gain @ jnp.concatenate([jnp.stack(measured), controller_state])
+        errors = {"V_integral": V - command.V, "gamma_integral": gamma - command.gamma}
+        next_state = controller_state
+        for k, name in enumerate(self.states[self.trim_state.size :]):
+            integral = controller_state[k] + step * errors[name]
+            next_state = next_state.at[k].set(jnp.clip(integral, -_INTEGRALS[name], _INTEGRALS[name]))
+        return Controls(jnp.stack(surfaces), jnp.clip(throttle, 0.0, 1.0)), None, next_state
+
+    def controls(self, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the controls for the state of a `Simulator`, by name, which lead back to the trim.
+
+        Without commands and without integrals; numbers for one aircraft, arrays for several.
+        """
+        count = self.trim_state.size
+        variables = [_VARIABLES[name] for name in self.states[:count]]
+        measured = np.stack([factor * np.asarray(state[name]) for name, factor in variables], axis=-1)
+        gain, trim_state, trim_input = (np.asarray(array) for array in (self.gain, self.trim_state, self.trim_input))
+        inputs = trim_input - (measured - trim_state) @ gain[:, :count].T
+        named = {name: RAD_DEG * inputs[..., k] for k, name in enumerate(self.surfaces, start=1)}
+        return {**named, "throttle": np.clip(inputs[..., 0], 0.0, 1.0)}
+
+
+def _open_model(linear: "LinearizationResult") -> Any:
+    if linear.condition["loop"] != "open" or linear.condition["actuators"]:
+        raise ValueError("linear: arrived a model of a loop or with actuators; expected aircraft.linearize(trim)")
+    return linear.model
+
+
+def _check_names(argument: str, names: Sequence[str], expected: Sequence[str]) -> None:
+    unknown = [name for name in names if name not in expected]
+    if unknown or len(set(names)) < len(names) or not names:
+        arrived = repr(unknown[0]) if unknown else f"{list(names)}"
+        raise ValueError(f"{argument}: arrived {arrived}; expected names among {', '.join(expected)}, each once")
