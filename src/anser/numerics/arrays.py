@@ -193,7 +193,7 @@ def stack_objects(
 
 
 @functools.lru_cache(maxsize=64)
-def _is_in_subtree(structure: jax.tree_util.PyTreeDef, select: Callable[[Any], Any] | None) -> tuple[bool, ...]:
+def _is_in_subtree(structure: Any, select: Callable[[Any], Any] | None) -> tuple[bool, ...]:
     """Whether each leaf of a tree is in the subtree that `select` returns; None: no subtree."""
     tree = structure.unflatten([False] * structure.num_leaves)
     if select is not None:

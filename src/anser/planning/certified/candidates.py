@@ -396,7 +396,7 @@ def candidates_for_selected(
 
 def _generator(
     airspace: Airspace, durations: Float[Array, " aircraft"], intervals: int, instants: int, candidate_set: CandidateSet
-) -> Callable[[AircraftTask, Scalar], Candidates]:
+) -> Callable[..., Candidates]:
     times = jnp.max(durations) / instants * jnp.arange(instants + 1)
     return functools.partial(_aircraft_candidates, airspace, intervals, times, candidate_set)
 
