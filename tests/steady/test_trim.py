@@ -259,7 +259,7 @@ def test_gradient_equals_difference_quotient(sensitivity):
         "turn rate": (lambda a: a[2].turn_rate, 1e-5),
         "mass": (lambda a: a[0].mass_properties.mass, 1e-1),
         "centre of gravity": (lambda a: a[0].x_cg, 1e-5),
-        "gravity": (lambda a: a[1].gravity, 1e-4),
+        "gravity": (lambda a: a[1].earth.gravity, 1e-4),
     }
     differenced = {name: _differenced(selector, arguments, h) for name, (selector, h) in selectors.items()}
     for k in range(4):
