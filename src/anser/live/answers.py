@@ -166,6 +166,7 @@ def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: in
             "label": limit.description,
             "unit": printed_unit(limit.unit),
             "limit": float(limit_value),
+            "is_least": limit.is_lower_bound,
             "planned": finite_or_none(planned),
             "bound": margin.value,
             "utilization": finite_or_none(margin.utilization),

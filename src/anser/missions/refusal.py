@@ -297,10 +297,12 @@ def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> 
     if best is None:
         return ": no single limit, loosened up to four times, changes that", ()
     factor, constraint = best
-    keys = tuple(f"limits.{limit.scenario_key}" for limit in RELAXED_TOGETHER.get(constraint, ()))
-    description = f"{constraint} ({' and '.join(keys)})" if keys else constraint
-    text = f": the {description} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
-    return text, keys or ("keep_out",)
+    if constraint == "keep-outs":
+        smaller = 100.0 * (1.0 - 1.0 / factor)
+        return f": the keep-outs stand in the way; with radii {smaller:.0f} % smaller, a path exists", ("keep_out",)
+    keys = tuple(f"limits.{limit.scenario_key}" for limit in RELAXED_TOGETHER[constraint])
+    loosened = f"loosened by {100.0 * (factor - 1.0):.0f} %, a path exists"
+    return f": the {constraint} ({' and '.join(keys)}) stands in the way; {loosened}", keys
 
 
 def _no_common_time(

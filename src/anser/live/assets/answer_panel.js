@@ -20,7 +20,7 @@ class AnswerPanel {
       const first = answer.first_s, last = answer.last_s;
       box.append(element("p", "note", Math.abs(last - first) < 0.005 ? `All arrive at ${printed(first, 2)} s.` : `Arrivals from ${printed(first, 2)} s to ${printed(last, 2)} s.`));
     } else if (answer?.aircraft.length) box.append(element("p", "note", status === "refused" ? "Dashed: the best attempt, not proven. Faint: the last certified plan." : "Grey: the last answer."));
-    const parts = [box];
+    const parts = [element("p", "waits", "The scenario has changed: planning again. Below: the plan of the scenario before."), box];
     if (answer?.aircraft.length) parts.push(...this._arrivals(answer), ...this._closest(answer), ...this._margins(answer));
     const at = this.place.scrollTop;
     const focused = this.place.contains(document.activeElement) ? document.activeElement.dataset.jump : null;
@@ -33,7 +33,7 @@ class AnswerPanel {
   /** A sentence, followed by links to the inputs that it is about. */
   _problem(problem) {
     const line = element("p", "problem", problem.text);
-    for (const key of problem.keys) {
+    for (const key of problem.keys.filter((one) => this.page.inputs.fieldOf(one))) {
       const button = element("button", "jump", `→ ${this.page.nameOfKey(key)}`);
       button.type = "button";
       button.dataset.jump = key;
@@ -82,7 +82,7 @@ class AnswerPanel {
       const swatch = element("span", "swatch"), name = element("span", "name");
       swatch.style.background = this.page.colorOf(one.name);
       name.append(swatch, `${limit.label}`);
-      row.append(name, bar, element("span", "share", `${printed(limit.bound ?? limit.planned, 1)} of ${printed(limit.limit, 1)} ${limit.unit}`));
+      row.append(name, bar, element("span", "share", `${printed(limit.bound ?? limit.planned, 1)} ${limit.is_least ? "(at least" : "of"} ${printed(limit.limit, 1)} ${limit.unit}${limit.is_least ? ")" : ""}`));
       row.title = `${one.name}: ${limit.label} ${printed(limit.planned)} ${limit.unit}, bound ${printed(limit.bound)} ${limit.unit}, limit ${printed(limit.limit)} ${limit.unit}`;
       list.append(row);
     }

@@ -1,7 +1,7 @@
 /* The socket to the server: reconnection, numbered requests, and one plan request at a time. */
 "use strict";
 
-const BACK_OFF_MS = [300, 600, 1200, 2500, 5000], CONNECT_MS = 20000, RESEND_MS = 250;
+const BACK_OFF_MS = [300, 600, 1200, 2500, 5000], CONNECT_MS = 20000, RESEND_MS = 250, LATE_MS = 700, LATENCIES_MAX = 500;
 
 class Connection {
   constructor() {
@@ -67,7 +67,7 @@ class Connection {
 /** Plan requests: the newest scenario is sent when the former answer has arrived, or when it is late; after a drag always. */
 class PlanRequests {
   constructor(connection, scenario) {
-    Object.assign(this, { connection, scenario, flying: 0, sent: 0, since: 0, due: false, late: 0, usual: 0, answered: 0 });
+    Object.assign(this, { connection, scenario, flying: 0, sent: 0, since: 0, due: false, late: 0, usual: 0, answered: 0, changed: 0 });
     this.stamps = new Map(); // number of a request: time stamp of the newest event in its scenario
   }
 
@@ -75,6 +75,7 @@ class PlanRequests {
   ask(stamp) {
     this.stamp = stamp;
     this.due = true;
+    this.changed ||= performance.now();
     this._try();
   }
 
@@ -108,19 +109,26 @@ class PlanRequests {
     if (number === this.flying) {
       this.usual = 0.5 * (this.usual + Math.min(2000, performance.now() - this.since));
       this.flying = 0;
+      this.changed = this.due ? performance.now() : 0;
       this._try();
     }
     return true;
+  }
+
+  /** Whether the newest scenario waits so long for its answer that the answer shown would be taken for it. */
+  get isLate() {
+    return this.changed > 0 && performance.now() - this.changed > LATE_MS;
   }
 
   /** The connection is cut: nothing is on its way. */
   reset() {
     this.flying = 0;
     this.usual = 0;
+    this.changed = 0;
   }
 }
 
-/** Times from a pointer or key event to the painted frame with the plan for it, ms; the last 5,000. */
+/** Times from a pointer or key event to the painted frame with the plan for it, ms; the newest. */
 class Latencies extends Array {
   /** Measure until the frame in which the present drawing is painted. */
   measure(number, stamp, elapsed_ms) {
@@ -132,7 +140,7 @@ class Latencies extends Array {
         performance.mark("plan painted", { detail: { number, latency_ms } });
         performance.clearMarks("plan painted");
         this.push({ number, latency_ms, elapsed_ms });
-        if (this.length > 5000) this.shift();
+        if (this.length > LATENCIES_MAX) this.shift();
       };
       channel.port2.postMessage(null);
     });

@@ -201,13 +201,18 @@ class Inputs {
     return path;
   }
 
+  /** Input of a key: of the longest key path that contains it, or of the first entry of a list; undefined without. */
+  fieldOf(key) {
+    return this.names.get(this._nearest(key)) ?? this.names.get([...this.names.keys()].find((path) => path.startsWith(`${key}[`)));
+  }
+
   nameOfKey(key) {
-    return this.names.get(this._nearest(key))?.text ?? key;
+    return this.fieldOf(key)?.text ?? key;
   }
 
   /** Bring the input of a key into view and into focus. */
   jump(key) {
-    const input = this.names.get(this._nearest(key))?.input;
+    const input = this.fieldOf(key)?.input;
     if (!input) return;
     const box = input.closest("details");
     if (box) box.open = true;

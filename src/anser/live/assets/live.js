@@ -266,6 +266,7 @@ class LivePage {
   }
 
   _wait() {
+    document.body.classList.toggle("late", this.requests.isLate);
     const seconds = this.requests.flying ? (performance.now() - this.requests.since) / 1000 : 0;
     if (seconds > 0.3 && this.connection.open && this.status.textContent === "Ready.") this.report();
     this.waited.textContent = seconds > 1 ? `since ${seconds.toFixed(0)} s` : "";
