@@ -19,7 +19,7 @@ from anser.aircraft_files.schema import AirframeFile
 from anser.campaigns.study import Study
 from anser.config.file_schema import key_tables
 from anser.environments.actions import LEVELS
-from anser.environments.cases import autopilot_of, scenario_tables, single_aircraft
+from anser.environments.cases import autopilot_of, single_aircraft
 from anser.environments.environment import MOTION
 from anser.environments.registry import TASKS
 from anser.environments.spaces import Entry
@@ -101,7 +101,7 @@ def observation_table() -> str:
 
 def action_table() -> str:
     """Return the Markdown table of the entries of the F-16's actions by level."""
-    vehicle, _ = single_aircraft(scenario_tables("f16", {}))
+    vehicle, _ = single_aircraft("f16", {})
     autopilot = autopilot_of(vehicle)
     return entry_table("level", [(f'"{k}"', level.entries(autopilot, vehicle.airframe)) for k, level in LEVELS.items()])
 

@@ -22,7 +22,7 @@ import numpy as np
 from jax import Array
 
 from anser.environments import AircraftEnvironment, EpisodeState, Parameters, make, score
-from anser.environments.experts import Policy
+from anser.environments.episodes import Policy
 from anser.report.style import COLORS
 
 Layers = list[tuple[Array, Array]]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from anser.environments.agent_dictionaries import AgentDictionaries
+from anser.environments.episodes import record_flight
+from anser.environments.fleet import AgentDictionaries
 from anser.environments.pettingzoo_environments import FleetParallelEnvironment
-from anser.environments.recording import record_flight
 from anser.environments.spaces import Box
 
 LENGTH = 7
@@ -125,7 +125,7 @@ def test_the_packages_fleet_flies_in_pettingzoo_and_in_dictionaries():
     flown, step = state, jax.jit(environment.step_env)
     for number in range(len(actions)):
         flown = step(key, flown, actions[number], environment.default_params)[1]
-    positions_n = np.asarray(environment.situations(flown).truth.state.position_n)
+    positions_n = np.asarray(environment.situation(flown).truth.state.position_n)
     for position_n, agent in zip(positions_n, environment.agents, strict=True):
         last = record_flight(environment, state, actions, agent).dataset.isel(time=-1)
         recorded_n = [float(last.north_m), float(last.east_m), -float(last.altitude_m)]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import anser
 from anser.config.errors import ScenarioError
 from anser.environments import Expert, make
-from anser.environments.actions import SurfaceLevel
+from anser.environments.actions import AutopilotStep, SurfaceLevel
 from anser.environments.cases import FlightRange
 from anser.units import RAD_DEG
 
@@ -105,10 +105,10 @@ def test_an_episode_is_the_same_at_any_index_and_in_any_batch():
 
 
 def test_recorded_actions_fly_as_simulate_does():
-    environment = velocity_command()
+    environment, reset, step = programs()
     params = environment.default_params
-    step = jax.jit(environment.step_env)
-    _, state = jax.jit(environment.reset)(jax.random.key(3), params)
+    _, states = reset(keys(4, 3), params)
+    state = jax.tree.map(lambda leaf: leaf[0], states)
     case = params.case(state.row)
     actions = 0.2 * np.random.default_rng(0).uniform(-1.0, 1.0, (40, 4)) + np.array([-0.1, 0.0, 0.0, -0.3])
     situation = jax.jit(environment.situation)
@@ -127,8 +127,8 @@ def test_recorded_actions_fly_as_simulate_does():
         earth={"latitude_deg": 45.0},
     ).dataset
     for action in actions:
-        _, state, *_ = step(jax.random.key(0), state, jnp.asarray(action), params)
-    variables = situation(state, params).variables
+        _, states, *_ = step(keys(4), states, np.tile(action, (4, 1)), params)
+    variables = situation(jax.tree.map(lambda leaf: leaf[0], states), params).variables
     for name in ("airspeed_m_s", "alpha_deg", "beta_deg", "pitch_deg", "roll_deg", "roll_rate_deg_s", "altitude_m"):
         assert float(variables[name]) == pytest.approx(float(flight[name][-1]), rel=1e-12, abs=1e-11), name
 
@@ -159,9 +159,8 @@ def test_gradients_of_a_return_agree_with_finite_differences():
         return jnp.sum(jax.lax.scan(advance, state, actions)[1])
 
     # about the trim: the elevator at 0 deg is a breakpoint of the tables, where a two-sided difference is no derivative
-    trim = environment.level.action(
-        case.start.controls, None, None, case.autopilot, environment.situation(state, params).belief
-    )
+    step = AutopilotStep(None, case.start.controls, None)
+    trim = environment.level.action(step, case.autopilot, environment.situation(state, params).belief)
     base = trim[None, :] + 0.01 * np.random.default_rng(0).normal(size=(100, 4))
     gradient = np.asarray(jax.jit(jax.grad(total))(base))
     assert np.all(np.isfinite(gradient))

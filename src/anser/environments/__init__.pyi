@@ -1,11 +1,9 @@
 from .actions import AbstractActionLevel, RateLevel, SurfaceLevel, VelocityLevel
-from .agent_dictionaries import AgentDictionaries
 from .cases import Case, FlightRange, Situation
 from .environment import AircraftEnvironment, EpisodeState, Parameters
-from .experts import Expert, Score, score
-from .fleet import FleetEnvironment
+from .episodes import Episode, Expert, Score, fly_episodes, record_flight, score
+from .fleet import AgentDictionaries, FleetEnvironment
 from .planned_tasks import AbstractPlannedTask, Arrival, FleetArrival, PathTracking
-from .recording import Episode, fly_episodes, record_flight
 from .registry import TASKS, make
 from .spaces import Box, Entry
 from .tasks import AbstractTask, AltitudeChange, AttitudeHold, UpsetRecovery, VelocityCommand

@@ -4,15 +4,17 @@ A reset draws a case; nothing is trimmed or planned in it. Aircraft, air and sen
 aircraft, so that the tables of a scenario file describe them.
 """
 
+import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
-from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.airframe import AbstractAirframe, AircraftState
 from anser.aircraft_files.library import is_aircraft_path
 from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.step_flights import default_flight_point
@@ -21,7 +23,7 @@ from anser.compiling.options import compiled, compiled_quickly
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.environment import Environment, SteadyWind
-from anser.numerics.arrays import Stacked, as_array, cast_to_precision
+from anser.numerics.arrays import Stacked, as_array, cast_to_precision, pad_to_multiple, take_rows
 from anser.parts.perception import Belief, Instant, Truth
 from anser.scenario.build import build_flight
 from anser.scenario.schema import validate
@@ -35,27 +37,13 @@ Rng = np.random.Generator
 
 
 class Case(eqx.Module):
-    """Start, air and task of one episode.
+    """Start, air and task of one episode."""
 
-    Attributes
-    ----------
-    vehicle
-        The aircraft with its sensors, estimator and autopilot, without a mission.
-    environment
-        Air and Earth.
-    start
-        State at the start, in the form of a trim point.
-    task
-        Numbers of the task, such as commands, of the type that the task's `draw` makes.
-    decisions
-        Number of decisions until the episode is truncated.
-    """
-
-    vehicle: Vehicle
-    environment: Environment
-    start: TrimPoint
-    task: Any
-    decisions: Integer
+    vehicle: Vehicle  #: The aircraft with its sensors, estimator and autopilot, without a mission.
+    environment: Environment  #: Air and Earth.
+    start: TrimPoint  #: State at the start, in the form of a trim point.
+    task: Any  #: Numbers of the task, such as commands, of the type that the task's `draw` makes.
+    decisions: Integer  #: Number of decisions until the episode is truncated.
 
     @property
     def autopilot(self) -> InversionAutopilot:
@@ -74,26 +62,14 @@ def autopilot_of(vehicle: Vehicle) -> InversionAutopilot:
 
 
 class Situation(eqx.Module):
-    """Truth and estimates after a decision, from which a task computes errors, reward and observation.
+    """Truth and estimates after a decision, from which a task computes errors, reward and observation."""
 
-    Attributes
-    ----------
-    case
-        Case of the episode.
-    instant
-        Environment, time and step at the end of the decision.
-    truth, belief
-        True motion, and the aircraft's own estimate.
-    variables, estimates
-        Variables of the catalogue by dataset name, true and estimated.
-    """
-
-    case: Case
-    instant: Instant
-    truth: Truth
-    belief: Belief
-    variables: Mapping[str, Scalar]
-    estimates: Mapping[str, Scalar]
+    case: Case  #: Case of the episode.
+    instant: Instant  #: Environment, time and step at the end of the decision.
+    truth: Truth  #: True motion.
+    belief: Belief  #: The aircraft's own estimate of its motion.
+    variables: Mapping[str, Scalar]  #: True variables of the catalogue by dataset name.
+    estimates: Mapping[str, Scalar]  #: Estimated variables of the catalogue by dataset name.
 
     @property
     def time(self) -> Scalar:
@@ -101,43 +77,28 @@ class Situation(eqx.Module):
         return self.instant.time
 
 
-def scenario_tables(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a scenario with one aircraft in level flight.
+def single_aircraft(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]) -> tuple[Vehicle, Environment]:
+    """Return the aircraft of a scenario, without a mission, and the environment.
 
-    Parameters
-    ----------
-    aircraft
-        Name of an airframe, path of an aircraft file, or a table `[[aircraft]]` of a scenario without its mission.
-    tables
-        Further tables of a scenario: `wind`, `turbulence`, `navigation`, `earth`, `limits` and the like.
+    The arguments are those of `anser.environments.make`. Raises ScenarioError for a table that is not valid.
     """
-    own = dict(aircraft) if isinstance(aircraft, Mapping) else _aircraft_table(aircraft)
-    kind = own.get("airframe", own.get("type", "f16"))
-    airframe = resolve_airframe(str(kind), own.get("variant", "textbook"))[0]
-    speed_m_s, altitude_m = default_flight_point(airframe)
-    own = {"name": "aircraft", "goal": "goal", **own}
-    place = {"north_m": 0.0, "east_m": 0.0, "course_deg": 0.0}
-    own["start"] = {**place, "altitude_m": altitude_m, "speed_m_s": speed_m_s, **own.get("start", {})}
-    own.setdefault("rendezvous", {"stand_off_up_m": 300.0})
-    fleet = {"speed_m_s": own["start"]["speed_m_s"]}
-    goal = {"name": "goal", "kind": "surface", "north_m": 200.0 * fleet["speed_m_s"], "east_m": 0.0}
-    head = {"format": 2, "name": "environment", "timing": {"duration_s": 600.0}, "fleet": fleet}
-    return {**head, "aircraft": [own], "goal": [goal], **tables}
-
-
-def _aircraft_table(name: str) -> dict[str, Any]:
-    return {"airframe" if is_aircraft_path(name) else "type": name}
-
-
-def single_aircraft(tables: Mapping[str, Any]) -> tuple[Vehicle, Environment]:
-    """Return the aircraft of a scenario with one aircraft, without its mission, and the environment.
-
-    Raises
-    ------
-    ScenarioError
-        A table is not valid; the message names the key, what arrived and what would be right.
-    """
-    flight = build_flight(validate(dict(tables), "environment"), mission_is_flown=False)
+    if isinstance(aircraft, str):
+        aircraft = {"airframe" if is_aircraft_path(aircraft) else "type": aircraft}
+    kind, variant = aircraft.get("airframe", aircraft.get("type", "f16")), aircraft.get("variant", "textbook")
+    speed_m_s, altitude_m = default_flight_point(resolve_airframe(str(kind), variant)[0])
+    start = {"north_m": 0.0, "east_m": 0.0, "course_deg": 0.0, "altitude_m": altitude_m, "speed_m_s": speed_m_s}
+    start.update(aircraft.get("start", {}))
+    own = {"name": "aircraft", "goal": "goal", "rendezvous": {"stand_off_up_m": 300.0}, **aircraft, "start": start}
+    scenario = {
+        "format": 2,
+        "name": "environment",
+        "timing": {"duration_s": 600.0},
+        "fleet": {"speed_m_s": start["speed_m_s"]},
+        "aircraft": [own],
+        "goal": [{"name": "goal", "kind": "surface", "north_m": 200.0 * start["speed_m_s"], "east_m": 0.0}],
+        **tables,
+    }
+    flight = build_flight(validate(scenario, "environment"), mission_is_flown=False)
     vehicle, _, _ = flight.aircraft(0)
     return eqx.tree_at(lambda v: v.mission, vehicle, None, is_leaf=lambda x: x is None), flight.environment
 
@@ -154,47 +115,28 @@ _TRIM_BATCH = 64
 def trim_rows(
     airframe: AbstractAirframe, environment: Environment, targets: Mapping[str, Float[np.ndarray, " row"]]
 ) -> tuple[TrimPoint, Bool[np.ndarray, " row"]]:
-    """Solve the trim of an aircraft in many conditions, one per row.
+    """Solve the trim of an aircraft in many conditions, one per row: fields of `TrimTarget` by name, otherwise 0.
 
-    Parameters
-    ----------
-    targets
-        Fields of `TrimTarget` by name; those left out are 0.
-
-    Returns
-    -------
-    Trim points, and whether each is a steady flight within the limits.
+    Returns the trim points, and whether each is a steady flight within the limits.
     """
     count = len(next(iter(targets.values())))
-    names = ("speed", "altitude", "path_angle", "course", "turn_rate", "path_rate", "pitch_rate")
+    names = [field.name for field in dataclasses.fields(TrimTarget)]
     columns = [np.asarray(targets.get(name, np.zeros(count)), dtype=float) for name in names]
-    parts = []
-    for first in range(0, count, _TRIM_BATCH):
-        rows = np.minimum(np.arange(first, first + _TRIM_BATCH), count - 1)
-        target = TrimTarget(*(as_array(column[rows]) for column in columns))
-        parts.append(jax.tree.map(np.asarray, _trims(airframe, environment, target)))
+    padded = pad_to_multiple(TrimTarget(*columns), _TRIM_BATCH)  # pyright: ignore[reportArgumentType]
+    batches = [slice(first, first + _TRIM_BATCH) for first in range(0, count, _TRIM_BATCH)]
+    parts = [jax.tree.map(np.asarray, _trims(airframe, environment, take_rows(padded, rows))) for rows in batches]
     points = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *parts)
     return points, points.converged & (points.excess <= LIMIT_TOLERANCE)
 
 
 class FlightRange(eqx.Module):
-    """Range of the flight conditions at the starts of episodes.
+    """Range of the flight conditions at the starts of episodes."""
 
-    Attributes
-    ----------
-    speed_m_s, altitude_m
-        Least and greatest airspeed and altitude.
-    path_angle_deg, bank_deg
-        Greatest magnitude of the path angle, and of the bank of the steady turn.
-    wind_m_s
-        Greatest speed of the steady wind, whose direction is uniform.
-    """
-
-    speed_m_s: tuple[float, float] = eqx.field(static=True)
-    altitude_m: tuple[float, float] = eqx.field(static=True)
-    path_angle_deg: float = eqx.field(static=True, default=10.0)
-    bank_deg: float = eqx.field(static=True, default=45.0)
-    wind_m_s: float = eqx.field(static=True, default=15.0)
+    speed_m_s: tuple[float, float] = eqx.field(static=True)  #: Least and greatest airspeed.
+    altitude_m: tuple[float, float] = eqx.field(static=True)  #: Least and greatest altitude.
+    path_angle_deg: float = eqx.field(static=True, default=10.0)  #: Greatest magnitude of the path angle.
+    bank_deg: float = eqx.field(static=True, default=45.0)  #: Greatest bank of the steady turn to either side.
+    wind_m_s: float = eqx.field(static=True, default=15.0)  #: Greatest speed of the steady wind from any direction.
 
 
 def default_range(vehicle: Vehicle) -> FlightRange:
@@ -207,21 +149,14 @@ def default_range(vehicle: Vehicle) -> FlightRange:
     return FlightRange((1.1 * slowest, 0.9 * fastest), (lowest, max(min(8000.0, float(top)), lowest)))
 
 
-_STEADY_SHARE_MIN = 0.02
-"""Least share of steady flights among the drawn conditions."""
-
-
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:
     """Draw steady flights over the trim map: level, climbing, descending and turning, in any direction.
 
-    Raises
-    ------
-    ValueError
-        The aircraft has hardly any steady flight in the range.
+    Raises ValueError if the aircraft has hardly any steady flight in the range.
     """
     points: list[TrimPoint] = []
     found = drawn = 0
-    while drawn == 0 or found > _STEADY_SHARE_MIN * drawn:
+    while drawn == 0 or found > 0.02 * drawn:  # the least share of steady flights among the drawn conditions
         size = max(count - found, _TRIM_BATCH)
         speed = rng.uniform(*flown.speed_m_s, size)
         bank = rng.uniform(-1.0, 1.0, size) * flown.bank_deg * DEG_RAD
@@ -244,50 +179,40 @@ def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange
     )
 
 
-def wind_rows(flown: FlightRange, count: int, rng: Rng) -> Float[np.ndarray, "row 3"]:
-    """Draw steady horizontal winds (NED, m/s): uniform speed up to the greatest, uniform direction."""
-    speed, direction = rng.uniform(0.0, flown.wind_m_s, count), rng.uniform(-np.pi, np.pi, count)
-    return np.stack([speed * np.cos(direction), speed * np.sin(direction), np.zeros(count)], axis=-1)
-
-
 def stack_cases(
-    vehicle: Vehicle,
-    environment: Environment,
-    starts: TrimPoint,
-    wind_n: Float[np.ndarray, "row 3"],
-    task: Any,
-    decisions: int,
-    dtype: Any,
+    vehicle: Vehicle, environment: Environment, flown: FlightRange, drawn: Any, decisions: int, rng: Rng, dtype: Any
 ) -> Stacked[Case]:
-    """Return the cases of one aircraft with a start, a steady wind and a task in each row.
+    """Return the cases of one aircraft with starts and numbers of a task as drawn, each in a steady horizontal wind.
 
-    The wind is added to that of the environment, and to the velocity of the starts.
+    The winds, of uniform speed and direction, are added to that of the environment, and to the velocity of the starts.
     """
-    count = len(wind_n)
-    if isinstance(environment.wind, SteadyWind):
-        winds = as_array(wind_n + np.asarray(environment.wind.velocity_n))
-        batched_wind, shared_wind = SteadyWind(winds), SteadyWind(None)  # pyright: ignore[reportArgumentType]
-    else:
-        batched_wind, shared_wind = jax.tree.map(lambda _: None, environment.wind), environment.wind
-    nothing = jax.tree.map(lambda _: None, environment)
-    environments = Environment(nothing.atmosphere, batched_wind, nothing.earth)
-    shared_environment = Environment(environment.atmosphere, shared_wind, environment.earth)
-    starts = _starts_in_wind(Stacked(environments, shared_environment), starts)
-    empty_start, empty_task = jax.tree.map(lambda _: None, (starts, task))
-    lengths = as_array(np.full(count, decisions), np.int32)
-    batched = Case(jax.tree.map(lambda _: None, vehicle), environments, starts, task, lengths)
-    shared = Case(vehicle, shared_environment, empty_start, empty_task, None)  # pyright: ignore[reportArgumentType]
-    cases = Stacked(batched, shared)
+    count = len(drawn[0].mu)
+    speed, direction = rng.uniform(0.0, flown.wind_m_s, count), rng.uniform(-np.pi, np.pi, count)
+    wind_n = np.stack([speed * np.cos(direction), speed * np.sin(direction), np.zeros(count)], axis=-1)
+    wind = environment.wind
+    is_steady = isinstance(wind, SteadyWind)
+    if is_steady:
+        wind = SteadyWind(as_array(wind_n + np.asarray(wind.velocity_n)))
+    environment = Environment(environment.atmosphere, wind, environment.earth)
+    case = Case(vehicle, environment, drawn[0], drawn[1], as_array(np.full(count, decisions), np.int32))
+
+    def rows(case: Case) -> Any:
+        return case.start, case.task, case.decisions, case.environment.wind if is_steady else ()
+
+    nowhere, everywhere = (partial(jax.tree.map, lambda _, flag=flag: flag) for flag in (False, True))
+    cases = Stacked(*eqx.partition(case, eqx.tree_at(rows, nowhere(case), replace_fn=everywhere)))
+    environments = Stacked(cases.batched.environment, cases.shared.environment)
+    velocities_b = _velocities_in_wind(environments, drawn[0].state)
+    cases = eqx.tree_at(lambda c: c.batched.start.state.velocity_b, cases, velocities_b)
     return cast_to_precision(jax.tree.map(lambda leaf: as_array(leaf, None), cases), dtype)
 
 
 @compiled_quickly
-def _starts_in_wind(environments: Stacked[Environment], starts: TrimPoint) -> TrimPoint:
-    """Add the wind at the start to the velocity over the ground of steady flights in still air."""
+def _velocities_in_wind(environments: Stacked[Environment], states: AircraftState) -> Float[Array, "row 3"]:
+    """Return the velocities over the ground of steady flights in still air, to which the wind at the start is added."""
 
-    def in_wind(environment: Environment, start: TrimPoint) -> TrimPoint:
-        wind_n = environment.wind.at(start.state.position_n, 0.0)
-        wind_b = rotate(rotation_from_quaternion(start.state.quaternion), wind_n)
-        return eqx.tree_at(lambda p: p.state.velocity_b, start, start.state.velocity_b + wind_b)
+    def in_wind(environment: Environment, state: AircraftState) -> Array:
+        wind_n = environment.wind.at(state.position_n, 0.0)
+        return state.velocity_b + rotate(rotation_from_quaternion(state.quaternion), wind_n)
 
-    return jax.vmap(lambda batched, start: in_wind(environments.combine(batched), start))(environments.batched, starts)
+    return environments.map(in_wind, states)

@@ -6,27 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from anser.environments.gymnasium_environments import OBSERVATION_MAX, box_space
-from anser.environments.recording import Episode
+from anser.environments.episodes import Episode
+from anser.environments.gymnasium_environments import OBSERVATION_MAX, box_spaces
 from anser.results.documents import install_hint
 
 
 def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any) -> Any:
     """Write episodes of one environment as a dataset of Minari, and return the dataset.
 
-    Parameters
-    ----------
-    dataset_id
-        Name in Minari's form, such as "anser/velocity-command/expert-v0".
-    episodes
-        Episodes of one environment; their observations are clipped as Gymnasium's are.
-    **description
-        Arguments of `minari.create_dataset_from_buffers`: `algorithm_name`, `author`, `description`, ...
-
-    Raises
-    ------
-    ImportError
-        Minari is not installed.
+    The name has Minari's form, such as "anser/velocity-command/expert-v0"; observations are clipped as Gymnasium's are.
+    `description`: arguments of `minari.create_dataset_from_buffers` (`algorithm_name`, `author`, `description`, ...).
+    Raises ImportError without Minari.
     """
     try:
         import minari
@@ -36,26 +26,22 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
     if not episodes:
         raise ValueError("episodes: arrived none; expected at least one episode")
     environment = episodes[0].environment
-    buffers = [_buffer(EpisodeBuffer, number, episode) for number, episode in enumerate(episodes)]
-    arguments = {
-        "observation_space": box_space(OBSERVATION_MAX, len(environment.observed)),
-        "action_space": box_space(1.0, environment.num_actions),
-        "data_format": "arrow",
-        **description,
-    }
+    make_buffer: Any = EpisodeBuffer
+    buffers = [
+        make_buffer(
+            id=number,
+            observations=np.clip(episode.observations, -OBSERVATION_MAX, OBSERVATION_MAX),
+            actions=episode.actions,
+            rewards=episode.rewards.astype(np.float64),
+            terminations=(ends := np.arange(len(episode.actions)) == len(episode.actions) - 1) & episode.terminated,
+            truncations=ends & (not episode.terminated),
+        )
+        for number, episode in enumerate(episodes)
+    ]
+    observation_space, action_space = box_spaces(environment)
+    spaces = {"observation_space": observation_space, "action_space": action_space}
+    arguments = {**spaces, "data_format": "arrow", **description}
     with warnings.catch_warnings():
         # of specifications of environments, which are optional: `env` and `eval_env`
         warnings.filterwarnings("ignore", message=".*(eval_env|env_spec)")
         return minari.create_dataset_from_buffers(dataset_id, buffers, **arguments)
-
-
-def _buffer(make_buffer: Any, number: int, episode: Episode) -> Any:
-    ends = np.arange(len(episode.actions)) == len(episode.actions) - 1
-    return make_buffer(
-        id=number,
-        observations=np.clip(episode.observations, -OBSERVATION_MAX, OBSERVATION_MAX),
-        actions=episode.actions,
-        rewards=episode.rewards.astype(np.float64),
-        terminations=ends & episode.terminated,
-        truncations=ends & (not episode.terminated),
-    )

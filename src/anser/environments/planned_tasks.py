@@ -7,7 +7,7 @@ solvable. Flights without a plan are left out.
 import os
 from collections.abc import Sequence
 from importlib import resources
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,9 +22,9 @@ from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.environment.environment import Environment
 from anser.environments.cases import Case, FlightRange, Rng, Situation, autopilot_of
 from anser.environments.spaces import Entry
-from anser.environments.tasks import AbstractTask
+from anser.environments.tasks import AbstractTask, Drawn
 from anser.missions.flight_batches import FlightCase, plan_many
-from anser.numerics.arrays import Stacked, as_array, cast_to_precision, stack_objects
+from anser.numerics.arrays import Stacked, as_array, cast_to_precision, stack_objects, unstack_rows
 from anser.parts.paths import PathCommand
 from anser.parts.perception import velocity_over_ground_n
 from anser.parts.planners import time_to_go
@@ -36,32 +36,17 @@ from anser.simulation.flight import Flight
 from anser.simulation.stand_off import must_break_away
 from anser.simulation.vehicle import Vehicle
 from anser.spatial.vectors import norm
-from anser.steady.trim import TrimPoint
 from anser.units import RAD_DEG
 
 
 class PlannedMission(eqx.Module):
-    """Goal, rendezvous and plan of one aircraft in an episode.
+    """Goal, rendezvous and plan of one aircraft in an episode."""
 
-    Attributes
-    ----------
-    trajectory
-        Planned path up to the arrival.
-    goal
-        Motion of the goal.
-    stand_off_n
-        Rendezvous relative to the goal, NED, m.
-    distance_min
-        Least distance to the goal, m.
-    turn
-        Direction of the turn away from the goal: +1 right, -1 left.
-    """
-
-    trajectory: TimedPath
-    goal: GoalMotion
-    stand_off_n: Vector3
-    distance_min: Scalar
-    turn: Scalar
+    trajectory: TimedPath  #: Planned path up to the arrival.
+    goal: GoalMotion  #: Motion of the goal.
+    stand_off_n: Vector3  #: Rendezvous relative to the goal, NED, m.
+    distance_min: Scalar  #: Least distance to the goal, m.
+    turn: Scalar  #: Direction of the turn away from the goal: +1 right, -1 left.
 
     def rendezvous_n(self, time: Any) -> Vector3:
         """Return the rendezvous at the arrival as foreseen at a time (s): the goal keeps its present velocity."""
@@ -72,24 +57,10 @@ class PlannedMission(eqx.Module):
 def planned_cases(
     study: str | os.PathLike[str] | None, default: str, decision_s: float, dtype: Any
 ) -> tuple[Stacked[Case], tuple[str, ...], float]:
-    """Plan the flights of a study.
+    """Plan the flights of a study file, or of the package's study `default`; a decision takes `decision_s`.
 
-    Parameters
-    ----------
-    study
-        Path of a study file; None: the package's study `default`.
-    decision_s
-        Duration of a decision, s.
-
-    Returns
-    -------
-    Cases with leading axes over flights and aircraft, the names of the aircraft, and the required separation, m (0:
-    none).
-
-    Raises
-    ------
-    ScenarioError
-        A file is not valid, or no flight of the study has a plan.
+    Returns cases with leading axes over flights and aircraft, the names of the aircraft, and the required separation,
+    m (0: none). Raises ScenarioError if a file is not valid, or no flight of the study has a plan.
     """
     shipped = str(resources.files("anser.environments").joinpath(f"data/{default}"))
     loaded, scenario, columns = load_study(shipped if study is None else study)
@@ -109,15 +80,18 @@ def planned_cases(
         scenarios.append(dispersed)
     planned = plan_many([FlightCase(dispersed) for dispersed in scenarios])
     if not planned.numbers:
-        problem = Problem(
-            "vary", f"{len(seeds)} flights of which none has a plan", "values with which some are planned"
-        )
-        raise ScenarioError(loaded.name, [problem])
+        arrived, expected = f"{len(seeds)} flights of which none has a plan", "values with which some are planned"
+        raise ScenarioError(loaded.name, [Problem("vary", arrived, expected)])
     longest = max(plan.paths.times.shape[1] for plan in planned.plans)
+
+    def padded(leaf: Array) -> np.ndarray:  # the last knot is repeated: the cells between equal knots are empty
+        missing = {1: (0, longest - leaf.shape[1])}
+        return np.pad(leaf, [missing.get(axis, (0, 0)) for axis in range(leaf.ndim)], mode="edge")
+
     cases = [
         case
         for flight, fleet, plan in zip(planned.flights, planned.fleets, planned.plans, strict=True)
-        for case in _cases_of(flight, fleet.trims, _padded(plan.paths, longest), decision_s)
+        for case in _cases_of(flight, fleet.trims, jax.tree.map(padded, plan.paths), decision_s)
     ]
     names = tuple(aircraft.name for aircraft in scenario.aircraft)
     stacked = stack_objects(cases, tables_only=False, batched=lambda case: (case.start, case.decisions))
@@ -147,7 +121,7 @@ def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s
     """Return the case of each aircraft of a planned flight, without its mission."""
     cases: list[Case] = []
     arrivals = np.asarray(paths.times)[:, -1]
-    arrival = float(arrivals[0])
+    decisions = as_array(int(float(arrivals[0]) / decision_s + 1e-9), np.int32)
     if np.ptp(arrivals) > _TIME_ROUNDING_S:
         raise ValueError(
             f"arrival.rule: arrived a rule with several arrival times, {arrivals.min():g} to {arrivals.max():g} s; "
@@ -160,31 +134,13 @@ def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s
         assert mission is not None
         group = next(k for k, members in enumerate(flight.members) if index in members)
         row = flight.members[group].index(index)
-        start = jax.tree.map(lambda leaf, row=row: as_array(leaf[row], None), trims[group])
-        trajectory = jax.tree.map(lambda leaf, index=index: as_array(np.asarray(leaf)[index], None), paths)
+        start, trajectory = unstack_rows(trims[group])[row], unstack_rows(paths)[index]
         least = AIRBORNE_STAND_OFF_MIN_M if bool(mission.airborne) else SURFACE_STAND_OFF_MIN_M
-        task = PlannedMission(
-            trajectory,
-            mission.goal,
-            mission.rendezvous.stand_off_n,
-            as_array(least),
-            mission.hold.settings.hold_turn,
-        )
+        stand_off_n, turn = mission.rendezvous.stand_off_n, mission.hold.settings.hold_turn
+        task = PlannedMission(trajectory, mission.goal, stand_off_n, as_array(least), turn)
         bare = eqx.tree_at(lambda v: v.mission, vehicle, None)
-        decisions = as_array(int(arrival / decision_s + 1e-9), np.int32)
         cases.append(Case(bare, flight.environment, start, task, decisions))
     return cases
-
-
-def _padded(paths: TimedPath, count: int) -> TimedPath:
-    """Repeat the last knot of stacked paths up to a number of knots: the cells between equal knots are empty."""
-    missing = count - paths.times.shape[1]
-
-    def pad(leaf: Array) -> np.ndarray:
-        array = np.asarray(leaf)
-        return np.concatenate([array, np.repeat(array[:, -1:], missing, axis=1)], axis=1)
-
-    return jax.tree.map(pad, paths)
 
 
 class AbstractPlannedTask(AbstractTask):
@@ -194,13 +150,10 @@ class AbstractPlannedTask(AbstractTask):
     a rendezvous may be (`anser.simulation.stand_off`).
     """
 
-    expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity")
     #: Study of the package from which the cases are made.
     study: str = eqx.field(static=True, default="arrival-study.toml")
 
-    def draw(
-        self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng
-    ) -> tuple[TrimPoint, Any]:
+    def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
         """Raise TypeError: the cases of a task with a plan are flights of a study."""
         raise TypeError(f"{type(self).__name__}: the cases are flights of a study; see anser.environments.make")
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
@@ -12,17 +12,9 @@ import numpy as np
 from anser.compiling.options import enable_compilation_cache
 from anser.environment.gusts import NoGusts
 from anser.environments.actions import LEVELS
-from anser.environments.cases import (
-    FlightRange,
-    autopilot_of,
-    default_range,
-    scenario_tables,
-    single_aircraft,
-    stack_cases,
-    wind_rows,
-)
+from anser.environments.cases import FlightRange, autopilot_of, default_range, single_aircraft, stack_cases
 from anser.environments.environment import MOTION, AircraftEnvironment, Parameters
-from anser.environments.fleet import FleetEnvironment
+from anser.environments.fleet import FleetEnvironment, entries_of_others
 from anser.environments.planned_tasks import AbstractPlannedTask, Arrival, FleetArrival, PathTracking, planned_cases
 from anser.environments.spaces import Entry, catalogue_entry
 from anser.environments.tasks import AbstractTask, AltitudeChange, AttitudeHold, UpsetRecovery, VelocityCommand
@@ -33,18 +25,9 @@ from anser.simulation.vehicle import Vehicle
 from anser.units import RAD_DEG
 from anser.variables import surface_variables
 
-TASKS: dict[str, Callable[[], AbstractTask]] = {
-    "AttitudeHold": AttitudeHold,
-    "VelocityCommand": VelocityCommand,
-    "AltitudeChange": AltitudeChange,
-    "UpsetRecovery": UpsetRecovery,
-    "PathTracking": PathTracking,
-    "Arrival": Arrival,
-    "FleetArrival": FleetArrival,
-}
+_TASKS = AttitudeHold, VelocityCommand, AltitudeChange, UpsetRecovery, PathTracking, Arrival, FleetArrival
+TASKS: dict[str, Callable[[], AbstractTask]] = {task.__name__: task for task in _TASKS}
 """Tasks by name."""
-CASES = 4096
-"""Number of cases of a task without a study."""
 
 
 def make(
@@ -91,96 +74,83 @@ def make(
 
     Raises
     ------
-    ValueError
-        An argument is not valid, or the aircraft has hardly any steady flight in the range.
-    ScenarioError
-        A table is not valid.
+    ValueError, ScenarioError
+        An argument or a table is not valid, or the aircraft has hardly any steady flight in the range.
     """
     enable_compilation_cache()
-    if action not in LEVELS:
-        raise ValueError(f"action: arrived {action!r}; expected one of {', '.join(LEVELS)}")
-    if isinstance(task, str) and task not in TASKS:
-        raise ValueError(f"task: arrived {task!r}; expected one of {', '.join(TASKS)}, or an AbstractTask")
-    if precision not in PRECISIONS:
-        raise ValueError(f"precision: arrived {precision!r}; expected one of {', '.join(PRECISIONS)}")
+    if isinstance(task, str):
+        _require("task", task, TASKS, ", or an AbstractTask")
+    _require("action", action, LEVELS)
+    _require("precision", precision, PRECISIONS)
     if cases is not None and cases < 1:
         raise ValueError(f"cases: arrived {cases}; expected at least 1")
     level, chosen_task = LEVELS[action], TASKS[task]() if isinstance(task, str) else task
-    if action not in chosen_task.levels:
-        raise ValueError(
-            f"action: arrived {action!r}; expected one of {', '.join(chosen_task.levels)}: at other levels the "
-            "autopilot itself solves the task"
-        )
+    _require("action", action, chosen_task.levels, ": at other levels the autopilot itself solves the task")
+    name = task if isinstance(task, str) else type(task).__name__
     decision_steps = round(level.decision_s / step_s)
     if decision_steps < 1 or abs(decision_steps * step_s - level.decision_s) > 1e-9:
         raise ValueError(f"step_s: arrived {step_s:g}; expected a divisor of the decision, {level.decision_s:g} s")
-    name = task if isinstance(task, str) else type(task).__name__
-    step = cast_to_precision(as_array(step_s), precision)
-    if study is not None and not isinstance(chosen_task, AbstractPlannedTask):
-        raise ValueError(f"study: arrived {study}; expected a task with a plan, PathTracking, Arrival or FleetArrival")
+    agents, separation_m, dtype, is_fleet = (), 0.0, np.dtype(precision), isinstance(chosen_task, FleetArrival)
     if isinstance(chosen_task, AbstractPlannedTask):
         given = {"flown": flown, "aircraft": None if aircraft == "f16" else aircraft, "cases": cases, "seed": seed}
-        excluded = [*tables, *(key for key, value in given.items() if value is not None)]
+        excluded = ", ".join([*tables, *(key for key, value in given.items() if value is not None)])
         if excluded:
-            arrived = ", ".join(excluded)
-            raise ValueError(f"{name}: arrived {arrived}; expected these in a study and its scenario, study=PATH")
-        bank, agents, separation_m = planned_cases(study, chosen_task.study, level.decision_s, np.dtype(precision))
-        is_fleet = isinstance(chosen_task, FleetArrival)
+            raise ValueError(f"{name}: arrived {excluded}; expected these in a study and its scenario, study=PATH")
+        bank, agents, separation_m = planned_cases(study, chosen_task.study, level.decision_s, dtype)
         if not is_fleet and len(agents) > 1:
             raise ValueError(f"study: arrived {len(agents)} aircraft; expected one, or the task FleetArrival")
+        aircraft_name = "aircraft of the study"
         vehicle = bank.combine(jax.tree.map(lambda leaf: leaf[0, 0], bank.batched)).vehicle
         if not is_fleet:
             bank = Stacked(jax.tree.map(lambda leaf: leaf[:, 0], bank.batched), bank.shared)
+    elif study is not None:
+        raise ValueError(f"study: arrived {study}; expected a task with a plan, PathTracking, Arrival or FleetArrival")
     else:
-        vehicle, environment = single_aircraft(scenario_tables(aircraft, tables))
+        vehicle, environment = single_aircraft(aircraft, tables)
         flown = default_range(vehicle) if flown is None else flown
-        count, rng = CASES if cases is None else cases, np.random.default_rng(0 if seed is None else seed)
-        starts, numbers = chosen_task.draw(vehicle, environment, flown, count, rng)
+        count, rng = 4096 if cases is None else cases, np.random.default_rng(0 if seed is None else seed)
+        drawn = chosen_task.draw(vehicle, environment, flown, count, rng)
         decisions = round(chosen_task.duration_s / level.decision_s)
-        winds = wind_rows(flown, count, rng)
-        bank = stack_cases(vehicle, environment, starts, winds, numbers, decisions, np.dtype(precision))
-        agents, separation_m = (), 0.0
+        bank = stack_cases(vehicle, environment, flown, drawn, decisions, rng, dtype)
+        named = {"type": aircraft} if isinstance(aircraft, str) else aircraft
+        aircraft_name = str(named.get("airframe", named.get("type", "f16")))
     made = AircraftEnvironment(
         task=chosen_task,
         level=level,
-        parameters=Parameters(bank, None, step),
+        parameters=Parameters(bank, None, cast_to_precision(as_array(step_s), precision)),
         observed=(*MOTION, *_surface_entries(vehicle), *chosen_task.entries()),
         commanded=level.entries(autopilot_of(vehicle), vehicle.airframe),
         decision_steps=decision_steps,
         name=name,
-        aircraft=_aircraft_name(aircraft, chosen_task),
+        aircraft=aircraft_name,
     )
-    if isinstance(chosen_task, FleetArrival):
-        return FleetEnvironment(made, agents, separation_m)
-    return with_start_observations(made)
+    if is_fleet:
+        return FleetEnvironment(made, agents, separation_m, (*made.observed, *entries_of_others(len(agents))))
+    return _with_start_observations(made)
 
 
-def _aircraft_name(aircraft: str | Mapping[str, Any], task: AbstractTask) -> str:
-    if isinstance(task, AbstractPlannedTask):
-        return "aircraft of the study"
-    return aircraft if isinstance(aircraft, str) else str(aircraft.get("airframe", aircraft.get("type", "f16")))
+def _require(name: str, arrived: str, expected: Iterable[str], remark: str = "") -> None:
+    if arrived not in expected:
+        raise ValueError(f"{name}: arrived {arrived!r}; expected one of {', '.join(expected)}{remark}")
 
 
 def _surface_entries(vehicle: Vehicle) -> tuple[Entry, ...]:
     actuators = vehicle.airframe.actuators
     positions = surface_variables(actuators.names)[: len(actuators.names)]
-    stops = zip(positions, np.asarray(actuators.lower), np.asarray(actuators.upper), strict=True)
-    return tuple(
-        catalogue_entry(v.name, 0.5 * RAD_DEG * (low + high), 0.5 * RAD_DEG * (high - low), v) for v, low, high in stops
-    )
+    low, high = np.asarray(actuators.lower), np.asarray(actuators.upper)
+    scales = zip(positions, 0.5 * RAD_DEG * (low + high), 0.5 * RAD_DEG * (high - low), strict=True)
+    return tuple(catalogue_entry(*scale) for scale in scales)
 
 
-def with_start_observations(made: AircraftEnvironment) -> AircraftEnvironment:
+def _with_start_observations(made: AircraftEnvironment) -> AircraftEnvironment:
     """Return an environment with the observation at the start of each case, where no random number enters it."""
-    vehicle = made.parameters.cases.shared.vehicle
+    parameters, vehicle = made.parameters, made.parameters.cases.shared.vehicle
     if not (isinstance(vehicle.gusts, NoGusts) and isinstance(vehicle.sensors, IdealSensors)):
         return made
-    parameters = made.parameters
+    key = jnp.zeros(2, jnp.uint32)
 
     def observation(row: Any) -> Any:
-        state = made.start_of_case(row, jnp.zeros(2, jnp.uint32), parameters)
-        return made.observe(jnp.zeros(2, jnp.uint32), state, None, parameters)
+        return made.observe(key, made.start_of_case(row, key, parameters), None, parameters)
 
-    rows = jnp.arange(parameters.count, dtype=jnp.int32)
-    observations = jax.jit(jax.vmap(observation))(rows)
+    observations = jax.jit(jax.vmap(observation))(jnp.arange(len(parameters.decisions), dtype=jnp.int32))
     return dataclasses.replace(made, parameters=dataclasses.replace(parameters, observations=observations))

@@ -14,25 +14,12 @@ from anser.variables import CATALOGUE, Variable
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One entry of an observation or an action.
+    """One entry of an observation or an action."""
 
-    Attributes
-    ----------
-    name
-        Name with a unit suffix; that of the catalogue of variables where the quantity stands there.
-    unit
-        Unit of the quantity.
-    centre, half_range
-        Value of the quantity at 0 and its change from 0 to 1 in the normalized entry. None: they follow from the
-        aircraft, as surfaces' stops do, and are stated by the environment's table.
-    meaning
-        Description.
-    """
-
-    name: str
+    name: str  #: Name with a unit suffix; that of the catalogue of variables where the quantity stands there.
     unit: str
-    centre: float
-    half_range: float
+    centre: float  #: Value of the quantity at 0 in the normalized entry.
+    half_range: float  #: Change of the quantity from 0 to 1 in the normalized entry.
     meaning: str
 
     def normalize(self, value: Any) -> Any:
@@ -43,22 +30,20 @@ class Entry:
 _BY_NAME: dict[str, Variable] = {variable.name: variable for variable in CATALOGUE}
 
 
-def catalogue_entry(name: str, centre: float, half_range: float, variable: Variable | None = None) -> Entry:
-    """Return the entry of a variable of the catalogue, with its unit and description."""
-    described = _BY_NAME[name] if variable is None else variable
-    return Entry(name, described.unit, centre, half_range, described.long_name)
+def catalogue_entry(
+    variable: str | Variable, centre: float, half_range: float, kind: str = "", meaning: str = ""
+) -> Entry:
+    """Return the entry of a variable of the catalogue, with its unit and description.
+
+    `kind` is added to the variable's key ("_error"), `meaning` stands before the description ("Commanded").
+    """
+    v = _BY_NAME[variable] if isinstance(variable, str) else variable
+    description = f"{meaning} {v.long_name[0].lower()}{v.long_name[1:]}" if meaning else v.long_name
+    return Entry(f"{v.key}{kind}{v.name.removeprefix(v.key)}", v.unit, centre, half_range, description)
 
 
 class Box:
-    """Box of real vectors, with the methods that gymnax expects of a space.
-
-    Attributes
-    ----------
-    low, high
-        Bounds of every entry; infinite without bounds.
-    shape, dtype
-        Shape and type of the elements.
-    """
+    """Box of real vectors, infinite if unbounded, with the methods that gymnax expects of a space."""
 
     def __init__(self, low: float, high: float, shape: tuple[int, ...], dtype: Any = jnp.float32) -> None:
         self.low, self.high, self.shape, self.dtype = low, high, shape, dtype

@@ -1,7 +1,8 @@
 """Tasks of one aircraft: what is commanded, observed, rewarded and counted as success; and a scripted expert."""
 
 import abc
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -9,12 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.aircraft.airframe import AircraftState
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.control.feedback import wrap_angle
 from anser.control.inversion_autopilot import LoopCommand
 from anser.environment.environment import Environment
 from anser.environments.cases import FlightRange, Rng, Situation, autopilot_of, steady_starts, trim_rows
-from anser.environments.spaces import Entry
+from anser.environments.spaces import Entry, catalogue_entry
 from anser.numerics.arrays import as_array
 from anser.parts.paths import PathCommand, polar
 from anser.shapes import Flag, Scalar, Vector3
@@ -26,6 +28,9 @@ from anser.units import DEG_RAD, RAD_DEG
 
 _ERROR_SCALE = 10.0
 """Error, in tolerances, at which its part of the reward is one half."""
+
+Drawn = tuple[TrimPoint, Any]
+"""Starts, and the task's numbers, of many episodes: arrays with a leading axis over the episodes."""
 
 
 class AbstractTask(eqx.Module):
@@ -39,14 +44,12 @@ class AbstractTask(eqx.Module):
     duration_s: eqx.AbstractVar[float]
     settled_s: eqx.AbstractVar[float]
     #: Loop of the autopilot that the scripted expert commands.
-    expert_loop: eqx.AbstractVar[Literal["attitude", "velocity"]]
+    expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity", kw_only=True)
     #: Levels of action at which the task is not solved by the autopilot itself.
     levels: tuple[str, ...] = eqx.field(static=True, default=("surfaces", "rates", "velocity"), kw_only=True)
 
     @abc.abstractmethod
-    def draw(
-        self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng
-    ) -> tuple[TrimPoint, Any]:
+    def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
         """Draw the starts and the task's numbers of many episodes: arrays with a leading axis over the episodes."""
 
     @abc.abstractmethod
@@ -74,17 +77,77 @@ class AbstractTask(eqx.Module):
         return jnp.mean(1.0 / (1.0 + (errors / _ERROR_SCALE) ** 2))
 
 
-class CommandedState(eqx.Module):
-    """Commanded values of a task, one per error; m/s, m and rad."""
+class Aim(NamedTuple):
+    """A variable that a task commands, with tolerance and scales in the variable's unit."""
 
-    values: Float[Array, "*row error"]
+    name: str  #: Dataset name of the variable.
+    tolerance: float = 0.0  #: Tolerance of the error; 0: no error counts.
+    difference_scale: float = 0.0  #: Half range of the entry "commanded less present value"; 0: no entry.
+    command_scale: float = 0.0  #: Half range of the entry "commanded value"; 0: no entry.
+
+    def error(self, command: Scalar | None, value: Scalar) -> Scalar:
+        """Return the error of a value of the variable in tolerances; a command of an angle is in rad, None is 0."""
+        if command is None:
+            return value / self.tolerance
+        unit = DEG_RAD if self.name.endswith("_deg") else 1.0
+        difference = value * unit - command
+        return (wrap_angle(difference) if self.name in _CYCLIC else difference) / (self.tolerance * unit)
+
+    def shown(self, command: Scalar, value: Scalar) -> Scalar:
+        """Return the command less a value of the variable, in its unit."""
+        if self.name in _CYCLIC:
+            return wrap_angle(command - value * DEG_RAD) * RAD_DEG
+        return (command * RAD_DEG if self.name.endswith("_deg") else command) - value
 
 
-def _command_errors(*pairs: tuple[Any, float]) -> Array:
-    return jnp.stack([error / tolerance for error, tolerance in pairs])
+_CYCLIC = "course_deg", "bank_deg"
+"""Variables whose differences are wrapped to -180..180 deg."""
 
 
-class VelocityCommand(AbstractTask):
+class AbstractCommandTask(AbstractTask):
+    """Base of the tasks that command variables of the catalogue: errors and entries follow from a table of aims."""
+
+    aims: ClassVar[tuple[Aim, ...]]
+
+    def commands(self, situation: Situation) -> tuple[Any, ...]:
+        """Return the command for each aim (SI units, rad), None for 0; by default the numbers of the task."""
+        return tuple(situation.case.task)
+
+    def errors(self, situation: Situation) -> Float[Array, " error"]:
+        """Return the true error of each aim with a tolerance, divided by it."""
+        aims, v = zip(self.aims, self.commands(situation), strict=True), situation.variables
+        return jnp.stack([aim.error(command, v[aim.name]) for aim, command in aims if aim.tolerance])
+
+    def entries(self) -> tuple[Entry, ...]:
+        """Return the table of entries: differences between command and present value, and commands."""
+        differences = [(aim.name, aim.difference_scale, "_error", "Commanded less present") for aim in self.aims]
+        commands = [(aim.name, aim.command_scale, "_command", "Commanded") for aim in self.aims]
+        rows = (*differences, *commands)
+        return tuple(catalogue_entry(name, 0.0, scale, *texts) for name, scale, *texts in rows if scale)
+
+    def observation(self, situation: Situation) -> tuple[Scalar, ...]:
+        """Return the values of `entries`, in their units, from the aircraft's own estimates."""
+        aims, v = list(zip(self.aims, self.commands(situation), strict=True)), situation.estimates
+        differences = [aim.shown(command, v[aim.name]) for aim, command in aims if aim.difference_scale]
+        return (*differences, *(command * RAD_DEG for aim, command in aims if aim.command_scale))
+
+
+def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], level: Any) -> np.ndarray:
+    """Draw two commands for each start until they are steady flights; `level` are those after 40 draws without.
+
+    `draw` returns the commands of the given rows (2, row), and whether they are steady flights.
+    """
+    commands, missing = np.array(level, dtype=float), np.arange(count)
+    for _ in range(_DRAWS_MAX):
+        drawn, is_steady = draw(missing)
+        commands[:, missing[is_steady]] = drawn[:, is_steady]
+        missing = missing[~is_steady]
+        if not missing.size:
+            break
+    return commands
+
+
+class VelocityCommand(AbstractCommandTask):
     """Reach and hold a commanded airspeed, path angle and course.
 
     The commands are steady flights within the aircraft's limits that its thrust reaches within 20 s: up to 30 m/s
@@ -97,65 +160,39 @@ class VelocityCommand(AbstractTask):
     speed_change_m_s: float = eqx.field(static=True, default=30.0)
     path_angle_deg: float = eqx.field(static=True, default=10.0)
     course_change_deg: float = eqx.field(static=True, default=90.0)
-    expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity")
+    aims: ClassVar[tuple[Aim, ...]] = (
+        Aim("airspeed_m_s", tolerance=2.0, difference_scale=30.0),
+        Aim("path_angle_deg", tolerance=1.0, difference_scale=20.0, command_scale=10.0),
+        Aim("course_deg", tolerance=2.0, difference_scale=180.0),
+    )
 
-    def draw(
-        self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng
-    ) -> tuple[TrimPoint, Any]:
+    def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
         """Draw steady starts, and commands that are steady flights too."""
         starts = steady_starts(vehicle, environment, flown, count, rng)
-        V, _, chi = _path_of(starts)
-        altitude = -np.asarray(starts.state.position_n)[:, 2]
-        speed, path_angle = np.array(V), np.zeros(count)
-        missing = np.arange(count)
-        for _ in range(_DRAWS_MAX):
-            size = missing.size
-            faster = V[missing] + rng.uniform(-1.0, 1.0, size) * self.speed_change_m_s
-            speed[missing] = np.clip(faster, *flown.speed_m_s)
-            path_angle[missing] = rng.uniform(-1.0, 1.0, size) * self.path_angle_deg * DEG_RAD
+        V, chi, altitude = _level_of(starts)
+
+        def draw(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            faster = V[rows] + rng.uniform(-1.0, 1.0, rows.size) * self.speed_change_m_s
+            speed = np.clip(faster, *flown.speed_m_s)
+            path_angle = rng.uniform(-1.0, 1.0, rows.size) * self.path_angle_deg * DEG_RAD
             # flight with a rate of the airspeed needs the thrust of steady flight on a steeper path
-            steeper = (speed - V) / (_SPEED_CHANGE_TIME_S * STANDARD_GRAVITY_M_S2)
-            is_steady = np.ones(size, bool)
+            steeper = (speed - V[rows]) / (_SPEED_CHANGE_TIME_S * STANDARD_GRAVITY_M_S2)
+            is_steady = np.ones(rows.size, bool)
             for angle in (path_angle, path_angle + steeper):
-                targets = {"speed": speed[missing], "altitude": altitude[missing], "path_angle": angle[missing]}
+                targets = {"speed": speed, "altitude": altitude[rows], "path_angle": angle}
                 is_steady &= trim_rows(vehicle.airframe, environment, targets)[1]
-            missing = missing[~is_steady]
-            if not missing.size:
-                break
-        speed[missing], path_angle[missing] = V[missing], 0.0
+            return np.stack([speed, path_angle]), is_steady
+
+        speed, path_angle = _steady_commands(count, draw, [V, np.zeros(count)])
         course = chi + rng.uniform(-1.0, 1.0, count) * self.course_change_deg * DEG_RAD
-        return starts, CommandedState(as_array(np.stack([speed, path_angle, course], axis=-1)))
-
-    def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the errors of airspeed, path angle and course, each divided by its tolerance."""
-        v, (V, gamma, chi) = situation.variables, situation.case.task.values
-        return _command_errors(
-            (v["airspeed_m_s"] - V, 2.0),
-            (v["path_angle_deg"] * DEG_RAD - gamma, 1.0 * DEG_RAD),
-            (wrap_angle(v["course_deg"] * DEG_RAD - chi), 2.0 * DEG_RAD),
-        )
-
-    def entries(self) -> tuple[Entry, ...]:
-        """Return the table of entries: differences between command and present value, and commanded path angle."""
-        return (
-            Entry("airspeed_error_m_s", "m s-1", 0.0, 30.0, "Commanded less present airspeed"),
-            Entry("path_angle_error_deg", "degree", 0.0, 20.0, "Commanded less present path angle"),
-            Entry("course_error_deg", "degree", 0.0, 180.0, "Commanded less present course"),
-            Entry("path_angle_command_deg", "degree", 0.0, 10.0, "Commanded path angle"),
-        )
-
-    def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the entries from the aircraft's own estimates."""
-        v, (V, gamma, chi) = situation.estimates, situation.case.task.values
-        course_error = wrap_angle(chi - v["course_deg"] * DEG_RAD) * RAD_DEG
-        return V - v["airspeed_m_s"], gamma * RAD_DEG - v["path_angle_deg"], course_error, gamma * RAD_DEG
+        return starts, as_array(np.stack([speed, path_angle, course], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
         """Return the commanded airspeed, path angle and course as path command."""
-        return _path_command(*situation.case.task.values)
+        return _path_command(*situation.case.task)
 
 
-class AltitudeChange(AbstractTask):
+class AltitudeChange(AbstractCommandTask):
     """Climb or descend to an altitude and an airspeed, and hold both on the course of the start.
 
     Altitude up to 500 m higher or lower, airspeed up to 20 m/s faster or slower. Tolerances: 15 m, 2 m/s, 3 deg.
@@ -165,60 +202,35 @@ class AltitudeChange(AbstractTask):
     settled_s: float = eqx.field(static=True, default=5.0)
     altitude_change_m: float = eqx.field(static=True, default=500.0)
     speed_change_m_s: float = eqx.field(static=True, default=20.0)
-    expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity")
+    aims: ClassVar[tuple[Aim, ...]] = (
+        Aim("altitude_m", tolerance=15.0, difference_scale=500.0),
+        Aim("airspeed_m_s", tolerance=2.0, difference_scale=30.0),
+        Aim("course_deg", tolerance=3.0, difference_scale=180.0),
+    )
 
-    def draw(
-        self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng
-    ) -> tuple[TrimPoint, Any]:
+    def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
         """Draw steady starts, and altitudes and airspeeds at which the aircraft has level flight."""
         starts = steady_starts(vehicle, environment, flown, count, rng)
-        V, _, chi = _path_of(starts)
-        start_altitude = -np.asarray(starts.state.position_n)[:, 2]
-        altitude, speed = start_altitude.copy(), np.array(V)
-        missing = np.arange(count)
-        for _ in range(_DRAWS_MAX):
-            size = missing.size
-            higher = start_altitude[missing] + rng.uniform(-1.0, 1.0, size) * self.altitude_change_m
-            faster = V[missing] + rng.uniform(-1.0, 1.0, size) * self.speed_change_m_s
-            altitude[missing], speed[missing] = np.clip(higher, *flown.altitude_m), np.clip(faster, *flown.speed_m_s)
-            targets = {"speed": speed[missing], "altitude": altitude[missing]}
-            missing = missing[~trim_rows(vehicle.airframe, environment, targets)[1]]
-            if not missing.size:
-                break
-        altitude[missing], speed[missing] = start_altitude[missing], V[missing]
-        return starts, CommandedState(as_array(np.stack([altitude, speed, chi], axis=-1)))
+        V, chi, start_altitude = _level_of(starts)
 
-    def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the errors of altitude, airspeed and course, each divided by its tolerance."""
-        v, (altitude, V, chi) = situation.variables, situation.case.task.values
-        return _command_errors(
-            (v["altitude_m"] - altitude, 15.0),
-            (v["airspeed_m_s"] - V, 2.0),
-            (wrap_angle(v["course_deg"] * DEG_RAD - chi), 3.0 * DEG_RAD),
-        )
+        def draw(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            higher = start_altitude[rows] + rng.uniform(-1.0, 1.0, rows.size) * self.altitude_change_m
+            faster = V[rows] + rng.uniform(-1.0, 1.0, rows.size) * self.speed_change_m_s
+            altitude, speed = np.clip(higher, *flown.altitude_m), np.clip(faster, *flown.speed_m_s)
+            targets = {"speed": speed, "altitude": altitude}
+            return np.stack([altitude, speed]), trim_rows(vehicle.airframe, environment, targets)[1]
 
-    def entries(self) -> tuple[Entry, ...]:
-        """Return the differences between command and present value."""
-        return (
-            Entry("altitude_error_m", "m", 0.0, 500.0, "Commanded less present altitude"),
-            Entry("airspeed_error_m_s", "m s-1", 0.0, 30.0, "Commanded less present airspeed"),
-            Entry("course_error_deg", "degree", 0.0, 180.0, "Commanded less present course"),
-        )
-
-    def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the entries from the aircraft's own estimates."""
-        v, (altitude, V, chi) = situation.estimates, situation.case.task.values
-        course_error = wrap_angle(chi - v["course_deg"] * DEG_RAD) * RAD_DEG
-        return altitude - v["altitude_m"], V - v["airspeed_m_s"], course_error
+        commands = _steady_commands(count, draw, [start_altitude, V])
+        return starts, as_array(np.stack([*commands, chi], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
         """Return a climb rate in proportion to the altitude error, up to 8 m/s, at the commanded airspeed."""
-        v, (altitude, V, chi) = situation.estimates, situation.case.task.values
+        v, (altitude, V, chi) = situation.estimates, situation.case.task
         climb_rate = jnp.clip(_CLIMB_GAIN * (altitude - v["altitude_m"]), -_CLIMB_RATE_MAX_M_S, _CLIMB_RATE_MAX_M_S)
         return _path_command(V, jnp.arcsin(jnp.clip(climb_rate / v["airspeed_m_s"], -0.5, 0.5)), chi)
 
 
-class UpsetRecovery(AbstractTask):
+class UpsetRecovery(AbstractCommandTask):
     """Recover from an upset to level flight with level wings, at any course.
 
     The start has up to 60 deg of bank, an angle of attack up to 25 deg, path angles up to 30 deg and body rates up to
@@ -231,47 +243,37 @@ class UpsetRecovery(AbstractTask):
     alpha_deg: tuple[float, float] = eqx.field(static=True, default=(-5.0, 25.0))
     path_angle_deg: float = eqx.field(static=True, default=30.0)
     rate_deg_s: float = eqx.field(static=True, default=30.0)
-    expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity")
     levels: tuple[str, ...] = eqx.field(static=True, default=("surfaces", "rates"), kw_only=True)
+    aims: ClassVar[tuple[Aim, ...]] = (
+        Aim("path_angle_deg", tolerance=3.0),
+        Aim("bank_deg", tolerance=5.0),
+        Aim("roll_rate_deg_s", tolerance=5.0),
+        Aim("airspeed_m_s", difference_scale=30.0),
+    )
 
-    def draw(
-        self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng
-    ) -> tuple[TrimPoint, Any]:
+    def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
         """Draw upsets at the airspeeds and altitudes of level flights; commanded is the airspeed of the start."""
         level = FlightRange(flown.speed_m_s, flown.altitude_m, 0.0, 0.0, 0.0)
         trims = steady_starts(vehicle, environment, level, count, rng)
-        V, _, chi = _path_of(trims)
+        V, chi, _ = _level_of(trims)
         alpha = rng.uniform(*self.alpha_deg, count) * DEG_RAD
         bank = rng.uniform(-1.0, 1.0, count) * self.bank_deg * DEG_RAD
         path_angle = rng.uniform(-1.0, 1.0, count) * self.path_angle_deg * DEG_RAD
         rates_b = rng.uniform(-1.0, 1.0, (count, 3)) * self.rate_deg_s * DEG_RAD
         upsets = jax.jit(jax.vmap(_upset))
         starts = jax.tree.map(np.asarray, upsets(trims, V, chi, alpha, bank, path_angle, rates_b))
-        return starts, CommandedState(as_array(V[:, None]))
+        return starts, as_array(V[:, None])
 
-    def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return path angle, bank and roll rate, the errors from level flight, each divided by its tolerance."""
-        v = situation.variables
-        return _command_errors(
-            (v["path_angle_deg"], 3.0),
-            (wrap_angle(v["bank_deg"] * DEG_RAD) * RAD_DEG, 5.0),
-            (v["roll_rate_deg_s"], 5.0),
-        )
-
-    def entries(self) -> tuple[Entry, ...]:
-        """Return the table with one entry: commanded airspeed less present airspeed."""
-        return (Entry("airspeed_error_m_s", "m s-1", 0.0, 30.0, "Airspeed of the start less present airspeed"),)
-
-    def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the value of the one entry, m/s, from the aircraft's own estimate."""
-        return (situation.case.task.values[0] - situation.estimates["airspeed_m_s"],)
+    def commands(self, situation: Situation) -> tuple[Any, ...]:
+        """Return level flight without roll rate, and the airspeed of the start."""
+        return None, None, None, situation.case.task[0]
 
     def expert_command(self, situation: Situation) -> PathCommand:
         """Return level flight at the airspeed of the start on the present course."""
-        return _path_command(situation.case.task.values[0], jnp.zeros(()), situation.estimates["course_deg"] * DEG_RAD)
+        return _path_command(situation.case.task[0], jnp.zeros(()), situation.estimates["course_deg"] * DEG_RAD)
 
 
-class AttitudeHold(AbstractTask):
+class AttitudeHold(AbstractCommandTask):
     """Hold the attitude of the start, then follow steps of bank and angle of attack, without sideslip.
 
     The bank is about the velocity vector. Every 5 s after the first 3 s, a new bank up to 45 deg and a new angle of
@@ -282,13 +284,16 @@ class AttitudeHold(AbstractTask):
     settled_s: float = eqx.field(static=True, default=2.0)
     bank_deg: float = eqx.field(static=True, default=45.0)
     alpha_change_deg: float = eqx.field(static=True, default=4.0)
-    expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="attitude")
+    expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="attitude", kw_only=True)
     levels: tuple[str, ...] = eqx.field(static=True, default=("surfaces", "rates"), kw_only=True)
+    aims: ClassVar[tuple[Aim, ...]] = (
+        Aim("bank_deg", tolerance=3.0, difference_scale=90.0),
+        Aim("alpha_deg", tolerance=1.0, difference_scale=10.0),
+        Aim("beta_deg", tolerance=1.0),
+    )
 
-    def draw(
-        self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng
-    ) -> tuple[TrimPoint, Any]:
-        """Draw steady starts and the commands of the three intervals."""
+    def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
+        """Draw steady starts, bank and angle of attack (rad) in the three intervals, and the throttle of the start."""
         starts = steady_starts(vehicle, environment, flown, count, rng)
         limits = autopilot_of(vehicle).limits
         bank, alpha = np.asarray(starts.mu), np.asarray(starts.alpha)
@@ -296,54 +301,20 @@ class AttitudeHold(AbstractTask):
         changes = rng.uniform(-1.0, 1.0, (2, count)) * self.alpha_change_deg * DEG_RAD
         low, high = float(limits.alpha_min) + 3.0 * DEG_RAD, float(limits.alpha_max) - 3.0 * DEG_RAD
         alphas = [alpha, *np.clip(alpha + changes, low, high)]
-        throttle = np.asarray(starts.controls.throttle)
-        return starts, AttitudeSteps(
-            as_array(np.stack(banks, axis=-1)), as_array(np.stack(alphas, axis=-1)), as_array(throttle)
-        )
+        steps = (as_array(np.stack(values, axis=-1)) for values in (banks, alphas))
+        return starts, (*steps, as_array(np.asarray(starts.controls.throttle)))
 
-    def _command(self, situation: Situation) -> tuple[Scalar, Scalar]:
-        task, time = situation.case.task, situation.time
-        later, last = time >= 3.0, time >= 8.0
-
-        def at(values: Array) -> Scalar:
-            return jnp.where(last, values[2], jnp.where(later, values[1], values[0]))
-
-        return at(task.bank), at(task.alpha)
-
-    def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the errors of bank, angle of attack and sideslip, each divided by its tolerance."""
-        v, (bank, alpha) = situation.variables, self._command(situation)
-        return _command_errors(
-            (wrap_angle(v["bank_deg"] * DEG_RAD - bank), 3.0 * DEG_RAD),
-            (v["alpha_deg"] * DEG_RAD - alpha, 1.0 * DEG_RAD),
-            (v["beta_deg"], 1.0),
-        )
-
-    def entries(self) -> tuple[Entry, ...]:
-        """Return the differences between command and present value."""
-        return (
-            Entry("bank_error_deg", "degree", 0.0, 90.0, "Commanded less present bank"),
-            Entry("alpha_error_deg", "degree", 0.0, 10.0, "Commanded less present angle of attack"),
-        )
-
-    def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the entries from the aircraft's own estimates."""
-        v, (bank, alpha) = situation.estimates, self._command(situation)
-        return wrap_angle(bank - v["bank_deg"] * DEG_RAD) * RAD_DEG, alpha * RAD_DEG - v["alpha_deg"]
+    def commands(self, situation: Situation) -> tuple[Any, ...]:
+        """Return commanded bank and angle of attack, without sideslip."""
+        later, last = situation.time >= 3.0, situation.time >= 8.0
+        bank, alpha = (jnp.where(last, v[2], jnp.where(later, v[1], v[0])) for v in situation.case.task[:2])
+        return bank, alpha, None
 
     def expert_command(self, situation: Situation) -> LoopCommand:
         """Return the commanded attitude without sideslip, and the throttle of the start."""
-        bank, alpha = self._command(situation)
+        bank, alpha, _ = self.commands(situation)
         attitude = jnp.stack([bank, alpha, jnp.zeros_like(bank)])
-        return LoopCommand(attitude, jnp.zeros_like(attitude), situation.case.task.throttle)
-
-
-class AttitudeSteps(eqx.Module):
-    """Commanded bank and angle of attack in the three intervals of an episode, rad, and the throttle of the start."""
-
-    bank: Float[Array, "*row 3"]
-    alpha: Float[Array, "*row 3"]
-    throttle: Float[Array, "*row"]
+        return LoopCommand(attitude, jnp.zeros_like(attitude), situation.case.task[2])
 
 
 _DRAWS_MAX = 40
@@ -357,16 +328,15 @@ def _path_command(V: Scalar, gamma: Scalar, chi: Scalar) -> PathCommand:
     return PathCommand(V, gamma.astype(V.dtype), chi, zero, zero, zero)
 
 
-def _path_of(starts: TrimPoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return airspeed, path angle and course (m/s, rad) of steady flights in still air."""
-    path = jax.tree.map(np.asarray, jax.jit(jax.vmap(still_air_path))(starts))
-    return path.V, path.gamma, path.chi
+def _level_of(starts: TrimPoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return airspeed, course and altitude (m/s, rad, m) of steady flights in still air."""
 
+    def path(state: AircraftState) -> PathCommand:
+        velocity_n = rotate_back(rotation_from_quaternion(state.quaternion), state.velocity_b)
+        return polar(velocity_n, jnp.zeros_like(velocity_n))
 
-def still_air_path(start: TrimPoint) -> PathCommand:
-    """Return airspeed, path angle and course of a start in still air."""
-    velocity_n = rotate_back(rotation_from_quaternion(start.state.quaternion), start.state.velocity_b)
-    return polar(velocity_n, jnp.zeros_like(velocity_n))
+    paths = jax.jit(jax.vmap(path))(starts.state)
+    return np.asarray(paths.V), np.asarray(paths.chi), -np.asarray(starts.state.position_n)[:, 2]
 
 
 def _upset(
