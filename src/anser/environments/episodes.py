@@ -59,14 +59,16 @@ class Expert:
         """Return the action in a state, and the new state of the expert, which begins anew with each episode."""
         single = self.environment.single
 
-        def act(case: Case, vehicle: VehicleState, own: Any) -> tuple[Float[Array, " action"], Any]:
+        def act(case: Case, vehicle: VehicleState, autopilot_state: Any) -> tuple[Float[Array, " action"], Any]:
             situation = single.situation_of(state, params, case, vehicle)
-            start = self._start(case, params)
-            own = jax.tree.map(lambda new, old: jnp.where(state.time == 0, new, old), start, own)
+            settled = self._start(case, params)
+            is_start = state.time == 0
+            autopilot_state = jax.tree.map(functools.partial(jnp.where, is_start), settled, autopilot_state)
             command, period = single.task.expert_command(situation), params.step * single.decision_steps
-            controls, signals, advanced = self._autopilot(case).control(own, situation.belief, command, period)
+            autopilot, belief = self._autopilot(case), situation.belief
+            controls, signals, advanced = autopilot.control(autopilot_state, belief, command, period)
             step = AutopilotStep(command, controls, signals)
-            return single.level.action(step, case.autopilot, situation.belief), cast_like(advanced, own)
+            return single.level.action(step, case.autopilot, belief), cast_like(advanced, autopilot_state)
 
         return self.environment.each(act, state, params, expert_state)
 
@@ -116,14 +118,14 @@ def fly_episodes(
     if episodes < 1:
         raise ValueError(f"episodes: arrived {episodes}; expected at least 1")
     starts, _, rows = _fly(environment, policy, episodes, seed, is_recorded=True)
-    cut: list[Episode] = []
+    recorded: list[Episode] = []
     for start, row in unstack_rows((starts, rows)):
         observations, following, actions, rewards, terminated, is_over, success = row
         count = int(np.argmax(is_over)) + 1
         observed = np.concatenate([observations[:count], following[count - 1 : count]])
         ends = bool(terminated[count - 1]), bool(success[count - 1])
-        cut.append(Episode(environment, start, observed, actions[:count], rewards[:count], *ends))
-    return cut
+        recorded.append(Episode(environment, start, observed, actions[:count], rewards[:count], *ends))
+    return recorded
 
 
 def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed: int, *, is_recorded: bool) -> Any:
@@ -152,8 +154,8 @@ def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed:
             state = jax.tree.map(lambda new, old: jnp.where(done, old, new), flown, state)
             return (following, state, policy_state, total, success, failure, done), row if is_recorded else None
 
-        no = jnp.zeros((), bool)
-        carry = first, start, init(start, params), jnp.zeros((), params.step.dtype), no, no, no
+        is_false = jnp.zeros((), bool)
+        carry = first, start, init(start, params), jnp.zeros((), params.step.dtype), is_false, is_false, is_false
         (_, final, _, total, success, failure, _), rows = jax.lax.scan(advance, carry, numbers)
         return start, (total / jnp.max(params.decisions[final.row]), success, failure), rows
 

@@ -228,7 +228,7 @@ def coloured_covariance(
     white = -np.einsum("kapbq,pq->kab", products, inverse) / count
     white[0] += np.eye(responses)
     weights = np.where(lags == 0, 0.5, 1.0 - lags / lags.size)[:, None, None]
-    parts = [np.einsum("kab,kapbq->pq", weights * each, products) for each in (gamma, white)]
+    parts = [np.einsum("kab,kapbq->pq", weights * covariances, products) for covariances in (gamma, white)]
     total, remaining = (part + part.T for part in parts)
     share = np.diag(inverse @ remaining @ inverse) / np.diag(inverse @ square @ inverse)
     scale = 1.0 / np.sqrt(np.clip(share, 0.1, 1.0))

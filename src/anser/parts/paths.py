@@ -55,7 +55,10 @@ class AbstractReference(AbstractPart):
 
 
 class StraightPath(AbstractReference):
-    """Straight line over the ground at constant speed; times in s, positions in the Earth's chart, NED, m."""
+    """Straight line over the ground at constant speed; times in s, positions in the Earth's chart, NED, m.
+
+    The end must be later than the start: without a duration there is no velocity.
+    """
 
     start_n: Vector3
     end_n: Vector3
