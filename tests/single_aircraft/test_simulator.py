@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import anser
+from anser.single_aircraft import simulator as simulator_module
 
 
 @functools.cache
@@ -69,6 +70,23 @@ def test_many_aircraft_fly_as_each_alone():
             single = alone.step({"elevator": elevator})
         assert state["alpha_deg"][k] == pytest.approx(single["alpha_deg"], abs=1e-12)
         assert state["altitude_m"][k] == pytest.approx(single["altitude_m"], abs=1e-9)
+
+
+def test_blocks_on_several_cores_fly_as_one(monkeypatch):
+    monkeypatch.setattr(simulator_module, "_BLOCK_MIN", 2)
+    monkeypatch.setattr(simulator_module, "usable_cores", lambda: 3)
+    assert simulator_module._aircraft_blocks(4) == [slice(0, 2), slice(2, 4)]
+    assert simulator_module._aircraft_blocks(6) == [slice(0, 2), slice(2, 4), slice(4, 6)]
+    assert simulator_module._aircraft_blocks(7) == [slice(0, 7)]
+    divided, together = anser.Simulator("f16", [level()] * 4), four()
+    together.reset()
+    for elevators in ([-3.0, -2.0, -1.0, 0.0], [0.0, -1.0, -2.0, -3.0]):
+        states = [simulator.step({"elevator": np.array(elevators)}) for simulator in (divided, together)]
+    for name in states[0]:
+        np.testing.assert_allclose(states[0][name], states[1][name], rtol=1e-12, atol=1e-9, err_msg=name)
+    assert divided.save()["motion"].shape == together.save()["motion"].shape
+    together.restore(divided.save())
+    assert together.state["alpha_deg"] == pytest.approx(states[0]["alpha_deg"], abs=1e-12)
 
 
 def test_an_array_of_inputs_is_in_the_order_of_the_names():

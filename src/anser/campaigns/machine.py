@@ -1,4 +1,4 @@
-"""Resources of the machine: usable cores and free memory."""
+"""Free memory of the machine."""
 
 import os
 from collections.abc import Iterator
@@ -6,11 +6,6 @@ from pathlib import Path
 
 _ROOT = Path("/")
 _KIB = 1024
-
-
-def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def available_memory(

@@ -14,10 +14,10 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from anser.campaigns.machine import available_memory, usable_cores
+from anser.campaigns.machine import available_memory
 from anser.campaigns.store_integrity import StoreError
 from anser.compiling.measuring import compilation_message
-from anser.compiling.options import enable_compilation_cache
+from anser.compiling.options import enable_compilation_cache, usable_cores
 from anser.missions.batches import Progress
 from anser.missions.series import SeriesSelection
 from anser.scenario.schema import Scenario

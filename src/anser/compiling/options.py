@@ -1,4 +1,4 @@
-"""Compilation settings: compiler options of single functions, and the cache folder of the user."""
+"""Compilation settings: compiler options of single functions, usable cores, and the cache folder of the user."""
 
 import functools
 import os
@@ -67,6 +67,11 @@ def compiled_by_older_generator(
         return Program(function, lambda: supported_options(_OLDER_GENERATOR), static_argnames, title)
 
     return decorate
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 CACHE_VARIABLE = "ANSER_COMPILATION_CACHE"

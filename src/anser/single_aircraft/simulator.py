@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -13,7 +14,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.motion import MotionState, to_local_state, to_motion_state
-from anser.compiling.options import compiled_quickly, enable_compilation_cache
+from anser.compiling.options import compiled_quickly, enable_compilation_cache, usable_cores
 from anser.compiling.single_kernel import as_single_kernel
 from anser.environment.environment import Environment
 from anser.environment.gridded_wind import GriddedWind, has_left_field
@@ -23,6 +24,9 @@ from anser.single_aircraft.air import read_air
 from anser.single_aircraft.flight import resolve_aircraft, set_lags
 from anser.single_aircraft.starts import input_names, reference_inputs, resolve_start
 from anser.units import DEG_RAD
+
+_BLOCK_MIN = 64
+"""Least number of aircraft in a block: the step of fewer takes about as long as its hand-over to another thread."""
 
 
 class NamedState(Mapping[str, Any]):
@@ -39,7 +43,7 @@ class NamedState(Mapping[str, Any]):
         if index is None:
             raise KeyError(f"{name!r} is not a variable of the state; the names are {', '.join(self)}")
         values = self._values()
-        return float(values[index]) if values.ndim == 1 else values[:, index]
+        return float(values[index]) if values.ndim == 1 else values[index]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._indices)
@@ -118,14 +122,20 @@ class Simulator:
         blank = np.zeros(1 if self._count is not None else 1 + len(self._programs.indices))
         states = [np.append(np.asarray(ravel_pytree(motion)[0]), blank) for motion in motions]
         inputs = [np.array(list(reference_inputs(airframe, point.controls).values())) for point in points]
-        self._start_state, self._start_inputs = _stack(states, self._count), _stack(inputs, self._count)
+        self._start_state = states[0] if self._count is None else np.stack(states, axis=1)
+        self._start_inputs = inputs[0] if self._count is None else np.stack(inputs)
+        self._blocks = _aircraft_blocks(len(starts))
         self._wind = environment.wind
         self.reset()
 
     def reset(self) -> NamedState:
         """Return to the start."""
-        self._packed, self._inputs, self._number = self._start_state, self._start_inputs, 0
+        self._set_packed(self._start_state)
+        self._inputs, self._number = self._start_inputs, 0
         return self.state
+
+    def _set_packed(self, packed: np.ndarray) -> None:
+        self._packed = [packed] if self._count is None else [packed[:, block] for block in self._blocks]
 
     @property
     def time_s(self) -> float:
@@ -137,9 +147,11 @@ class Simulator:
         """Variables of the catalogue at the present sample, by name; computed when one of them is read."""
         packed, inputs = self._packed, self._inputs
         if self._count is None and self._number > 0:
-            values = np.asarray(packed)
+            values = np.asarray(packed[0])
             return NamedState(self._programs.indices, lambda: values)
-        compute = functools.cache(lambda: np.asarray(self._programs.read(self._constants, packed, inputs)))
+        compute = functools.cache(
+            lambda: np.concatenate(self._in_parallel(self._programs.read, packed, inputs), axis=-1)
+        )
         return NamedState(self._programs.indices, compute)
 
     def step(self, controls: Mapping[str, Any] | Float[np.ndarray, "... input"] | None = None) -> NamedState:
@@ -159,12 +171,25 @@ class Simulator:
             boundary values hold; the state then stays as it was.
         """
         inputs = self._merge(controls)
-        packed = self._programs.step(self._constants, self._packed, inputs)
+        packed = self._in_parallel(self._programs.step, self._packed, inputs)
         if isinstance(self._wind, GriddedWind):
-            self._check_field(packed if self._count is not None else packed[None])
+            for block in packed:
+                self._check_field(block if self._count is not None else block[:, None])
         self._packed, self._inputs = packed, inputs
         self._number += 1
         return self.state
+
+    def _in_parallel(self, program: Callable[..., Array], packed: Sequence[Any], inputs: np.ndarray) -> list[Array]:
+        """Call a program for the blocks of aircraft, each but the last on a thread of its own."""
+        if self._count is None:
+            return [program(self._constants, packed[0], inputs)]
+        *others, last = (
+            functools.partial(program, self._constants, part, inputs[block].T)
+            for part, block in zip(packed, self._blocks, strict=True)
+        )
+        pending = [_threads().submit(lambda call: call().block_until_ready(), call) for call in others]
+        result = last()
+        return [*(future.result() for future in pending), result]
 
     def _check_field(self, packed: Array) -> None:
         time_s = self.time_s + self.step_s
@@ -180,7 +205,11 @@ class Simulator:
 
     def save(self) -> dict[str, Any]:
         """Return a checkpoint, from which `restore` continues bit by bit as without it; it can be pickled or copied."""
-        return {"motion": np.array(self._packed), "inputs": np.array(self._inputs), "number": self._number}
+        return {
+            "motion": np.concatenate(self._packed, axis=-1),
+            "inputs": np.array(self._inputs),
+            "number": self._number,
+        }
 
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
         """Return to a checkpoint of `save`, of this simulator or of an equal one.
@@ -196,7 +225,8 @@ class Simulator:
                 f"checkpoint: arrived states of shape {packed.shape}; expected {self._start_state.shape}: one of "
                 "the same aircraft, and of as many of them"
             )
-        self._packed, self._inputs, self._number = packed, inputs, int(checkpoint["number"])
+        self._set_packed(packed)
+        self._inputs, self._number = inputs, int(checkpoint["number"])
         return self.state
 
     def _merge(self, controls: Any) -> np.ndarray:
@@ -238,8 +268,9 @@ class _Programs:
     """Compiled functions of the simulators with one structure of aircraft and air, alone or batched.
 
     A call with few arguments takes less time: all numbers of the aircraft and the air enter as one array, which ends
-    with the step. The motion, the number of the sample and the variables (at `indices`) are another one. The step of
-    one aircraft is a single kernel, its variables included; those of several are computed when they are read.
+    with the step. The motion, the number of the sample and the variables (at `indices`) are another one, with a last
+    axis over the aircraft where there are several: each quantity is then contiguous, as vector instructions need. The
+    step of one aircraft is a single kernel, its variables included; those of several are computed when they are read.
     """
 
     def __init__(
@@ -271,10 +302,10 @@ class _Programs:
         def position_n(constants: Array, packed: Array) -> Array:
             return to_local_state(unpack(constants[:-1])[1], unravel(packed[:size])).position_n
 
-        in_axes = (None, 0, 0)
+        in_axes = (None, 1, 1)
         self.positions_n = jax.jit(jax.vmap(position_n, in_axes[:2]))
-        self.read = jax.jit(jax.vmap(read, in_axes) if batched else read)
-        self.step = jax.jit(jax.vmap(advance_once, in_axes) if batched else as_single_kernel(advance_and_read))
+        self.read = jax.jit(jax.vmap(read, in_axes, 1) if batched else read)
+        self.step = jax.jit(jax.vmap(advance_once, in_axes, 1) if batched else as_single_kernel(advance_and_read))
 
 
 def _controls(inputs: Array) -> Controls:
@@ -313,8 +344,8 @@ def _prepare(
         # The names of the variables are known from a trace.
         inputs = np.zeros(len(airframe.actuators.names) + 1)
         motion_row = jnp.append(state, 0.0)
-        rows = (motion_row[None], inputs[None]) if batched else (motion_row, inputs)
-        jax.eval_shape(programs.read, constants, *rows)
+        columns = (motion_row[:, None], inputs[:, None]) if batched else (motion_row, inputs)
+        jax.eval_shape(programs.read, constants, *columns)
     return constants, programs
 
 
@@ -322,5 +353,17 @@ def _static_key(leaf: Any) -> Any:
     return (leaf.shape, str(leaf.dtype), np.asarray(leaf).tobytes()) if hasattr(leaf, "dtype") else leaf
 
 
-def _stack(rows: Sequence[np.ndarray], count: int | None) -> np.ndarray:
-    return rows[0] if count is None else np.stack(rows)
+def _aircraft_blocks(count: int) -> list[slice]:
+    """Return equal blocks of the aircraft: as many as there are usable cores, or fewer where that does not divide.
+
+    Blocks of one size share a program; XLA itself divides only the largest of its kernels among cores.
+    """
+    most = max(1, min(usable_cores(), count // _BLOCK_MIN))
+    blocks = next(blocks for blocks in range(most, 0, -1) if count % blocks == 0)
+    size = count // blocks
+    return [slice(k * size, (k + 1) * size) for k in range(blocks)]
+
+
+@functools.cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(usable_cores(), thread_name_prefix="anser simulator")
