@@ -1,5 +1,6 @@
 """Outputs that a study defines: their values, their refusals, and their place in a campaign's results."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from anser.campaigns import flights as flying
 from anser.campaigns.campaign_report import write_campaign
 from anser.campaigns.flights import create_store
 from anser.config import ScenarioError
+from anser.config.expressions import parse_expression
 from anser.missions import fly_many
 from anser.missions.flight_batches import FlightCase, _fly_alone
 from anser.missions.flight_outputs import FlightOutput, OutputRecording
@@ -53,7 +55,7 @@ def values_by_numpy(series, step_s):
 @pytest.mark.parametrize("reduction", ["greatest", "least", "mean", "integral", "final", "time"])
 @pytest.mark.parametrize("until", ["end", "arrival"])
 def test_the_running_value_is_the_reduction_of_all_samples(reduction, until):
-    expression = "mach > 0.2" if reduction == "time" else "mach ** 2"
+    expression = "mach > 0.2" if reduction == "time" else "mach ** 2 if mach > -0.5 else mach"
     values = output("x", expression, reduction, until=until)
     recording = OutputRecording.of_study([FlightOutput.model_validate(values)], SHORT)
     assert recording is not None
@@ -96,7 +98,8 @@ def test_outputs_are_those_of_the_flight_recorded_at_every_step():
         ("'mach'", "nothing but numbers"),
         ("open(mach)", "nothing but numbers"),
         ("max(mach, key=abs)", "nothing but numbers"),
-        ("mach if mach > 1 else 2", "nothing but numbers"),
+        ("mach if mach else 2", 'arrived "mach", which is a number; expected a condition there'),
+        ("mach if mach > 1 else mach > 2", "which is true or false; expected a number there"),
         ("-" * 200 + "mach", "40 levels at most"),
         ("(" * 250 + "mach" + ")" * 40, "an expression of numbers"),
         ("1e999 * mach", "a finite number"),
@@ -112,6 +115,13 @@ def test_what_is_no_expression_is_refused(expression, message):
         study_of(output=[BANK, output("x", expression, "mean")])
     assert "output[1].expression: arrived" in str(caught.value)
     assert message in str(caught.value)
+
+
+def test_a_conditional_expression_selects_between_two_numbers():
+    evaluate = parse_expression("abs(bank_deg) if 0 < mach < 1 or bank_deg > 50 else -1").evaluate
+    values = {"bank_deg": np.array([-20.0, 30.0, 60.0]), "mach": np.array([0.5, 2.0, np.nan])}
+    assert evaluate(values, np).tolist() == [20.0, -1.0, 60.0]
+    assert evaluate(values, jnp).tolist() == [20.0, -1.0, 60.0]
 
 
 def test_huge_powers_take_no_time_and_have_no_value():

@@ -35,7 +35,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 _OPERANDS = dict.fromkeys(("abs", "sqrt", "sin", "cos"), 1) | {"hypot": 2}
 """Number of operands of a function; `min` and `max` have two or more."""
 _ALLOWED = (
-    "numbers, variables of the flight, + - * / **, comparisons, and, or, not, parentheses, and the functions "
+    "numbers, variables of the flight, + - * / **, comparisons, and, or, not, if else, parentheses, and the functions "
     f"{', '.join(_FUNCTIONS)}"
 )
 _Evaluate = Callable[[Mapping[str, Any], Any], Any]
@@ -120,6 +120,10 @@ class _Builder:
                     _applied(_COMPARISONS[type(operator)], terms[k : k + 2]) for k, operator in enumerate(node.ops)
                 ]
                 return True, _all_of(comparisons, "logical_and")
+            case ast.IfExp():
+                condition = self._condition(node.test, depth)
+                terms = [self._number(operand, depth) for operand in (node.body, node.orelse)]
+                return False, lambda values, xp: xp.where(condition(values, xp), *(term(values, xp) for term in terms))
             case ast.Call():
                 return False, self._call(node, depth)
             case _:
@@ -149,7 +153,8 @@ class _Builder:
     def _number(self, node: ast.AST, depth: int) -> _Evaluate:
         is_condition, evaluate = self.build(node, depth + 1)
         if is_condition:
-            raise ExpressionError(f"{self._source(node)}, which is true or false", "a number there")
+            expected = "a number there, such as (1 if mach > 0.5 else 0)"
+            raise ExpressionError(f"{self._source(node)}, which is true or false", expected)
         return evaluate
 
     def _condition(self, node: ast.AST, depth: int) -> _Evaluate:
