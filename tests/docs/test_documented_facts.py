@@ -14,10 +14,13 @@ import pytest
 import xarray as xr
 
 import anser
+from anser.aircraft.airframe import AircraftState
 from anser.aircraft_files import AirframeFile
 from anser.analysis.step_tests import PUBLISHED_STEPS
 from anser.campaigns import Study
 from anser.config.file_schema import json_schema
+from anser.parts.perception import Belief, LineOfSight, Reading
+from anser.parts.planners import AircraftReport, Performance
 from anser.report.exports.geographic import _geodetic_deg
 from anser.report.flight_figures import FLIGHT_FIGURES
 from anser.scenario import Scenario
@@ -43,6 +46,25 @@ def test_copies_in_the_pages_are_current(page):
     assert with_copies(text) == text, "make copies"
     for directive in ("{include}", "{literalinclude}"):
         assert directive not in text, "a page must be whole in a clone: docs/copies.py"
+
+
+def test_the_fields_that_parts_receive_exist():
+    text = (DOCS / "how-to" / "own-parts.md").read_text(encoding="utf-8")
+    table = text.partition("### What the parts receive")[2].partition("\n\nSensors with errors")[0]
+    classes = {
+        "`reports`": AircraftReport,
+        "`performance`": Performance,
+        "`reading`": Reading,
+        "`reading.sight`": LineOfSight,
+        "`belief`": Belief,
+        "`state`": AircraftState,
+    }
+    rows = [line.split("|") for line in table.splitlines() if line.startswith("| `")]
+    assert len(rows) == len(classes)
+    for _, argument, _, fields, _ in rows:
+        part = classes[next(iter(re.findall(r"`[a-z.]+`", argument)))]
+        for name in re.findall(r"`([a-z_]+)(?:\(\w+\))?`", fields):
+            assert hasattr(part, name) or name in part.__dataclass_fields__, (argument, name)
 
 
 def test_every_page_is_linked_from_the_contents_in_a_clone():

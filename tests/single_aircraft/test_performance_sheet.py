@@ -2,6 +2,7 @@
 
 import functools
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import anser
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.single_aircraft import performance
+from anser.steady.trim import TRIM_OBSTACLES
 
 
 @functools.cache
@@ -79,6 +81,20 @@ def test_the_sustained_turn_is_at_the_end_of_the_power():
     assert tighter is not None
     assert "engine power" in tighter
     assert turn.limit.endswith("full power")
+
+
+def test_a_jump_of_the_trim_is_the_stall_and_a_passed_limit_is_named():
+    """Beyond the greatest lift the balance jumps to one far behind the stall, which is beyond limits of its own."""
+    obstacles = np.zeros((4, 7), bool)
+    obstacles[0, [TRIM_OBSTACLES.index(name) for name in ("thrust_max", "surfaces", "alpha")]] = True
+    obstacles[3, TRIM_OBSTACLES.index("thrust_max")] = True
+    trim = SimpleNamespace(alpha=np.radians([42.4, 12.6, 11.7, 2.0]))
+    flights = SimpleNamespace(trims=SimpleNamespace(trim=trim, obstacles=obstacles))
+    assert performance._limit_beyond(flights, 1, 0) == "greatest lift (stall)"
+    trim.alpha[0] = np.radians(14.1)
+    assert performance._limit_beyond(flights, 1, 0).startswith("full power; stop of a surface; angle of attack")
+    trim.alpha[3] = trim.alpha[2]
+    assert performance._limit_beyond(flights, 2, 3) == "full power"
 
 
 @pytest.mark.long

@@ -27,7 +27,7 @@ from anser.results.variable_labels import unit_attributes
 from anser.shapes import Integer, Scalar
 from anser.steady.performance import path_acceleration
 from anser.steady.trim import TRIM_OBSTACLES, TrimMapPoint, trim_map_point, trim_target
-from anser.units import RAD_DEG
+from anser.units import DEG_RAD, RAD_DEG
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,6 +42,8 @@ _CHUNK = 64
 """Points that are trimmed in one call."""
 _SERVICE_CLIMB_M_S = 0.508
 """Climb rate that remains at the service ceiling: 100 ft/min."""
+_STALL_JUMP = 5.0 * DEG_RAD
+"""Least change of the angle of attack (rad) between neighbouring airspeeds that shows the greatest lift."""
 _LIMITS = dict(
     zip(
         TRIM_OBSTACLES,
@@ -248,6 +250,17 @@ def _limit_of(flights: _Flights, index: int) -> str:
     return "; ".join(_LIMITS[name] for name, flag in zip(TRIM_OBSTACLES, obstacles, strict=True) if flag)
 
 
+def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
+    """Return the limit between a flight and its neighbour that cannot be flown.
+
+    Where a limit is passed, the trim changes little; beyond the greatest lift the only balance, if any, is another one
+    far behind the stall, which can be beyond several limits that have nothing to do with it.
+    """
+    alpha = np.asarray(flights.trims.trim.alpha)
+    is_stall = abs(alpha[outside] - alpha[inside]) > _STALL_JUMP
+    return "greatest lift (stall)" if is_stall else _limit_of(flights, outside)
+
+
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight, its unit, and the limit beyond it."""
     value, grid, name = np.nan, speeds, "end of the data (airspeed)"
@@ -260,7 +273,7 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
         outside = inside - 1 if lowest else inside + 1
         if not 0 <= outside < grid.size:
             return float(grid[inside]), "m/s", name
-        name = _limit_of(flights, outside)
+        name = _limit_beyond(flights, int(inside), int(outside))
         value, grid = (
             float(grid[inside]),
             np.linspace(min(grid[inside], grid[outside]), max(grid[inside], grid[outside]), _SPEEDS),
