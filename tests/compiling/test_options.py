@@ -1,11 +1,11 @@
-"""Functions compiled without the optimizer: equal results, one compilation per shape, use in other functions."""
+"""Functions compiled without the optimizer, and batches divided among cores: equal results, one compilation per shape."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.compiling.options import compiled_quickly
+from anser.compiling.options import blocks_on_cores, call_on_cores, compiled_quickly
 
 
 @pytest.fixture
@@ -51,3 +51,20 @@ def test_compiled_functions_have_derivatives(wave, derivative):
     function, _ = wave
     slope = derivative(lambda x: function(x, 2))(jnp.asarray(0.4))
     assert float(slope) == pytest.approx(np.cos(0.4) + 2 * np.cos(0.8), abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("count", "sizes"), [(4, [2, 2]), (6, [2, 2, 2]), (7, [7]), (12, [4, 4, 4]), (3, [3]), (8, [4, 4])]
+)
+def test_a_batch_is_divided_into_equal_blocks(count, sizes, monkeypatch):
+    monkeypatch.setattr("anser.compiling.options.usable_cores", lambda: 3)
+    blocks = blocks_on_cores(count, 2)
+    assert [block.stop - block.start for block in blocks] == sizes
+    assert np.concatenate([np.arange(count)[block] for block in blocks]).tolist() == list(range(count))
+
+
+def test_calls_on_cores_keep_their_order_and_their_errors():
+    squares = call_on_cores([lambda k=k: jnp.asarray(k) ** 2 for k in range(5)])
+    assert [int(square) for square in squares] == [0, 1, 4, 9, 16]
+    with pytest.raises(ZeroDivisionError):
+        call_on_cores([lambda: jnp.asarray(1 / 0), lambda: jnp.asarray(1.0)])

@@ -1,8 +1,9 @@
-"""Compilation settings: compiler options of single functions, usable cores, and the cache folder of the user."""
+"""Compilation settings: options of single functions, division among cores, and the cache folder of the user."""
 
 import functools
 import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
@@ -72,6 +73,34 @@ def compiled_by_older_generator(
 def usable_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def blocks_on_cores(
+    count: int,
+    least: int,  # rows of a block whose computation takes longer than its hand-over to another thread
+) -> list[slice]:
+    """Divide a batch into equal blocks of rows: one for each usable core, or fewer where that does not divide.
+
+    Blocks of one size share a program; XLA itself divides only the largest of its kernels among cores. Another device
+    than a CPU computes the whole batch.
+    """
+    most = min(usable_cores(), count // least) if jax.default_backend() == "cpu" else 1
+    number = next((number for number in range(most, 1, -1) if count % number == 0), 1)
+    size = count // number
+    return [slice(k * size, (k + 1) * size) for k in range(number)]
+
+
+def call_on_cores(calls: Sequence[Callable[[], _R]]) -> list[_R]:
+    """Return the results of calls of compiled functions, each but the last on a thread of its own."""
+    *others, last = calls
+    pending = [_threads().submit(lambda call: jax.block_until_ready(call()), call) for call in others]
+    result = last()
+    return [*(future.result() for future in pending), result]
+
+
+@functools.cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(usable_cores(), thread_name_prefix="anser")
 
 
 CACHE_VARIABLE = "ANSER_COMPILATION_CACHE"

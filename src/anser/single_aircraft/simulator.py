@@ -3,7 +3,6 @@
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -14,7 +13,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.motion import MotionState, to_local_state, to_motion_state
-from anser.compiling.options import compiled_quickly, enable_compilation_cache, usable_cores
+from anser.compiling.options import blocks_on_cores, call_on_cores, compiled_quickly, enable_compilation_cache
 from anser.compiling.single_kernel import as_single_kernel
 from anser.environment.environment import Environment
 from anser.environment.gridded_wind import GriddedWind, has_left_field
@@ -26,7 +25,7 @@ from anser.single_aircraft.starts import input_names, reference_inputs, resolve_
 from anser.units import DEG_RAD
 
 _BLOCK_MIN = 64
-"""Least number of aircraft in a block: the step of fewer takes about as long as its hand-over to another thread."""
+"""Least number of aircraft in a block on a core of its own."""
 
 
 class NamedState(Mapping[str, Any]):
@@ -124,7 +123,7 @@ class Simulator:
         inputs = [np.array(list(reference_inputs(airframe, point.controls).values())) for point in points]
         self._start_state = states[0] if self._count is None else np.stack(states, axis=1)
         self._start_inputs = inputs[0] if self._count is None else np.stack(inputs)
-        self._blocks = _aircraft_blocks(len(starts))
+        self._blocks = blocks_on_cores(len(starts), _BLOCK_MIN)
         self._wind = environment.wind
         self.reset()
 
@@ -180,16 +179,15 @@ class Simulator:
         return self.state
 
     def _in_parallel(self, program: Callable[..., Array], packed: Sequence[Any], inputs: np.ndarray) -> list[Array]:
-        """Call a program for the blocks of aircraft, each but the last on a thread of its own."""
+        """Call a program for the blocks of aircraft, each on a core of its own."""
         if self._count is None:
             return [program(self._constants, packed[0], inputs)]
-        *others, last = (
-            functools.partial(program, self._constants, part, inputs[block].T)
-            for part, block in zip(packed, self._blocks, strict=True)
+        return call_on_cores(
+            [
+                functools.partial(program, self._constants, part, inputs[block].T)
+                for part, block in zip(packed, self._blocks, strict=True)
+            ]
         )
-        pending = [_threads().submit(lambda call: call().block_until_ready(), call) for call in others]
-        result = last()
-        return [*(future.result() for future in pending), result]
 
     def _check_field(self, packed: Array) -> None:
         time_s = self.time_s + self.step_s
@@ -351,19 +349,3 @@ def _prepare(
 
 def _static_key(leaf: Any) -> Any:
     return (leaf.shape, str(leaf.dtype), np.asarray(leaf).tobytes()) if hasattr(leaf, "dtype") else leaf
-
-
-def _aircraft_blocks(count: int) -> list[slice]:
-    """Return equal blocks of the aircraft: as many as there are usable cores, or fewer where that does not divide.
-
-    Blocks of one size share a program; XLA itself divides only the largest of its kernels among cores.
-    """
-    most = max(1, min(usable_cores(), count // _BLOCK_MIN))
-    blocks = next(blocks for blocks in range(most, 0, -1) if count % blocks == 0)
-    size = count // blocks
-    return [slice(k * size, (k + 1) * size) for k in range(blocks)]
-
-
-@functools.cache
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(usable_cores(), thread_name_prefix="anser simulator")
