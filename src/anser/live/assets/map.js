@@ -14,6 +14,7 @@ class LiveMap {
     this.flown = new Layer(this.svg, "of-flight");
     this.handles = new Handles(this.svg, page);
     this.names = new Layer(this.svg, "names");
+    this.legend = place.parentElement.appendChild(Object.assign(element("ul", "legend"), { hidden: true }));
     this.fingers = new Map(); // of a touch screen, by pointer
     this.svg.addEventListener("pointerdown", (event) => this._grab(event));
     this.svg.addEventListener("pointermove", (event) => this._pinch(event));
@@ -122,6 +123,7 @@ class LiveMap {
     this._flight();
     this.handles.show(this.page.fixed ? [] : this._handles());
     this._names();
+    this._legend();
     for (const layer of [this.ground, this.plan, this.flown, this.names]) layer.end();
   }
 
@@ -155,7 +157,7 @@ class LiveMap {
     const { plan, page } = this, { answer, certified } = page;
     plan.root.classList.toggle("stale", page.isStale);
     plan.root.classList.toggle("behind", page.flight !== null && page.playedTime !== null);
-    const ghost = answer?.status === "refused" ? certified : null;
+    const refused = answer?.status === "refused", ghost = refused ? certified : null;
     for (const one of ghost?.aircraft || []) this._line(plan, `ghost ${one.name}`, one.track, { class: "ghost", stroke: page.colorOf(one.name) });
     for (const goal of answer?.goals || []) this._line(plan, `goal ${goal.name}`, goal, { class: "goal-track" });
     const bound = new Set(page.problems.flatMap((problem) => problem.aircraft));
@@ -164,6 +166,7 @@ class LiveMap {
       if (bound.has(one.name)) this._line(plan, `halo ${one.name}`, one.track, { class: "halo" });
       if (one.hold) this._line(plan, `hold ${one.name}`, one.hold, { class: "hold", stroke });
       this._line(plan, `track ${one.name}`, one.track, { class: `track${proven}`, stroke });
+      if (refused && (bound.has(one.name) || !bound.size)) this._attempt(one);
       const { north_m, east_m } = one.rendezvous;
       plan.part(`rendezvous ${one.name}`, "path", { class: "rendezvous", d: SHAPES.diamond, fill: stroke, transform: `translate(${pixel(this.x(east_m))} ${pixel(this.y(north_m))}) scale(0.8)` });
     }
@@ -178,8 +181,35 @@ class LiveMap {
     });
   }
 
+  /** Name of the best attempt of a refused aircraft, beside its track. */
+  _attempt({ name, track }) {
+    const j = Math.floor(0.4 * track.north_m.length), x = this.x(track.east_m[j]), y = this.y(track.north_m[j]);
+    if (Number.isFinite(x + y)) this.plan.part(`attempt ${name}`, "text", { class: "attempt", x: pixel(x + 9), y: pixel(y - 7), fill: this.page.colorOf(name) }, "refused: best attempt");
+  }
+
+  /** Signs of the lines on the map, if there are others than certified plans. */
+  _legend() {
+    const { page, legend } = this, { answer } = page, played = page.flight !== null && page.playedTime !== null, rows = [];
+    if (answer?.status === "planned" && played) rows.push(["track", "certified plan"]);
+    if (answer?.status === "refused" && answer.aircraft.length) rows.push(["track unproven", "refused: best attempt"]);
+    if (answer?.status === "refused" && page.certified) rows.push(["ghost", "last certified plan"]);
+    if (played) rows.push([page.flights.outdated ? "flown outdated" : "flown", page.flights.outdated ? "flown: the scenario before the change" : "flown"]);
+    const key = JSON.stringify(rows);
+    if (key === this.legendKey) return;
+    this.legendKey = key;
+    legend.hidden = !rows.length;
+    legend.replaceChildren(...rows.map(([className, text]) => {
+      const row = element("li"), svg = row.appendChild(document.createElementNS(SVG, "svg")), line = svg.appendChild(document.createElementNS(SVG, "path"));
+      svg.setAttribute("aria-hidden", "true");
+      for (const [name, value] of Object.entries({ d: "M1 6H31", class: className, stroke: "currentColor" })) line.setAttribute(name, value);
+      row.append(text);
+      return row;
+    }));
+  }
+
   _flight() {
     const { flown, page } = this, { flight } = page, time = page.playedTime;
+    flown.root.classList.toggle("outdated", page.flights.outdated);
     if (!flight || time === null) return;
     flight.names.forEach((name, k) => {
       const { north_m, east_m, count, here } = flight.until(k, time), stroke = page.colorOf(name);
@@ -254,8 +284,9 @@ class LiveMap {
 
   _keepOutHandles(path, table, select) {
     const { scenario } = this.page, put = (value, edit) => scenario.set(`${path}.radius_m`, Math.max(10, roundTo(value, this.step)), edit);
+    const area = table.radius_m * this.view.scale, wide = area > 0.4 * Math.min(this.width, this.height); // then by its rim: the map can still be moved
     return [
-      this._point(path, `Keep-out ${table.name}`, table, path, { select }, { shape: "cross", color: "var(--limit)" }),
+      this._point(path, `Keep-out ${table.name}`, table, path, { select, area }, { shape: "cross", color: "var(--limit)", className: wide ? "rim" : "" }),
       {
         key: `${path}.radius_m`, label: `Radius of the keep-out ${table.name}`, select, shape: "dot", color: "var(--limit)", className: "small", x: this.x(table.east_m + table.radius_m), y: this.y(table.north_m),
         slider: { min: 10, max: 50000, now: table.radius_m, text: `${Math.round(table.radius_m)} metres` },
