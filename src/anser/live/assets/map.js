@@ -118,12 +118,13 @@ class LiveMap {
 
   draw() {
     if (!this.page.scenario.table || !this.width) return;
+    this.texts = []; // placed after the names
     this._ground();
     this._plan();
     this._flight();
     this.handles.show(this.page.fixed ? [] : this._handles());
-    this._names();
     this._legend();
+    this._names();
     for (const layer of [this.ground, this.plan, this.flown, this.names]) layer.end();
   }
 
@@ -174,7 +175,7 @@ class LiveMap {
     if (pair?.positions?.length === 2 && page.playedTime === null) {
       const [a, b] = pair.positions, x = [a, b].map((one) => this.x(one.east_m)), y = [a, b].map((one) => this.y(one.north_m));
       plan.part("pair", "path", { class: "pair", d: linePath(x, y) });
-      plan.part("pair text", "text", { class: "sign", x: pixel((x[0] + x[1]) / 2 + 8), y: pixel((y[0] + y[1]) / 2 - 6) }, `${printed(pair.least_m, 0)} m`);
+      this.texts.push({ key: "pair text", text: `${printed(pair.least_m, 0)} m`, points: [[(x[0] + x[1]) / 2, (y[0] + y[1]) / 2]], className: "sign" });
     }
     page.problems.flatMap((problem) => problem.positions).forEach(({ north_m, east_m }, k) => {
       plan.part(`ring ${k}`, "circle", { class: "ring", cx: pixel(this.x(east_m)), cy: pixel(this.y(north_m)), r: 17 });
@@ -183,8 +184,8 @@ class LiveMap {
 
   /** Name of the best attempt of a refused aircraft, beside its track. */
   _attempt({ name, track }) {
-    const j = Math.floor(0.4 * track.north_m.length), x = this.x(track.east_m[j]), y = this.y(track.north_m[j]);
-    if (Number.isFinite(x + y)) this.plan.part(`attempt ${name}`, "text", { class: "attempt", x: pixel(x + 9), y: pixel(y - 7), fill: this.page.colorOf(name) }, "refused: best attempt");
+    const points = [0.4, 0.25, 0.55, 0.7].map((part) => Math.floor(part * track.north_m.length)).map((j) => [this.x(track.east_m[j]), this.y(track.north_m[j])]);
+    this.texts.push({ key: `attempt ${name}`, text: "refused: best attempt", points, className: "attempt", fill: this.page.colorOf(name) });
   }
 
   /** Signs of the lines on the map, if there are others than certified plans. */
@@ -296,18 +297,28 @@ class LiveMap {
     ];
   }
 
-  /** Names and stems; names are moved down to avoid overlaps. */
+  /** Boxes that names keep clear of: the buttons, the signs in the corners, the handles. */
+  _obstacles() {
+    const { width, height, legend } = this, box = (x0, y0, x1, y1) => ({ x0, y0, x1, y1 }), handles = [];
+    for (const { x, y } of this.handles.definitions.values()) handles.push(box(x - 7, y - 7, x + 7, y + 7));
+    const key = legend.hidden ? [] : [box(0, height - 20 - 20 * legend.childElementCount, 240, height)];
+    return [box(0, 0, 130, 44), box(width - 100, 0, width, 64), box(width - 190, height - 40, width, height), ...key, ...handles];
+  }
+
+  /** Names and stems; a text takes the first place beside its point that is free. */
   _names() {
-    const { page, names } = this, taken = [];
+    const { page, names } = this, taken = this._obstacles();
     for (const { key, stem, x, y, color = "var(--goal)" } of this.handles.definitions.values()) if (stem) names.part(`stem ${key}`, "path", { class: "stem", stroke: color, d: `M${pixel(stem[0])} ${pixel(stem[1])}L${pixel(x)} ${pixel(y)}` });
-    const write = (key, name, east, north, className, fill) => {
-      const x = this.x(east) + 12;
-      let y = this.y(north) + 17;
-      while (taken.some((one) => Math.abs(one.y - y) < 13 && Math.abs(one.x - x) < 60)) y += 13;
-      if (!Number.isFinite(x + y)) return;
-      taken.push({ x, y });
-      names.part(key, "text", { class: className, x: pixel(x), y: pixel(y), fill }, name);
+    const place = ({ key, text, points, className, fill = "" }) => {
+      const long = 7.2 * text.length, boxes = points.filter(([x, y]) => Number.isFinite(x + y)).flatMap(([x, y]) =>
+        [[12, 17], [12, -8], [-12 - long, 17], [-12 - long, -8], [-long / 2, 27], [-long / 2, -17], [12, 30], [12, -21], [12, 43], [12, 56]].map(([dx, dy]) => ({ x0: x + dx, x1: x + dx + long, y0: y + dy - 11, y1: y + dy + 3 })));
+      if (!boxes.length) return;
+      const inside = boxes.filter((one) => one.x0 > 0 && one.x1 < this.width && one.y0 > 0 && one.y1 < this.height);
+      const free = inside.find((one) => taken.every((other) => one.x1 < other.x0 || one.x0 > other.x1 || one.y1 < other.y0 || one.y0 > other.y1)) ?? inside[0] ?? boxes[0];
+      taken.push(free);
+      names.part(key, "text", { class: className, x: pixel(free.x0), y: pixel(free.y0 + 11), ...(fill ? { fill } : {}) }, text);
     };
+    const write = (key, text, east, north, className, fill) => place({ key, text, points: [[this.x(east), this.y(north)]], className, fill });
     const time = page.playedTime ?? 0;
     page.scenario.list("aircraft").forEach((one, k) => {
       const index = page.flight && page.playedTime !== null ? page.flight.names.indexOf(one.name) : -1, at = index >= 0 ? page.flight.until(index, time).here : one.start;
@@ -315,5 +326,6 @@ class LiveMap {
     });
     page.scenario.list("goal").forEach((goal, k) => { const at = positionAt(goal, time, page.scenario.list("event")); write(`goal ${k}`, goal.name, at.east_m, at.north_m, "of-goal", "var(--goal)"); });
     for (const { path, table } of page.keepOuts()) write(path, table.name, table.east_m, table.north_m, "of-goal", "var(--limit)");
+    for (const one of this.texts) place({ ...one, className: `${one.className}${page.isStale ? " stale" : ""}` });
   }
 }
