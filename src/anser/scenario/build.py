@@ -157,6 +157,7 @@ def _with_goals_of(scenario: Scenario, flight: Flight) -> Flight:
     groups = []
     for group in flight.groups:
         vehicle = group.vehicles.batched
+        assert vehicle.mission is not None
         goal, is_airborne = stack_rows([(goals[k], airborne[k]) for k in group.members])
         mission = dataclasses.replace(vehicle.mission, goal=goal, airborne=is_airborne)
         vehicles = dataclasses.replace(group.vehicles, batched=dataclasses.replace(vehicle, mission=mission))
