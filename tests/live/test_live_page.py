@@ -100,12 +100,110 @@ def test_a_refusal_is_drawn_and_leads_to_the_input(page):
     assert page.run("live.answer.status") == "refused"
     assert page.run("document.querySelectorAll('.ring').length") >= 2
     assert len(page.run("document.querySelector('#answer .problem').textContent")) > 20
+    assert "refused: best attempt" in page.run("document.querySelector('.legend').textContent")
+    assert (
+        page.run("document.querySelectorAll('#map .track:not(.unproven), #profile .track:not(.unproven)').length") == 0
+    )
+    assert page.run("document.querySelector('#map .attempt').textContent") == "refused: best attempt"
+    assert page.run("[document.getElementById('fly').disabled, document.getElementById('fly').title]") == [
+        True,
+        "No certified plan: the answer says why.",
+    ]
     page.run("document.querySelector('#answer [data-jump]').click()")
     assert page.run("document.activeElement.closest('#inputs') !== null")
     page.run("live.scenario.undo()")
     answered(page)
     assert page.run("live.answer.status") == "planned"
-    assert page.run("document.querySelectorAll('.ring, #inputs .bound').length") == 0
+    assert page.run("document.querySelectorAll('.ring, .attempt, #inputs .bound, .legend:not([hidden])').length") == 0
+    assert page.run("document.getElementById('fly').disabled") is False
+
+
+def test_an_answer_that_waits_for_the_newer_scenario_is_grey_and_says_so(page):
+    answered(page)
+    look = "[getComputedStyle(document.querySelector('#answer > .waits')).display,"
+    look += " Number(getComputedStyle(document.querySelector('#answer > .answer')).opacity)]"
+    assert page.run(look) == ["none", 1]
+    page.run("window.listener = live.connection.listeners.plan; window.kept = []")
+    page.run("live.connection.listeners.plan = (message) => kept.push(message)")  # the answer is on its way
+    page.run("live.scenario.set('wind.speed_m_s', 2)")
+    wait_for(page, "document.body.classList.contains('late')")
+    display, opacity = page.run(look)
+    assert (display, opacity < 0.6) == ("block", True)
+    assert "planning again" in page.run("document.querySelector('#answer > .waits').textContent")
+    wait_for(page, "kept.length")
+    page.run("live.connection.listeners.plan = listener; kept.forEach(listener)")
+    answered(page)
+    assert page.run("document.body.classList.contains('late')") is False
+    assert page.run(look) == ["none", 1]
+    page.run("live.scenario.undo()")
+
+
+def test_the_links_of_a_refusal_lead_to_inputs_and_a_key_without_input_has_none(page):
+    answered(page)
+    keys = ["separation.horizontal_m", "aircraft[1].start.speed_m_s", "goal", "nothing.of_this_name"]
+    problem = {"text": "a reason", "keys": keys, "aircraft": [], "positions": []}
+    page.run(f"live.problems = [{json.dumps(problem)}]; live.drawNow()")
+    links = "[...document.querySelectorAll('#answer .problem .jump')]"
+    assert page.run(f"{links}.map((one) => one.dataset.jump)") == keys[:3]
+    names = page.run(f"{links}.map((one) => one.textContent)")
+    assert names[0] == "→ Separation"
+    assert names[1].endswith("speed")
+    for k, path in enumerate([keys[0], keys[1], "goal[0].name"]):
+        page.run(f"{links}[{k}].click()")
+        assert page.run("document.activeElement.dataset.path") == path
+    assert page.run("document.querySelector('[data-path=\"aircraft[1].start.speed_m_s\"]').closest('details').open")
+    assert page.run("document.querySelectorAll('#inputs [aria-invalid=true]').length") == 2
+    page.run("live.problems = []; live.drawNow()")
+
+
+def test_a_keep_out_is_dragged_by_its_disc(page):
+    answered(page)
+    if not page.run("live.scenario.list('keep_out').length"):
+        page.run("live.add('keep_out')")
+    page.run("live.scenario.set('keep_out[0].radius_m', Math.round(60 / live.map.view.scale)); live.drawNow()")
+    before = page.run("live.scenario.get('keep_out[0].north_m')")
+    x, y = position_of(page, "keep_out[0]")
+    page.mouse("mousePressed", x - 40, y + 20, button="left", clickCount=1)
+    page.mouse("mouseMoved", x - 40, y - 10, button="left", buttons=1)
+    page.mouse("mouseReleased", x - 40, y - 10, button="left", clickCount=1)
+    moved_px = page.run(f"(live.scenario.get('keep_out[0].north_m') - {before}) * live.map.view.scale")
+    assert moved_px == pytest.approx(30.0, abs=1.0)
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+
+
+def test_an_aircraft_is_added_with_a_goal_of_its_own_in_one_step_of_the_history(page):
+    answered(page)
+    count, steps = page.run("[live.scenario.list('aircraft').length, live.scenario.done.length]")
+    page.run("window.ask = live.requests.ask; live.requests.ask = () => {}")  # a larger fleet has other programs
+    page.run("document.querySelector('[aria-label=\"Add aircraft with a goal of its own\"]').click()")
+    assert page.run("live.scenario.list('aircraft').at(-1).goal === live.scenario.list('goal').at(-1).name")
+    assert page.run("[live.scenario.list('aircraft').length, live.scenario.done.length]") == [count + 1, steps + 1]
+    velocities = "live.scenario.list('goal').slice(-2).map((one) => [one.speed_m_s, one.course_deg])"
+    assert page.run(f"(([a, b]) => a[0] === b[0] && a[1] === b[1])({velocities})")
+    page.run("live.scenario.undo()")
+    assert page.run("live.scenario.list('aircraft').length") == count
+    page.run("live.requests.ask = ask")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
+def test_flown_tracks_vanish_when_the_scenario_changes_and_fade_while_it_is_flown(page):
+    answered(page)
+    page.run(
+        "live.flights.flownText = JSON.stringify(live.scenario.table);"
+        "live.flights.rows = Object.assign(new FlightRows(), { names: ['one'], time_s: [0, 9],"
+        " north_m: [[0, 500]], east_m: [[0, 90]], altitude_m: [[300, 300]] });"
+        "live.flights.time = 9; live.drawNow()"
+    )
+    assert page.run("document.querySelectorAll('#map .flown[stroke]').length") >= 1
+    page.run("live.flights.number = 7; live.scenario.set('wind.speed_m_s', 2); live.drawNow()")
+    assert "the scenario before the change" in page.run("document.querySelector('.legend').textContent")
+    assert page.run("document.querySelector('#map .of-flight').classList.contains('outdated')")
+    page.run("live.flights.number = 0; live.scenario.set('wind.speed_m_s', 3); live.drawNow()")
+    assert page.run("document.querySelectorAll('#map .flown[stroke]').length") == 0
+    assert page.run("document.getElementById('player').hidden")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
 
 
 def test_the_keyboard_moves_a_goal(page):

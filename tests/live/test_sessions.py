@@ -54,6 +54,23 @@ def test_a_fault_is_told_and_the_next_plan_is_answered(bench, monkeypatch, capsy
     assert received[1] == {"type": "plan", "number": 2, "answer": ANSWER}
 
 
+def test_the_progress_names_the_work_that_is_prepared(bench, monkeypatch):
+    awaited = iter([(SimpleNamespace(title="paths"), "about 20 s left"), (SimpleNamespace(title="unknown"), None)])
+    monkeypatch.setattr(sessions, "awaited_compilation", lambda: next(awaited, None))
+    monkeypatch.setattr(sessions, "_PROGRESS_PERIOD_S", 0.01)
+    told = []
+    with sessions._Progress(told.append, 5) as progress:
+        progress.report("planning", 0.5)
+        wait_for(lambda: len(told) == 3)
+    kind = "First time for a fleet of this kind: preparing the"
+    assert [message["text"] for message in told] == [
+        f"{kind} search for paths, about 20 s left. This is needed once.",
+        f"{kind} flight. This is needed once.",
+        "planning",
+    ]
+    assert [message["share"] for message in told] == [None, None, 0.5]
+
+
 def test_a_page_that_was_loaded_anew_gets_no_answer_to_a_request_of_the_old_one(bench, monkeypatch):
     """Its numbers begin anew: an old answer with a high number would hide all new ones."""
     entered, release = threading.Event(), threading.Event()

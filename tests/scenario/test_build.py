@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 
 from anser.scenario import build_flight, load, loads
+from anser.scenario.build import _build_for_goals
 from anser.scenario.build_aircraft import build_path_limits
 from anser.scenario.files import starter_scenario
 from support.fleet_flight import parts_of
@@ -50,6 +52,19 @@ def test_every_leaf_of_a_flight_is_an_array_of_fixed_type(storm):
     for leaf in jax.tree.leaves(flight):
         assert isinstance(leaf, jax.Array)
         assert not leaf.weak_type
+
+
+@pytest.mark.parametrize("name", ["storm-sampling", "mixed-fleet", "turning-ships", "uncertain-world"])
+def test_a_moved_goal_gives_the_flight_of_a_new_build(name):
+    scenario = load(SCENARIOS / f"{name}.toml")
+    build_flight(scenario, pad_fleet=True)
+    north_m, east_m, altitude_m = scenario.goal[0].position_m(0.0)
+    place = {"north_m": north_m + 150.0, "east_m": east_m + 90.0, "altitude_m": altitude_m}
+    moved = scenario.replace("goal[0]", {"name": scenario.goal[0].name, "kind": scenario.goal[0].kind, **place})
+    from_kept_parts = build_flight(moved, pad_fleet=True)
+    _build_for_goals.cache_clear()
+    assert eqx.tree_equal(from_kept_parts, build_flight(moved, pad_fleet=True))
+    assert not eqx.tree_equal(from_kept_parts, build_flight(scenario, pad_fleet=True))
 
 
 def test_settings_of_single_aircraft_reach_the_flight(storm):

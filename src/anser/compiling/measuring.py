@@ -82,21 +82,33 @@ def waiting() -> Iterator[None]:
 
 def compilation_message() -> str | None:
     """Return the program that the process waits for, and the time left if known; None if it waits for no program."""
+    awaited = awaited_compilation()
+    if awaited is None:
+        return None
+    record, time_left = awaited
+    message = f"compiling program {compilations.index(record) + 1} ({record.title})"
+    return message if time_left is None else f"{message}, {time_left}"
+
+
+def awaited_compilation() -> tuple[Compilation, str | None] | None:
+    """Return the record of the program that the process waits for, and the time left in words; None without a wait.
+
+    The time left is None as long as the size of a program is unknown.
+    """
     with _lock:
         _share_time()
         if not _waits or not _at_work:
             return None
         record, stage = _at_work[0]
-        message = f"compiling program {compilations.index(record) + 1} ({record.title})"
         if any(other != "compiling" for _, other in _at_work):
-            return message  # the size of a program is unknown before it is traced
+            return record, None  # the size of a program is unknown before it is traced
         wait_s = time.monotonic() - record.start_s
         spent_s = sum(r.cpu_s[stage] for r, _ in _at_work)
         left_s = sum(max(r.estimate_s - r.cpu_s[stage], 0.1 * r.estimate_s) for r, _ in _at_work)
     cores = min(len(_at_work), os.cpu_count() or 1)
     # seconds of CPU time per second: fewer beside other processes
     pace = cores if wait_s < _PACE_AFTER_S else max(spent_s / wait_s, 0.2)
-    return f"{message}, {_time_left(left_s / pace)}"
+    return record, _time_left(left_s / pace)
 
 
 _PACE_AFTER_S = 3.0

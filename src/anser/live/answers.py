@@ -271,4 +271,4 @@ def _binding_positions(
 
 def _rounded(values: np.ndarray) -> list[float]:
     """Return values for the page, to a millimetre or a thousandth of their unit."""
-    return [round(float(value), 3) for value in values]
+    return np.round(values, 3).tolist()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from anser.compiling.measuring import compilation_message
+from anser.compiling.measuring import awaited_compilation
 from anser.config.errors import ScenarioError
 from anser.live import messages
 from anser.live.answers import Answer, invalid_answer, invalid_problem, make_answer, plain_problem
@@ -313,6 +313,29 @@ def _stop_if(is_stopped: Callable[[], bool], report: Callable[..., None]) -> Cal
     return on_progress
 
 
+_WORK = {
+    "trim": "steady flight at the start",
+    "paths": "search for paths",
+    "choice of paths": "choice and proof of paths",
+    "holds": "holds after the arrivals",
+    "arrival times": "search for arrival times",
+    "greatest wind": "wind along the paths",
+    "sample demands": "margins of the paths",
+    "distances at samples": "distances between aircraft",
+    "closest approaches": "distances between aircraft",
+    "keep out margins": "distances from keep-outs",
+}
+"""Work for which a program is compiled, by the title of the program."""
+
+
+def _preparation(title: str, time_left: str | None) -> str:
+    """Return what is compiled in words of the page, and the time left if known."""
+    return (
+        f"First time for a fleet of this kind: preparing the {_WORK.get(title, 'flight')}"
+        f"{'' if time_left is None else f', {time_left}'}. This is needed once."
+    )
+
+
 class _Progress:
     """Progress messages of a request, from a thread that also tells which program is being compiled."""
 
@@ -334,8 +357,8 @@ class _Progress:
 
     def _watch(self) -> None:
         while not self._end.wait(_PROGRESS_PERIOD_S):
-            message = compilation_message()
-            state = self._state if message is None else (message, None)
+            awaited = awaited_compilation()
+            state = self._state if awaited is None else (_preparation(awaited[0].title, awaited[1]), None)
             if state != self._last:
                 self._last = state
                 self._tell({"type": "progress", "number": self._number, "text": state[0], "share": state[1]})

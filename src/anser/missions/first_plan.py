@@ -3,6 +3,7 @@
 import abc
 import functools
 import math
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -23,7 +24,7 @@ from anser.missions.refusal import (
     unproven_paths,
 )
 from anser.numerics.arrays import as_array, first_rows
-from anser.planning.certified.certified_plan import CertifiedPlan
+from anser.planning.certified.certified_plan import CertifiedPlan, choose_interval_count
 from anser.planning.certified.fitted_wind import FittedWind
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
 from anser.planning.certified.replanning import FIRST_PLAN
@@ -53,6 +54,10 @@ OnProgress = Callable[[str], None]
 """Callback with a description of the current work."""
 PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
 """Callback that prepares the program needed after planning, from a flight and the shapes of its first state."""
+
+
+def prepare_nothing(flight: Flight, shapes: Any) -> PreparedProgram | None:
+    """Prepare no program: the default of `anser.plan`."""
 
 
 class NoPlanError(Exception):
@@ -358,7 +363,7 @@ class CertifiedFirstPlan(FirstPlan):
         on_progress("trimming")
         planner, count = aircraft_planner(flight), len(scenario.aircraft)
         start = trim_and_build_tasks_compiled.prepare(flight, planner).start()
-        _start_programs(scenario, flight, planner, start.shapes, prepare_next)
+        _start_programs(scenario, flight, planner, start, prepare_next)
         fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
         check_trimmable(scenario, flight, fleet.is_trimmed)
         request = arrival_request(scenario, flight.count)
@@ -407,7 +412,7 @@ class CertifiedFirstPlan(FirstPlan):
         """Reasons for a missing plan, or unproven paths, one sentence each."""
         if self.plan_state is None:
             return self.refusals
-        return unproven_paths(self.scenario, np.asarray(self.plan.feasible))
+        return unproven_paths(self.scenario, np.asarray(self.plan_state.plan.feasible)[: len(self.scenario.aircraft)])
 
     def notes(self) -> tuple[str, ...]:
         """Difference of a wind field from the planner's layers, mean airspeeds, and the start of a sequence."""
@@ -433,8 +438,8 @@ class CertifiedFirstPlan(FirstPlan):
 
     def _airspeed_notes(self) -> tuple[str, ...]:
         preferred_m_s = np.array([self.scenario.speed_for(aircraft) for aircraft in self.scenario.aircraft])
-        plan = self.plan
-        planned_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
+        plan = self._planned_state().plan
+        planned_m_s = (np.asarray(plan.lengths) / np.asarray(plan.arrival_times))[: len(preferred_m_s)]
         differing = np.flatnonzero(np.abs(planned_m_s / preferred_m_s - 1.0) > _SPEED_TOLERANCE)
         if not differing.size:
             return ()
@@ -453,7 +458,8 @@ class CertifiedFirstPlan(FirstPlan):
         from anser.missions.plan_output import record_certified
 
         gravity = self.airspace.gravity
-        return record_certified(self.scenario, self.plan, self.tasks, gravity, self.holds, self.notes())
+        plan = self._planned_state().plan
+        return record_certified(self.scenario, plan, self.padded_tasks, gravity, self.holds, self.notes())
 
 
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
@@ -481,14 +487,19 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
     return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, *padded)
 
 
+_started: "weakref.WeakKeyDictionary[PreparedProgram, set[tuple[Any, ...]]]" = weakref.WeakKeyDictionary()
+"""Sizes of the plans and holds whose programs were started together with a program of the trim."""
+
+
 def _start_programs(
-    scenario: Scenario, flight: Flight, planner: CertifiedPlanner, shapes: Any, prepare_next: PrepareNext
+    scenario: Scenario, flight: Flight, planner: CertifiedPlanner, trim: PreparedProgram, prepare_next: PrepareNext
 ) -> None:
     """Start the compilation of the programs for the planning and for the work after it.
 
-    The programs follow from the shapes of fleet and tasks.
+    The programs follow from the shapes of fleet and tasks. Programs that were started before, for an earlier plan
+    without work after it, are not prepared again.
     """
-    fleet, tasks = shapes
+    fleet, tasks = trim.shapes
     longest_s = max(
         math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))
         / min(scenario.speed_for(aircraft), scenario.limits_for(aircraft).speed_max_m_s)
@@ -498,6 +509,12 @@ def _start_programs(
         scenario.arrival.time_s or 0.0
     ]
     longest_s = max(longest_s, *prescribed_s)
+    if prepare_next is prepare_nothing:
+        sizes = *(choose_interval_count(share * longest_s) for share in (0.95, 1.0, 1.2)), scenario.timing.duration_s
+        started = _started.setdefault(trim, set())
+        if sizes in started:
+            return
+        started.add(sizes)
     planned_shapes = [
         program.start().shapes for program in planner.prepare_programs(tasks, longest_s, scenario.timing.duration_s)
     ]

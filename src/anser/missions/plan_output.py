@@ -11,7 +11,7 @@ import xarray as xr
 
 from anser.missions.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.missions.refusal import UNPROVEN, unproven_paths
-from anser.numerics.arrays import take_rows, unstack_rows
+from anser.numerics.arrays import rows_on_host, unstack_rows
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.path_bounds import PathBounds
 from anser.planning.certified.task import AircraftTask
@@ -106,7 +106,7 @@ def record_certified(
     Inactive rows of the stacked tasks are padding without an aircraft of the scenario.
     """
     indices = np.flatnonzero(np.asarray(tasks.active) > 0.0)
-    active_plan, limits = take_rows((plan, tasks.limits), indices)
+    active_plan, limits = rows_on_host((plan, tasks.limits), indices)
     certificate = active_plan.certificate
     is_proven, ratio = (
         np.asarray(plan.feasible)[indices],

@@ -17,7 +17,14 @@ import numpy as np
 from anser.compiling.options import compiled_quickly, enable_compilation_cache
 from anser.files import write_file
 from anser.missions.consensus import DecentralisedFirstPlan
-from anser.missions.first_plan import CertifiedFirstPlan, FirstPlan, PlanFileError, PrepareNext, PublishedFirstPlan
+from anser.missions.first_plan import (
+    CertifiedFirstPlan,
+    FirstPlan,
+    PlanFileError,
+    PrepareNext,
+    PublishedFirstPlan,
+    prepare_nothing,
+)
 from anser.missions.saved_flights import PLAN
 from anser.missions.user_plans import UserFirstPlan
 from anser.numerics.arrays import as_array
@@ -41,7 +48,7 @@ _trim_at_start = compiled_quickly(trimmed_fleet)
 def plan(
     scenario: Scenario | str | os.PathLike[str],
     on_progress: Callable[[str], None] = lambda message: None,
-    prepare_next: PrepareNext = lambda *_: None,
+    prepare_next: PrepareNext = prepare_nothing,
     randomness: AbstractRandomness | None = None,
     **user_parts: Any,
 ) -> FirstPlan:

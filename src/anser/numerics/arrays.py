@@ -42,6 +42,11 @@ def first_rows(tree: T, count: int) -> T:
     return take_rows(tree, slice(count))
 
 
+def rows_on_host(tree: T, indices: slice | np.ndarray) -> T:
+    """Select rows as `take_rows`, as NumPy arrays: nothing is copied to the device."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[indices] if np.ndim(leaf) else leaf, tree)
+
+
 def unstack_rows(tree: T) -> list[T]:
     """Split a pytree of concrete arrays along the leading axis into a list of pytrees of NumPy arrays."""
     arrays = jax.tree.map(np.asarray, tree)
@@ -159,7 +164,8 @@ def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
     Tree structure, and shape and type of each leaf.
     """
     leaves, structure = jax.tree.flatten(value)
-    return structure, tuple((np.shape(leaf), np.asarray(leaf).dtype) for leaf in leaves)
+    arrays = (leaf if isinstance(leaf, np.ndarray | jax.Array) else np.asarray(leaf) for leaf in leaves)
+    return structure, tuple((array.shape, array.dtype) for array in arrays)
 
 
 def stack_objects(

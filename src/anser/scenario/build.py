@@ -7,8 +7,12 @@ an event are in `anser.missions.event_replanning`.
 Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
 """
 
+import dataclasses
+import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -113,6 +117,55 @@ def build_flight(
     mission_is_flown
         Whether starts, goals, rendezvous and duration must lie within the wind field of a file.
     """
+    if pad_fleet and _depends_on_goals_by_missions(scenario):
+        return _with_goals_of(scenario, _build_for_goals(_WithoutGoals.of(scenario, flight)))
+    return _build_flight(scenario, pad_fleet, flight, mission_is_flown)
+
+
+@dataclass(frozen=True)
+class _WithoutGoals:
+    """The tables of a scenario without its goals, and the number of the flight, as a cache key."""
+
+    tables: tuple[Any, ...]
+    flight: int
+    scenario: Scenario = field(compare=False)
+
+    @classmethod
+    def of(cls, scenario: Scenario, flight: int) -> "_WithoutGoals":
+        tables = tuple(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")
+        return cls(tables, flight, scenario)
+
+
+def _depends_on_goals_by_missions(scenario: Scenario) -> bool:
+    """Whether the goals enter a flight by the missions alone, and its other parts can be kept while a goal is moved."""
+    is_briefed = scenario.goal_sensor.preset != "exact"
+    return not (is_briefed or scenario.wind.field is not None or user_parts(scenario))
+
+
+@functools.lru_cache(maxsize=2)
+def _build_for_goals(case: _WithoutGoals) -> Flight:
+    """Build a padded flight once for the scenarios that differ in their goals alone."""
+    return _build_flight(case.scenario, pad_fleet=True, number=case.flight, mission_is_flown=True)
+
+
+def _with_goals_of(scenario: Scenario, flight: Flight) -> Flight:
+    """Return a flight with the goals of a scenario that has the same other tables."""
+    members = [scenario.aircraft[min(k, len(scenario.aircraft) - 1)] for k in range(flight.count)]
+    tables = [scenario.goal_of(aircraft) for aircraft in members]
+    goals = _goals(tables, scenario.event)
+    airborne = [as_array(goal.kind == "airborne", bool) for goal in tables]
+    groups = []
+    for group in flight.groups:
+        vehicle = group.vehicles.batched
+        assert vehicle.mission is not None
+        goal, is_airborne = stack_rows([(goals[k], airborne[k]) for k in group.members])
+        mission = dataclasses.replace(vehicle.mission, goal=goal, airborne=is_airborne)
+        vehicles = dataclasses.replace(group.vehicles, batched=dataclasses.replace(vehicle, mission=mission))
+        groups.append(dataclasses.replace(group, vehicles=vehicles))
+    return dataclasses.replace(flight, groups=tuple(groups))
+
+
+def _build_flight(scenario: Scenario, pad_fleet: bool, number: int, mission_is_flown: bool) -> Flight:
     timing = scenario.timing
     if mission_is_flown:
         check_wind_field(scenario)
@@ -137,7 +190,7 @@ def build_flight(
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,
-        flight_randomness(scenario.seed, flight),
+        flight_randomness(scenario.seed, number),
         len(resolved),
     )
 

@@ -82,7 +82,7 @@ class AnswerPanel {
       const swatch = element("span", "swatch"), name = element("span", "name");
       swatch.style.background = this.page.colorOf(one.name);
       name.append(swatch, `${limit.label}`);
-      row.append(name, bar, element("span", "share", `${printed(limit.bound ?? limit.planned, 1)} ${limit.is_least ? "(at least" : "of"} ${printed(limit.limit, 1)} ${limit.unit}${limit.is_least ? ")" : ""}`));
+      row.append(name, bar, element("span", "share", `${printed(limit.bound ?? limit.planned, 1)} ${limit.is_least ? "(at least" : "of"} ${`${printed(limit.limit, 1)} ${limit.unit}`.trim()}${limit.is_least ? ")" : ""}`));
       row.title = `${one.name}: ${limit.label} ${printed(limit.planned)} ${limit.unit}, bound ${printed(limit.bound)} ${limit.unit}, limit ${printed(limit.limit)} ${limit.unit}`;
       list.append(row);
     }

@@ -1,7 +1,7 @@
 /* Drawing with SVG elements that stay between two drawings, and handles for pointer and keyboard. */
 "use strict";
 
-const SVG = "http://www.w3.org/2000/svg";
+const RAW_MS = 4, SVG = "http://www.w3.org/2000/svg";
 const SHAPES = {
   dart: "M11 0L-8 8L-4 0L-8 -8Z", square: "M-6 -6H6V6H-6Z", diamond: "M0 -7L7 0L0 7L-7 0Z", cross: "M-7 0H7M0 -7V7", arrow: "M7 0L-5 6V-6Z",
   dot: "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0Z",
@@ -65,16 +65,19 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowD
 
 /**
  * Handles of a picture. A handle has a key, a label, a position (x, y; pixels), a shape, and the functions `drag(x, y)`
- * and `nudge(right, up)`; `slider` holds least, greatest and present value of a handle with one degree of freedom.
+ * and `nudge(right, up)`; `slider` holds least, greatest and present value of a handle with one degree of freedom, `area`
+ * the radius (pixels) of a disc that is dragged as a whole.
  */
 class Handles {
   constructor(svg, page) {
-    Object.assign(this, { svg, page, held: null });
+    Object.assign(this, { svg, page, held: null, moved: 0 });
     this.layer = new Layer(svg, "handles");
     this.definitions = new Map();
     const root = this.layer.root;
     root.addEventListener("pointerdown", (event) => this._press(event));
     root.addEventListener("pointermove", (event) => this._move(event));
+    // raw updates precede the frame for which moves are gathered: the plan is asked for earlier
+    root.addEventListener("pointerrawupdate", (event) => { if (event.timeStamp - this.moved >= RAW_MS) this._move(event); });
     for (const type of ["pointerup", "pointercancel", "lostpointercapture"]) root.addEventListener(type, (event) => this._release(event));
     root.addEventListener("keydown", (event) => this._key(event));
     root.addEventListener("focusin", (event) => this.page.select(this._of(event)?.select ?? null));
@@ -90,8 +93,10 @@ class Handles {
       made.style.color = color;
       if (!made.firstChild) {
         for (const className of ["reach", "mark"]) made.appendChild(document.createElementNS(SVG, "path")).setAttribute("class", className);
-        made.firstChild.setAttribute("d", "M-13 0a13 13 0 1 0 26 0a13 13 0 1 0 -26 0Z");
       }
+      const reach = pixel(Math.max(13, one.area || 0));
+      if (made.dataset.reach !== reach) made.firstChild.setAttribute("d", `M-${reach} 0a${reach} ${reach} 0 1 0 ${2 * reach} 0a${reach} ${reach} 0 1 0 -${2 * reach} 0Z`);
+      made.dataset.reach = reach;
       made.lastChild.setAttribute("d", SHAPES[shape]);
       made.lastChild.setAttribute("transform", `rotate(${turn})`);
     }
@@ -121,6 +126,7 @@ class Handles {
   _move(event) {
     if (!this.held || event.pointerId !== this.held.id) return;
     const [x, y] = this._at(event);
+    this.moved = event.timeStamp;
     this.definitions.get(this.held.key)?.drag(x + this.held.dx, y + this.held.dy, { held: true, merge: this.held.key, stamp: event.timeStamp });
     this.held.moved = true;
   }

@@ -47,7 +47,7 @@ class FlightRows {
 
 class Flights {
   constructor(page) {
-    Object.assign(this, { page, rows: null, time: null, number: 0, playing: false, known: [], chosen: null });
+    Object.assign(this, { page, rows: null, time: null, number: 0, playing: false, known: [], chosen: null, outdated: false });
     const at = (id) => document.getElementById(id);
     Object.assign(this, { bar: at("player"), play: at("play"), slider: at("time"), told: at("told"), events: at("events"), list: at("flights"), fly: at("fly"), eventAdd: at("event-add") });
     this.fly.addEventListener("click", () => (this.number ? this.stop() : this.start()));
@@ -74,12 +74,20 @@ class Flights {
     const { scenario, connection } = this.page;
     this.number = connection.send("fly", { scenario: scenario.table, compare: this.known.at(-1)?.id ?? null }, (message) => this._ended(message));
     if (!this.number) return;
-    Object.assign(this, { incoming: new FlightRows(), from, waits: true });
+    Object.assign(this, { incoming: new FlightRows(), from, waits: true, outdated: false, flownText: JSON.stringify(scenario.table) });
     if (!this.rows) this.rows = this.incoming;
     this.time ??= 0;
     this.show("plan");
     this.draw();
     this.page.report();
+  }
+
+  /** The scenario has changed: tracks of the former one vanish, or fade as long as it is being flown. */
+  changed() {
+    if (!this.rows || this.adding) return;
+    const other = JSON.stringify(this.page.scenario.table) !== this.flownText;
+    if (other && !this.number) this.leave();
+    else this.outdated = other;
   }
 
   stop() {
@@ -109,6 +117,7 @@ class Flights {
       this._choose(entry);
       this.page.say(message.verdict);
     } else if (message.type === "failed") this.page.fail(message.problems);
+    if (this.outdated) this.leave();
     if (!this.rows?.time_s.length) Object.assign(this, { rows: null, time: null });
     this.page.draw();
     this.draw();
@@ -179,7 +188,7 @@ class Flights {
   /** Leave the player: the map shows the plan again. */
   leave() {
     this.setPlaying(false);
-    Object.assign(this, { rows: null, time: null, waits: false });
+    Object.assign(this, { rows: null, time: null, waits: false, outdated: false });
     this.draw();
     this.page.draw();
   }
@@ -188,7 +197,9 @@ class Flights {
   _add(event) {
     const { scenario } = this.page, time_s = roundTo(this.time, 0.1);
     if (event.keep_out) event.keep_out = this._keepOut(event.keep_out, time_s);
+    this.adding = true; // the former flight stays until the new one has reached this time
     scenario.edit((table) => { (table.event ??= []).push({ time_s, ...event }); });
+    this.adding = false;
     if (this.number) this.stop();
     this.setPlaying(false);
     this.start(time_s);

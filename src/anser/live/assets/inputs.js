@@ -48,6 +48,14 @@ class Inputs {
       add.setAttribute("aria-label", `Add ${noun}`);
       add.addEventListener("click", () => page.add(key));
       head.append(add);
+      if (key === "aircraft") {
+        const pair = element("button", "plain", "+ with a goal");
+        pair.type = "button";
+        pair.title = "an aircraft like the last one, with a goal of its own";
+        pair.setAttribute("aria-label", "Add aircraft with a goal of its own");
+        pair.addEventListener("click", () => page.add("pair"));
+        head.append(pair);
+      }
     }
     group.append(head, ...scenario.list(key).map((table, k) => this._entry(key, table, k, noun)));
     return group;

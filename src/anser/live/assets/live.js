@@ -71,6 +71,7 @@ class LivePage {
     document.addEventListener("keydown", (event) => this._key(event));
     scenario.on((stamp) => {
       if (!this.fixed) this.requests.ask(stamp);
+      this.flights.changed();
       this.draw();
       this.report();
     });
@@ -194,20 +195,57 @@ class LivePage {
     if (selection) this.selection = selection;
   }
 
+  /** Add an aircraft, a goal or a keep-out, or an aircraft together with a goal of its own ("pair"). */
   add(key) {
-    const { welcome, map, scenario } = this, template = structuredClone(welcome.templates[key]);
-    const put = (table) => Object.assign(table, { north_m: roundTo(map.view.north, 10), east_m: roundTo(map.view.east, 10) });
-    if (key === "aircraft") {
-      const goals = scenario.list("goal");
-      template.goal = goals[scenario.list("aircraft").length % Math.max(1, goals.length)]?.name ?? template.goal;
-      put((template.start ??= {}));
-      template.start.east_m = roundTo(map.position(0.15 * map.width, 0).east_m, 10);
-    } else put(template);
-    const k = scenario.add(key, template), path = `${key}[${k}]`;
+    const { scenario } = this, list = key === "pair" ? "aircraft" : key;
+    let k = 0, told = "";
+    scenario.together(() => {
+      if (key === "pair") scenario.add("goal", this._newGoal());
+      k = scenario.add(list, list === "aircraft" ? this._newAircraft(key === "pair") : list === "goal" ? this._newGoal() : this._newKeepOut());
+      if (key === "goal") told = this._redirect(k);
+    });
+    const path = `${list}[${k}]`;
     this.inputs.opened.add(path);
-    this.select({ key, k });
+    this.select({ key: list, k });
     this.drawNow();
     this.inputs.jump(path);
+    if (told) this.say(told);
+  }
+
+  /** A free place beside the last of the tables, or in the middle of the map; north and east, m. */
+  _place(tables) {
+    const { map } = this, last = tables.at(-1), apart = 60 / map.view.scale, at = last && { north_m: last.north_m, east_m: last.east_m };
+    const place = at ?? { north_m: map.view.north, east_m: map.view.east }, taken = (one) => tables.some((table) => Math.hypot(table.north_m - one.north_m, table.east_m - one.east_m) < 0.7 * apart);
+    for (let n = 0; n < 40 && taken(place); n++) place.east_m += apart;
+    return { north_m: roundTo(place.north_m, 10), east_m: roundTo(place.east_m, 10) };
+  }
+
+  /** An aircraft like the last one, beside it; its goal is the last one, or the first that no aircraft flies to. */
+  _newAircraft(last) {
+    const { scenario, welcome } = this, fleet = scenario.list("aircraft"), goals = scenario.list("goal"), template = structuredClone(fleet.at(-1) ?? welcome.templates.aircraft);
+    const free = last ? goals.at(-1) : goals.find(({ name }) => !fleet.some((one) => one.goal === name)) ?? goals[fleet.length % Math.max(1, goals.length)];
+    return { ...template, goal: free?.name ?? template.goal, start: { ...template.start, ...this._place(fleet.map((one) => one.start ?? {})) } };
+  }
+
+  /** A goal of the kind and the velocity of the last one, beside it. */
+  _newGoal() {
+    const goals = this.scenario.list("goal"), { waypoints, ...last } = structuredClone(goals.at(-1) ?? this.welcome.templates.goal), at = waypoints?.[0] ?? {};
+    const places = goals.map((goal) => goal.waypoints?.[0] ?? goal);
+    return { ...last, ...(waypoints ? { altitude_m: at.altitude_m ?? 0 } : {}), ...this._place(places) };
+  }
+
+  _newKeepOut() {
+    const { north, east } = this.map.view;
+    return { ...structuredClone(this.welcome.templates.keep_out), north_m: roundTo(north, 10), east_m: roundTo(east, 10) };
+  }
+
+  /** Send an aircraft that shares its goal to the new goal. Returns a sentence about it, or nothing. */
+  _redirect(k) {
+    const { scenario } = this, fleet = scenario.list("aircraft"), { name } = scenario.list("goal")[k];
+    const shared = fleet.findLast((one) => fleet.filter((other) => other.goal === one.goal).length > 1);
+    if (!shared) return "";
+    scenario.edit(() => { shared.goal = name; });
+    return `${shared.name} flies to ${name} now.`;
   }
 
   remove({ key, k }) {
@@ -261,8 +299,19 @@ class LivePage {
     bar.hidden = !compiling || progress.share === null;
     if (!bar.hidden) bar.value = progress.share;
     document.getElementById("name").textContent = `${scenario.name ?? "not saved"}${scenario.changed ? " *" : ""}`;
-    document.getElementById("fly").disabled = !connection.open || !scenario.table;
+    const reason = this._whyNotFly(), fly = document.getElementById("fly");
+    fly.disabled = reason !== "";
+    fly.title = reason || (this.flights.number ? "Stop the flight" : "Fly the certified plan");
     this._wait();
+  }
+
+  /** Why nothing can be flown, in a sentence; empty if it can. */
+  _whyNotFly() {
+    if (!this.connection.open) return "No connection to the server.";
+    if (this.flights.number) return "";
+    if (this.invalid) return "The scenario is not valid: the answer says why.";
+    if (!this.answer) return "The first plan is being made.";
+    return this.answer.status === "planned" ? "" : "No certified plan: the answer says why.";
   }
 
   _wait() {

@@ -14,6 +14,7 @@ class LiveMap {
     this.flown = new Layer(this.svg, "of-flight");
     this.handles = new Handles(this.svg, page);
     this.names = new Layer(this.svg, "names");
+    this.legend = place.parentElement.appendChild(Object.assign(element("ul", "legend"), { hidden: true }));
     this.fingers = new Map(); // of a touch screen, by pointer
     this.svg.addEventListener("pointerdown", (event) => this._grab(event));
     this.svg.addEventListener("pointermove", (event) => this._pinch(event));
@@ -117,10 +118,12 @@ class LiveMap {
 
   draw() {
     if (!this.page.scenario.table || !this.width) return;
+    this.texts = []; // placed after the names
     this._ground();
     this._plan();
     this._flight();
     this.handles.show(this.page.fixed ? [] : this._handles());
+    this._legend();
     this._names();
     for (const layer of [this.ground, this.plan, this.flown, this.names]) layer.end();
   }
@@ -155,7 +158,7 @@ class LiveMap {
     const { plan, page } = this, { answer, certified } = page;
     plan.root.classList.toggle("stale", page.isStale);
     plan.root.classList.toggle("behind", page.flight !== null && page.playedTime !== null);
-    const ghost = answer?.status === "refused" ? certified : null;
+    const refused = answer?.status === "refused", ghost = refused ? certified : null;
     for (const one of ghost?.aircraft || []) this._line(plan, `ghost ${one.name}`, one.track, { class: "ghost", stroke: page.colorOf(one.name) });
     for (const goal of answer?.goals || []) this._line(plan, `goal ${goal.name}`, goal, { class: "goal-track" });
     const bound = new Set(page.problems.flatMap((problem) => problem.aircraft));
@@ -164,6 +167,7 @@ class LiveMap {
       if (bound.has(one.name)) this._line(plan, `halo ${one.name}`, one.track, { class: "halo" });
       if (one.hold) this._line(plan, `hold ${one.name}`, one.hold, { class: "hold", stroke });
       this._line(plan, `track ${one.name}`, one.track, { class: `track${proven}`, stroke });
+      if (refused && (bound.has(one.name) || !bound.size)) this._attempt(one);
       const { north_m, east_m } = one.rendezvous;
       plan.part(`rendezvous ${one.name}`, "path", { class: "rendezvous", d: SHAPES.diamond, fill: stroke, transform: `translate(${pixel(this.x(east_m))} ${pixel(this.y(north_m))}) scale(0.8)` });
     }
@@ -171,15 +175,42 @@ class LiveMap {
     if (pair?.positions?.length === 2 && page.playedTime === null) {
       const [a, b] = pair.positions, x = [a, b].map((one) => this.x(one.east_m)), y = [a, b].map((one) => this.y(one.north_m));
       plan.part("pair", "path", { class: "pair", d: linePath(x, y) });
-      plan.part("pair text", "text", { class: "sign", x: pixel((x[0] + x[1]) / 2 + 8), y: pixel((y[0] + y[1]) / 2 - 6) }, `${printed(pair.least_m, 0)} m`);
+      this.texts.push({ key: "pair text", text: `${printed(pair.least_m, 0)} m`, points: [0.5, 0.3, 0.7, 0, 1].map((part) => [x[0] + part * (x[1] - x[0]), y[0] + part * (y[1] - y[0])]), className: "sign" });
     }
     page.problems.flatMap((problem) => problem.positions).forEach(({ north_m, east_m }, k) => {
       plan.part(`ring ${k}`, "circle", { class: "ring", cx: pixel(this.x(east_m)), cy: pixel(this.y(north_m)), r: 17 });
     });
   }
 
+  /** Name of the best attempt of a refused aircraft, beside its track. */
+  _attempt({ name, track }) {
+    const points = [0.4, 0.25, 0.55, 0.7].map((part) => Math.floor(part * track.north_m.length)).map((j) => [this.x(track.east_m[j]), this.y(track.north_m[j])]);
+    this.texts.push({ key: `attempt ${name}`, text: "refused: best attempt", points, className: "attempt", fill: this.page.colorOf(name) });
+  }
+
+  /** Signs of the lines on the map, if there are others than certified plans. */
+  _legend() {
+    const { page, legend } = this, { answer } = page, played = page.flight !== null && page.playedTime !== null, rows = [];
+    if (answer?.status === "planned" && played) rows.push(["track", "certified plan"]);
+    if (answer?.status === "refused" && answer.aircraft.length) rows.push(["track unproven", "refused: best attempt"]);
+    if (answer?.status === "refused" && page.certified) rows.push(["ghost", "last certified plan"]);
+    if (played) rows.push([page.flights.outdated ? "flown outdated" : "flown", page.flights.outdated ? "flown: the scenario before the change" : "flown"]);
+    const key = JSON.stringify(rows);
+    if (key === this.legendKey) return;
+    this.legendKey = key;
+    legend.hidden = !rows.length;
+    legend.replaceChildren(...rows.map(([className, text]) => {
+      const row = element("li"), svg = row.appendChild(document.createElementNS(SVG, "svg")), line = svg.appendChild(document.createElementNS(SVG, "path"));
+      svg.setAttribute("aria-hidden", "true");
+      for (const [name, value] of Object.entries({ d: "M1 6H31", class: className, stroke: "currentColor" })) line.setAttribute(name, value);
+      row.append(text);
+      return row;
+    }));
+  }
+
   _flight() {
     const { flown, page } = this, { flight } = page, time = page.playedTime;
+    flown.root.classList.toggle("outdated", page.flights.outdated);
     if (!flight || time === null) return;
     flight.names.forEach((name, k) => {
       const { north_m, east_m, count, here } = flight.until(k, time), stroke = page.colorOf(name);
@@ -254,8 +285,9 @@ class LiveMap {
 
   _keepOutHandles(path, table, select) {
     const { scenario } = this.page, put = (value, edit) => scenario.set(`${path}.radius_m`, Math.max(10, roundTo(value, this.step)), edit);
+    const area = table.radius_m * this.view.scale, wide = area > 0.4 * Math.min(this.width, this.height); // then by its rim: the map can still be moved
     return [
-      this._point(path, `Keep-out ${table.name}`, table, path, { select }, { shape: "cross", color: "var(--limit)" }),
+      this._point(path, `Keep-out ${table.name}`, table, path, { select, area }, { shape: "cross", color: "var(--limit)", className: wide ? "rim" : "" }),
       {
         key: `${path}.radius_m`, label: `Radius of the keep-out ${table.name}`, select, shape: "dot", color: "var(--limit)", className: "small", x: this.x(table.east_m + table.radius_m), y: this.y(table.north_m),
         slider: { min: 10, max: 50000, now: table.radius_m, text: `${Math.round(table.radius_m)} metres` },
@@ -265,18 +297,28 @@ class LiveMap {
     ];
   }
 
-  /** Names and stems; names are moved down to avoid overlaps. */
+  /** Boxes that names keep clear of: the buttons, the signs in the corners, the handles. */
+  _obstacles() {
+    const { width, height, legend } = this, box = (x0, y0, x1, y1) => ({ x0, y0, x1, y1 }), handles = [];
+    for (const { x, y } of this.handles.definitions.values()) handles.push(box(x - 7, y - 7, x + 7, y + 7));
+    const key = legend.hidden ? [] : [box(0, height - 20 - 20 * legend.childElementCount, 240, height)];
+    return [box(0, 0, 130, 44), box(width - 100, 0, width, 64), box(width - 190, height - 40, width, height), ...key, ...handles];
+  }
+
+  /** Names and stems; a text takes the first place beside its point that is free. */
   _names() {
-    const { page, names } = this, taken = [];
+    const { page, names } = this, taken = this._obstacles();
     for (const { key, stem, x, y, color = "var(--goal)" } of this.handles.definitions.values()) if (stem) names.part(`stem ${key}`, "path", { class: "stem", stroke: color, d: `M${pixel(stem[0])} ${pixel(stem[1])}L${pixel(x)} ${pixel(y)}` });
-    const write = (key, name, east, north, className, fill) => {
-      const x = this.x(east) + 12;
-      let y = this.y(north) + 17;
-      while (taken.some((one) => Math.abs(one.y - y) < 13 && Math.abs(one.x - x) < 60)) y += 13;
-      if (!Number.isFinite(x + y)) return;
-      taken.push({ x, y });
-      names.part(key, "text", { class: className, x: pixel(x), y: pixel(y), fill }, name);
+    const place = ({ key, text, points, className, fill = "" }) => {
+      const long = 7.2 * text.length, boxes = points.filter(([x, y]) => Number.isFinite(x + y)).flatMap(([x, y]) =>
+        [[12, 17], [12, -8], [-12 - long, 17], [-12 - long, -8], [-long / 2, 27], [-long / 2, -17], [12, 30], [12, -21], [12, 43], [12, 56]].map(([dx, dy]) => ({ x0: x + dx, x1: x + dx + long, y0: y + dy - 11, y1: y + dy + 3 })));
+      if (!boxes.length) return;
+      const inside = boxes.filter((one) => one.x0 > 0 && one.x1 < this.width && one.y0 > 0 && one.y1 < this.height);
+      const free = inside.find((one) => taken.every((other) => one.x1 < other.x0 || one.x0 > other.x1 || one.y1 < other.y0 || one.y0 > other.y1)) ?? inside[0] ?? boxes[0];
+      taken.push(free);
+      names.part(key, "text", { class: className, x: pixel(free.x0), y: pixel(free.y0 + 11), ...(fill ? { fill } : {}) }, text);
     };
+    const write = (key, text, east, north, className, fill) => place({ key, text, points: [[this.x(east), this.y(north)]], className, fill });
     const time = page.playedTime ?? 0;
     page.scenario.list("aircraft").forEach((one, k) => {
       const index = page.flight && page.playedTime !== null ? page.flight.names.indexOf(one.name) : -1, at = index >= 0 ? page.flight.until(index, time).here : one.start;
@@ -284,5 +326,6 @@ class LiveMap {
     });
     page.scenario.list("goal").forEach((goal, k) => { const at = positionAt(goal, time, page.scenario.list("event")); write(`goal ${k}`, goal.name, at.east_m, at.north_m, "of-goal", "var(--goal)"); });
     for (const { path, table } of page.keepOuts()) write(path, table.name, table.east_m, table.north_m, "of-goal", "var(--limit)");
+    for (const one of this.texts) place({ ...one, className: `${one.className}${page.isStale ? " stale" : ""}` });
   }
 }

@@ -57,6 +57,7 @@ class Profile {
     this._scale();
     this._axes();
     plan.root.classList.toggle("stale", page.isStale);
+    flown.root.classList.toggle("outdated", page.flights.outdated);
     plan.root.classList.toggle("behind", page.flight !== null && page.playedTime !== null);
     const line = (times, altitudes) => linePath(times.map((time) => this.x(time)), altitudes.map((altitude) => this.y(altitude)));
     const ghost = page.answer?.status === "refused" ? page.certified : null;

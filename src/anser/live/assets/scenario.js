@@ -74,6 +74,13 @@ class Scenario {
     this._tell(stamp);
   }
 
+  /** Make several changes a single step of the history. */
+  together(changes) {
+    const before = this.done.length;
+    changes();
+    this.done.splice(before + 1);
+  }
+
   /** Set the value at a key path; undefined removes the key. */
   set(path, value, options) {
     const parts = keyParts(path), last = parts.pop();
@@ -109,9 +116,9 @@ class Scenario {
     this._tell(performance.now());
   }
 
-  /** Name that no table of a list has yet: "goal-3". */
-  _freeName(key, stem) {
-    const names = new Set(this.list(key).map((table) => table.name));
+  /** Name that no table of a list has yet, after the name of the last: "goal-3", or "boat-3" after "boat-2". */
+  _freeName(key) {
+    const names = new Set(this.list(key).map((table) => table.name)), stem = this.list(key).at(-1)?.name?.match(/^(.+)-\d+$/)?.[1] ?? key.replace("_", "-");
     let k = names.size + 1;
     while (names.has(`${stem}-${k}`)) k++;
     return `${stem}-${k}`;
@@ -120,7 +127,7 @@ class Scenario {
   /** Add a table to a list of tables, from a template. Returns its index. */
   add(key, template) {
     const table = structuredClone(template);
-    table.name = this._freeName(key, key.replace("_", "-"));
+    table.name = this._freeName(key);
     this.edit((scenario) => {
       (scenario[key] ??= []).push(table);
       if (key === "aircraft") scenario.arrival?.order?.push(table.name);

@@ -50,10 +50,13 @@ class FlightScene {
 
   _fill() {
     this.renderer.setClearColor(Theme.ink("paper"));
-    const sun = new THREE.DirectionalLight(0xffffff, 1.6);
-    sun.position.set(-2, 5, 3);
+    if (!this.lights) { // the renderer keeps values of every light that was ever in the scene
+      const sun = new THREE.DirectionalLight(0xffffff, 1.6);
+      sun.position.set(-2, 5, 3);
+      this.lights = [new THREE.AmbientLight(0xffffff, 2.2), sun];
+    }
     this.lifted = new THREE.Group();
-    this.scene.add(new THREE.AmbientLight(0xffffff, 2.2), sun, this.lifted);
+    this.scene.add(...this.lights, this.lifted);
     this.lifted.scale.y = this.eye.lift;
     this.ground = groundGrid(this.frame.box);
     this.lifted.add(this.ground.plate, this.ground.wide);

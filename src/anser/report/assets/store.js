@@ -140,12 +140,14 @@ class State {
   }
 }
 
+const FORMATS = []; // a format by the number of decimals: making one takes longer than its use
+
 /** Number as text with a fixed number of decimals; by default about four significant digits. */
 function printed(value, decimals) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   const digits = decimals ?? (size >= 1000 ? 0 : size >= 100 ? 1 : size >= 1 ? 2 : 3);
-  const text = value.toLocaleString("en-US", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  const text = (FORMATS[digits] ??= new Intl.NumberFormat("en-US", { minimumFractionDigits: digits, maximumFractionDigits: digits })).format(value);
   return /[1-9]/.test(text) ? text.replace("-", "−") : text.replace("-", "");
 }
 
