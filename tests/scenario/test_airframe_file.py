@@ -58,6 +58,16 @@ def test_an_aircraft_file_path_is_relative_to_the_scenario(folder, monkeypatch):
     assert isinstance(kind.vehicles.at(0).airframe, DerivativeAircraft)
 
 
+def test_parts_kept_for_a_moved_goal_are_those_of_the_present_file(folder):
+    scenario = load(folder / "fleet.toml")
+    flights = [build_flight(case, pad_fleet=True) for case in (scenario, scenario.replace("goal[0].north_m", 1900.0))]
+    (folder / "my-uav.toml").write_text(AEROSONDE.replace("mass_kg = 11.0", "mass_kg = 11.5"), encoding="utf-8")
+    flights.append(build_flight(load(folder / "fleet.toml"), pad_fleet=True))
+    vehicles = [flight.groups[0].vehicles.at(0) for flight in flights]
+    assert [float(vehicle.airframe.mass_properties.mass) for vehicle in vehicles] == [11.0, 11.0, 11.5]
+    assert [float(vehicle.mission.goal.position_n(0.0)[0]) for vehicle in vehicles] == [2000.0, 1900.0, 2000.0]
+
+
 def test_the_hash_depends_on_the_content_of_the_aircraft_file(folder):
     original = load(folder / "fleet.toml")
     (folder / "my-uav.toml").write_text(AEROSONDE.replace("mass_kg = 11.0", "mass_kg = 11.5"), encoding="utf-8")

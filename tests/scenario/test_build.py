@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anser.scenario import build_flight, load, loads
-from anser.scenario.build import _build_for_goals
+from anser.scenario.build import _kept_flights
 from anser.scenario.build_aircraft import build_path_limits
 from anser.scenario.files import starter_scenario
 from support.fleet_flight import parts_of
@@ -62,7 +62,7 @@ def test_a_moved_goal_gives_the_flight_of_a_new_build(name):
     place = {"north_m": north_m + 150.0, "east_m": east_m + 90.0, "altitude_m": altitude_m}
     moved = scenario.replace("goal[0]", {"name": scenario.goal[0].name, "kind": scenario.goal[0].kind, **place})
     from_kept_parts = build_flight(moved, pad_fleet=True)
-    _build_for_goals.cache_clear()
+    _kept_flights.clear()
     assert eqx.tree_equal(from_kept_parts, build_flight(moved, pad_fleet=True))
     assert not eqx.tree_equal(from_kept_parts, build_flight(scenario, pad_fleet=True))
 

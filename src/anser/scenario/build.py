@@ -8,10 +8,9 @@ Input units (degrees, altitude upwards) are converted to SI units and to arrays 
 """
 
 import dataclasses
-import functools
 import math
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -118,22 +117,8 @@ def build_flight(
         Whether starts, goals, rendezvous and duration must lie within the wind field of a file.
     """
     if pad_fleet and _depends_on_goals_by_missions(scenario):
-        return _with_goals_of(scenario, _build_for_goals(_WithoutGoals.of(scenario, flight)))
+        return _with_goals_of(scenario, _build_for_goals(scenario, flight))
     return _build_flight(scenario, pad_fleet, flight, mission_is_flown)
-
-
-@dataclass(frozen=True)
-class _WithoutGoals:
-    """The tables of a scenario without its goals, and the number of the flight, as a cache key."""
-
-    tables: tuple[Any, ...]
-    flight: int
-    scenario: Scenario = field(compare=False)
-
-    @classmethod
-    def of(cls, scenario: Scenario, flight: int) -> "_WithoutGoals":
-        tables = tuple(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")
-        return cls(tables, flight, scenario)
 
 
 def _depends_on_goals_by_missions(scenario: Scenario) -> bool:
@@ -142,10 +127,19 @@ def _depends_on_goals_by_missions(scenario: Scenario) -> bool:
     return not (is_briefed or scenario.wind.field is not None or user_parts(scenario))
 
 
-@functools.lru_cache(maxsize=2)
-def _build_for_goals(case: _WithoutGoals) -> Flight:
+_kept_flights: "deque[tuple[list[Any], Flight]]" = deque(maxlen=2)
+"""Padded flights with the tables, without the goals, that define them. Tables are compared; not all can be hashed."""
+
+
+def _build_for_goals(scenario: Scenario, number: int) -> Flight:
     """Build a padded flight once for the scenarios that differ in their goals alone."""
-    return _build_flight(case.scenario, pad_fleet=True, number=case.flight, mission_is_flown=True)
+    tables = [number, *(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")]
+    for kept_tables, flight in list(_kept_flights):
+        if kept_tables == tables:
+            return flight
+    flight = _build_flight(scenario, pad_fleet=True, number=number, mission_is_flown=True)
+    _kept_flights.append((tables, flight))
+    return flight
 
 
 def _with_goals_of(scenario: Scenario, flight: Flight) -> Flight:
