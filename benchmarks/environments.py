@@ -1,11 +1,12 @@
 """Speed of the environments for learning, in integration steps of 0.01 s per second of wall time.
 
-`python benchmarks/environments.py --levels surfaces velocity --precision float64` measures the whole step with reward and reset
-under `jax.vmap` in a scan, Gymnasium's vector of 1,024 beside it, and what the reset adds to a step. Times are the
-least of several rounds in turns, so that other work on the machine counts little.
+`python benchmarks/environments.py --levels surfaces velocity --precision float64` measures the whole step with reward
+and reset under `jax.vmap` in a scan (XLA's older code generator), Gymnasium's vector of 1,024 beside it, and what the
+reset adds to a step. Times are the least of several rounds in turns, so that other work on the machine counts little.
 """
 
 import argparse
+import functools
 import time
 from collections.abc import Callable
 
@@ -15,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import anser.environments.gymnasium_environments  # noqa: F401 - registers the tasks
+from anser.compiling.options import OLDER_GENERATOR, supported_options
 from anser.environments import AircraftEnvironment, make
 from anser.simulation.flight import PRECISIONS
 
@@ -34,7 +36,7 @@ def loop_of(environment: AircraftEnvironment, count: int, decisions: int, *, has
     start = jax.jit(jax.vmap(environment.reset, (0, None)))(keys, params)[1]
     step = jax.vmap(environment.step if has_reset else environment.step_env, (0, 0, 0, None))
 
-    @jax.jit
+    @functools.partial(jax.jit, compiler_options=supported_options(OLDER_GENERATOR))
     def fly(state, params, actions):
         def advance(state, _):
             observation, state, reward, *_ = step(keys, state, actions, params)

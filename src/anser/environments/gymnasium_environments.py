@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from anser.compiling.options import OLDER_GENERATOR, supported_options
 from anser.environments.environment import AircraftEnvironment, EpisodeState
 from anser.environments.episodes import AnyEnvironment, figure_pixels, record_flight
 from anser.environments.registry import TASKS, make
@@ -66,12 +67,13 @@ class CompiledEnvironment:
         def batch(function: Callable[..., Any], axes: int) -> Callable[..., Any]:
             return jax.vmap(function, in_axes=(None, *[0] * axes))
 
+        compiled = partial(jax.jit, compiler_options=supported_options(OLDER_GENERATOR))
         #: Start of an episode by key and number, and starts of a batch.
-        self.reset = partial(jax.jit(reset), parameters)
-        self.reset_batch = partial(jax.jit(batch(reset, 2)), parameters)
+        self.reset = partial(compiled(reset), parameters)
+        self.reset_batch = partial(compiled(batch(reset, 2)), parameters)
         #: A decision without a reset, and decisions of a batch with a reset within the step.
-        self.step = partial(jax.jit(step), parameters)
-        self.step_batch = partial(jax.jit(batch(step_or_reset, 4), donate_argnums=1), parameters)
+        self.step = partial(compiled(step), parameters)
+        self.step_batch = partial(compiled(batch(step_or_reset, 4), donate_argnums=1), parameters)
 
     def state(self, leaves: list[Array]) -> EpisodeState:
         """Return the state of an episode from its flat list of arrays."""
@@ -305,8 +307,7 @@ class GymnasiumVectorEnvironment(VectorEnv):
 def _one_aircraft(compiled: CompiledEnvironment, render_mode: str | None, modes: Sequence[str]) -> AircraftEnvironment:
     """Return the environment. Raises ValueError for a fleet and for another mode of rendering than `modes`."""
     if render_mode not in (None, *modes):
-        expected = " or ".join([*map(repr, modes), "None"])
-        raise ValueError(f"render_mode: arrived {render_mode!r}; expected {expected}")
+        raise ValueError(f"render_mode: arrived {render_mode!r}; expected {' or '.join([*map(repr, modes), 'None'])}")
     if not isinstance(compiled.environment, AircraftEnvironment):
         raise ValueError(
             f"task: arrived {compiled.environment.name}, a fleet; expected a task of one aircraft, or for a fleet "
