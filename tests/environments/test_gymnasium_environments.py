@@ -109,6 +109,23 @@ def test_the_vector_is_gymnasiums_own_vector_of_single_environments(environment,
     assert lengths > 0
 
 
+def test_parts_of_a_vector_on_two_cores_are_the_vectors_of_their_seeds(environment, vector, monkeypatch):
+    monkeypatch.setattr(wrapped, "_PART_MIN", COUNT)
+    monkeypatch.setattr(wrapped.os, "cpu_count", lambda: 3)
+    both = wrapped.GymnasiumVectorEnvironment(environment, num_envs=2 * COUNT)
+    assert both._parts == 2
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (DECISIONS + 2, 2 * COUNT, 4))
+    starts, rows = both.reset(seed=20)[0], [both.step(action) for action in actions]
+    for part in (slice(0, COUNT), slice(COUNT, 2 * COUNT)):
+        np.testing.assert_array_equal(starts[part], vector.reset(seed=20 + part.start)[0])
+        for action, (*results, info) in zip(actions[:, part], rows, strict=True):
+            *expected, expected_info = vector.step(action)
+            for result, reference in zip(results, expected, strict=True):
+                np.testing.assert_array_equal(result[part], reference)
+            if expected_info:
+                np.testing.assert_array_equal(info["_final_obs"][part], expected_info["_final_obs"])
+
+
 def test_episodes_are_those_of_the_keys_of_the_seed(single, vector):
     reset = jax.jit(single.environment.reset)
 
@@ -135,7 +152,7 @@ def test_no_state_survives_a_reset_within_random_episodes_of_the_vector(vector, 
         ends += ended.sum()
         if ended.any():
             fresh = vector._compiled.reset_batch(vector._keys, vector._numbers)
-            check_rows(ended, (observations, vector._state), fresh)
+            check_rows(ended, (observations, vector._state[0]), fresh)
     assert ends >= 2 * COUNT
 
 
