@@ -79,9 +79,9 @@ def test_no_state_survives_a_reset_at_any_level_of_any_task(task, action, tables
     environment = make(task, action, cases=8, **tables)
     reset, step = batch_programs(environment)
     # first readings of sensors are computed in a reset, and the two programs round differently
-    rtol = 1e-14 if tables else 0.0
+    rounding = 1e-14 if tables else 0.0
     for seed in range(5):
-        check_resets(environment, reset, step, seed, 0.25 * seed, rtol)
+        check_resets(environment, reset, step, seed, 0.25 * seed, rounding)
 
 
 def test_an_episode_is_the_same_at_any_index_and_in_any_batch():

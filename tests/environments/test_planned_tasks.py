@@ -76,10 +76,11 @@ def fly_expert(environment, decisions):
 @pytest.mark.parametrize("action", ["surfaces", "rates", "velocity"])
 @pytest.mark.parametrize("task", ["PathTracking", "Arrival", "FleetArrival"])
 def test_no_state_survives_a_reset_at_any_level(task, action):
-    environment = fleet(action) if task == "FleetArrival" else arrival(task, action)
+    is_fleet = task == "FleetArrival"  # computes observations in a reset, and the two programs round differently
+    environment, rounding = (fleet(action), 1e-14) if is_fleet else (arrival(task, action), 0.0)
     reset, step = batch_programs(environment)
     for seed in range(5):
-        check_resets(environment, reset, step, seed, scale=0.25 * seed)
+        check_resets(environment, reset, step, seed, 0.25 * seed, rounding)
 
 
 @pytest.mark.long

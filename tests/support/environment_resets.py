@@ -17,10 +17,10 @@ def shortened(params, decisions):
     return dataclasses.replace(params, cases=type(cases)(batched, cases.shared))
 
 
-def check_rows(ended, flown, fresh, rtol=0.0):
-    """Every leaf after an end equals that of the fresh reset in the rows that ended, to the bit unless `rtol` is set."""
+def check_rows(ended, flown, fresh, rounding=0.0):
+    """Every leaf after an end equals that of the fresh reset in the rows that ended, to the bit without `rounding`."""
     for ours, expected in zip(jax.tree.leaves(flown), jax.tree.leaves(fresh), strict=True):
-        np.testing.assert_allclose(np.asarray(ours)[ended], np.asarray(expected)[ended], rtol=rtol, atol=0.0)
+        np.testing.assert_allclose(np.asarray(ours)[ended], np.asarray(expected)[ended], rtol=rounding, atol=rounding)
 
 
 def batch_programs(environment):
@@ -28,7 +28,7 @@ def batch_programs(environment):
     return jax.jit(jax.vmap(environment.reset, (0, None))), jax.jit(jax.vmap(environment.step, (0, 0, 0, None)))
 
 
-def check_resets(environment, reset, step, seed, scale, rtol=0.0):
+def check_resets(environment, reset, step, seed, scale, rounding=0.0):
     """Fly random cases of random lengths under random actions, some not finite, through several ends of episodes.
 
     `reset` and `step` are those of `batch_programs`.
@@ -36,7 +36,7 @@ def check_resets(environment, reset, step, seed, scale, rtol=0.0):
     rng = np.random.default_rng(seed)
     params = environment.default_params
     params = shortened(params, rng.integers(1, 6, len(params.decisions)))
-    first_keys, *later_keys = jax.random.split(jax.random.key(seed), (9, BATCH))
+    first_keys, *later_keys = jax.random.split(jax.random.key(seed), (12, BATCH))
     observation, state = reset(first_keys, params)
     shape = (*np.shape(observation)[:-1], environment.num_actions)
     ends = np.zeros(BATCH, int)
@@ -46,9 +46,8 @@ def check_resets(environment, reset, step, seed, scale, rtol=0.0):
         observation, state, _, terminated, truncated, info = step(keys, state, actions, params)
         ended = np.asarray(terminated | truncated)
         if ended.any():
-            check_rows(ended, (observation, state), reset(keys, params), rtol)
+            check_rows(ended, (observation, state), reset(keys, params), rounding)
             assert not np.array_equal(np.asarray(info["final_observation"])[ended], np.asarray(observation)[ended])
         assert np.isfinite(observation).all()
         ends += ended
-    assert ends.min() >= 1
-    assert ends.sum() > BATCH
+    assert ends.min() >= 2

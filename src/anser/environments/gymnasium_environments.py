@@ -281,7 +281,7 @@ class GymnasiumVectorEnvironment(VectorEnv):
             keys, numbers = np.where(is_seeded[:, None], words, keys), np.where(is_seeded, 0, numbers)
         self._keys, self._numbers = keys, numbers.astype(np.uint32)
         observations, self._state = self._fly(self._compiled.reset_batch, [], self._keys, self._numbers)
-        return observations, {}
+        return np.concatenate(observations), {}
 
     def step(
         self, actions: Any
@@ -292,17 +292,20 @@ class GymnasiumVectorEnvironment(VectorEnv):
         checked = check_actions(actions, (self.num_envs, self.environment.num_actions))
         state, self._state = self._state, None
         results = self._fly(self._compiled.step_batch, [state], self._keys, self._numbers, checked)
-        observations, rewards, terminations, truncations, final, success, self._numbers, self._state = results
+        observations, rewards, terminated, truncated, *final, numbers, self._state = results
+        terminations, truncations, self._numbers = map(np.concatenate, (terminated, truncated, numbers))
         info: dict[str, Any] = {}
-        for k in np.flatnonzero(terminations | truncations).tolist():
-            info = self._add_info(info, {"final_obs": final[k], "final_info": {"is_success": bool(success[k])}}, k)
-        return observations, rewards.astype(np.float64), terminations, truncations, info
+        ended = np.flatnonzero(terminations | truncations).tolist()
+        last, success = map(np.concatenate, final) if ended else final
+        for k in ended:
+            info = self._add_info(info, {"final_obs": last[k], "final_info": {"is_success": bool(success[k])}}, k)
+        return np.concatenate(observations), np.concatenate(rewards).astype(np.float64), terminations, truncations, info
 
     def _fly(self, function: Callable[..., Any], states: list[Any], *rows: Any) -> Any:
-        """Return the results of a compiled function for all aircraft, and their states by parts of the batch."""
-        parts = (np.split(array, self._parts) for array in rows)
-        *results, flown = zip(*self._threads.map(function, *states, *parts), strict=True)
-        return *map(np.concatenate, results), flown
+        """Return each result of a compiled function, and the states, by parts of the batch."""
+        first, *others = zip(*states, *(np.split(array, self._parts) for array in rows), strict=True)
+        running = [self._threads.submit(function, *part) for part in others]
+        return zip(function(*first), *(part.result() for part in running), strict=True)
 
 
 def _one_aircraft(compiled: CompiledEnvironment, render_mode: str | None, modes: Sequence[str]) -> AircraftEnvironment:
