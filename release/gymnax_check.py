@@ -36,8 +36,7 @@ def main() -> int:
 
 def _fly_tasks() -> int:
     sys.path.insert(0, str(ROOT / "examples"))
-    from anser.environments import make
-    from anser.environments.registry import TASKS
+    from anser.environments import TASKS, AbstractPlannedTask, make
 
     failures = 0
     for task, factory in TASKS.items():
@@ -45,7 +44,8 @@ def _fly_tasks() -> int:
             continue
         levels = factory().levels
         level = "rates" if "rates" in levels else levels[0]
-        environment = make(task, level, cases=64)
+        cases = {} if issubclass(factory, AbstractPlannedTask) else {"cases": 64}  # the study has those of a plan
+        environment = make(task, level, **cases)
         for check in (_check_contract, _check_logged, _check_gymnasium, _check_vector):
             try:
                 check(environment)
@@ -53,6 +53,7 @@ def _fly_tasks() -> int:
                 failures += 1
                 sys.stdout.write(f"{task} {check.__name__.removeprefix('_check_')}: {error}\n")
         sys.stdout.write(f"{task}: flown by gymnax's wrappers at level {level}\n")
+        sys.stdout.flush()
     return min(failures, 1)
 
 

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from anser.environments import gymnasium_environments as wrapped
 from anser.environments.episodes import Episode, figure_pixels, fly_episodes, record_flight, score
@@ -21,6 +23,7 @@ from anser.environments.minari_datasets import save_minari
 from anser.environments.planned_tasks import AbstractPlannedTask
 from anser.environments.registry import TASKS, make
 from anser.environments.tasks import VelocityCommand
+from support.environment_resets import check_rows
 
 DECISIONS = 12
 COUNT = 5
@@ -106,6 +109,23 @@ def test_the_vector_is_gymnasiums_own_vector_of_single_environments(environment,
     assert lengths > 0
 
 
+def test_parts_of_a_vector_on_two_cores_are_the_vectors_of_their_seeds(environment, vector, monkeypatch):
+    monkeypatch.setattr(wrapped, "_PART_MIN", COUNT)
+    monkeypatch.setattr(wrapped.os, "cpu_count", lambda: 3)
+    both = wrapped.GymnasiumVectorEnvironment(environment, num_envs=2 * COUNT)
+    assert both._parts == 2
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (DECISIONS + 2, 2 * COUNT, 4))
+    starts, rows = both.reset(seed=20)[0], [both.step(action) for action in actions]
+    for part in (slice(0, COUNT), slice(COUNT, 2 * COUNT)):
+        np.testing.assert_array_equal(starts[part], vector.reset(seed=20 + part.start)[0])
+        for action, (*results, info) in zip(actions[:, part], rows, strict=True):
+            *expected, expected_info = vector.step(action)
+            for result, reference in zip(results, expected, strict=True):
+                np.testing.assert_array_equal(result[part], reference)
+            if expected_info:
+                np.testing.assert_array_equal(info["_final_obs"][part], expected_info["_final_obs"])
+
+
 def test_episodes_are_those_of_the_keys_of_the_seed(single, vector):
     reset = jax.jit(single.environment.reset)
 
@@ -119,6 +139,21 @@ def test_episodes_are_those_of_the_keys_of_the_seed(single, vector):
     seeds = [None, 2**40 + 1, None, None, 0]
     expected = [start(7, 2), start(2**40 + 1, 0), start(9, 2), start(10, 2), start(0, 0)]
     np.testing.assert_array_equal(vector.reset(seed=seeds)[0], expected)
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**31), scale=st.floats(0.0, 1.0))
+def test_no_state_survives_a_reset_within_random_episodes_of_the_vector(vector, seed, scale):
+    rng, ends = np.random.default_rng(seed), 0
+    vector.reset(seed=seed)
+    for _ in range(2 * DECISIONS):
+        observations, _, terminated, truncated, _ = vector.step(scale * rng.uniform(-1.0, 1.0, (COUNT, 4)))
+        ended = terminated | truncated
+        ends += ended.sum()
+        if ended.any():
+            fresh = vector._compiled.reset_batch(vector._keys, vector._numbers)
+            check_rows(ended, (observations, vector._state[0]), fresh)
+    assert ends >= 2 * COUNT
 
 
 def test_without_a_seed_each_environment_begins_elsewhere(environment):

@@ -14,6 +14,7 @@ import pytest
 
 from anser.config.errors import ScenarioError
 from anser.environments import Arrival, Expert, FleetEnvironment, make
+from support.environment_resets import batch_programs, check_resets
 
 
 def study_file(folder, name, flights):
@@ -28,13 +29,13 @@ def study_file(folder, name, flights):
 
 
 @functools.cache
-def arrival(task):
-    return make(task, "velocity", study=study_file(tempfile.mkdtemp(), "arrival", 3))
+def arrival(task, action="velocity"):
+    return make(task, action, study=study_file(tempfile.mkdtemp(), "arrival", 3))
 
 
 @functools.cache
-def fleet():
-    return make("FleetArrival", "velocity", study=study_file(tempfile.mkdtemp(), "fleet", 8))
+def fleet(action="velocity"):
+    return make("FleetArrival", action, study=study_file(tempfile.mkdtemp(), "fleet", 8))
 
 
 class CarelessArrival(Arrival):
@@ -69,6 +70,17 @@ def fly_expert(environment, decisions):
 
     (state, _), rows = fly(state, expert.init(state, params))
     return observation, state, rows
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("action", ["surfaces", "rates", "velocity"])
+@pytest.mark.parametrize("task", ["PathTracking", "Arrival", "FleetArrival"])
+def test_no_state_survives_a_reset_at_any_level(task, action):
+    is_fleet = task == "FleetArrival"  # computes observations in a reset, and the two programs round differently
+    environment, rounding = (fleet(action), 1e-14) if is_fleet else (arrival(task, action), 0.0)
+    reset, step = batch_programs(environment)
+    for seed in range(5):
+        check_resets(environment, reset, step, seed, 0.25 * seed, rounding)
 
 
 @pytest.mark.long

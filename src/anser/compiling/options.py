@@ -16,8 +16,9 @@ from anser.compiling.store import FolderStore
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-_OLDER_GENERATOR: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
-_UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **_OLDER_GENERATOR}
+OLDER_GENERATOR: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+"""Option for XLA's older code generator for the CPU; see `supported_options`."""
+_UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **OLDER_GENERATOR}
 
 
 @functools.cache
@@ -65,7 +66,7 @@ def compiled_by_older_generator(
     """
 
     def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:
-        return Program(function, lambda: supported_options(_OLDER_GENERATOR), static_argnames, title)
+        return Program(function, lambda: supported_options(OLDER_GENERATOR), static_argnames, title)
 
     return decorate
 

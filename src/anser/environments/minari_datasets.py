@@ -25,7 +25,6 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
         raise ImportError(install_hint("Minari", "learning")) from None
     if not episodes:
         raise ValueError("episodes: arrived none; expected at least one episode")
-    environment = episodes[0].environment
     make_buffer: Any = EpisodeBuffer
     buffers = [
         make_buffer(
@@ -38,8 +37,7 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
         )
         for number, episode in enumerate(episodes)
     ]
-    observation_space, action_space = box_spaces(environment)
-    spaces = {"observation_space": observation_space, "action_space": action_space}
+    spaces = dict(zip(("observation_space", "action_space"), box_spaces(episodes[0].environment), strict=True))
     arguments = {**spaces, "data_format": "arrow", **description}
     with warnings.catch_warnings():
         # of specifications of environments, which are optional: `env` and `eval_env`

@@ -52,11 +52,9 @@ class FleetParallelEnvironment(ParallelEnv):
         self, actions: dict[str, Any]
     ) -> tuple[dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Fly one decision of every agent; return observations, rewards, ends and infos, each by agent."""
-        agents = self.agents
-        if not agents:
+        if not (agents := self.agents):
             raise ValueError("step: arrived before a reset, or after the end of the episode; expected reset()")
-        absent = sorted(set(agents) - set(actions))
-        if absent:
+        if absent := sorted(set(agents) - set(actions)):
             raise ValueError(f"actions: arrived none of {', '.join(absent)}; expected one of each agent")
         shape = len(agents), *self.environment.action_space().shape
         results = self._episodes.step([actions[agent] for agent in agents], shape)

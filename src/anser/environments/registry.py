@@ -93,8 +93,7 @@ def make(
     agents, separation_m, dtype, is_fleet = (), 0.0, np.dtype(precision), isinstance(chosen_task, FleetArrival)
     if isinstance(chosen_task, AbstractPlannedTask):
         given = {"flown": flown, "aircraft": None if aircraft == "f16" else aircraft, "cases": cases, "seed": seed}
-        excluded = ", ".join([*tables, *(key for key, value in given.items() if value is not None)])
-        if excluded:
+        if excluded := ", ".join([*tables, *(key for key, value in given.items() if value is not None)]):
             raise ValueError(f"{name}: arrived {excluded}; expected these in a study and its scenario, study=PATH")
         bank, agents, separation_m = planned_cases(study, chosen_task.study, level.decision_s, dtype)
         if not is_fleet and len(agents) > 1:
