@@ -110,10 +110,10 @@ def test_the_vector_is_gymnasiums_own_vector_of_single_environments(environment,
 
 
 def test_parts_of_a_vector_on_two_cores_are_the_vectors_of_their_seeds(environment, vector, monkeypatch):
-    monkeypatch.setattr(wrapped, "_PART_MIN", COUNT)
-    monkeypatch.setattr(wrapped.os, "cpu_count", lambda: 3)
+    monkeypatch.setattr(wrapped, "_BLOCK_MIN", COUNT)
+    monkeypatch.setattr("anser.compiling.options.usable_cores", lambda: 3)
     both = wrapped.GymnasiumVectorEnvironment(environment, num_envs=2 * COUNT)
-    assert both._parts == 2
+    assert len(both._blocks) == 2
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (DECISIONS + 2, 2 * COUNT, 4))
     starts, rows = both.reset(seed=20)[0], [both.step(action) for action in actions]
     for part in (slice(0, COUNT), slice(COUNT, 2 * COUNT)):

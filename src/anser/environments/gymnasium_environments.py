@@ -5,19 +5,19 @@ Importing the module registers every task as `anser/VelocityCommand-v0` and so o
 `environment.reset(jax.random.fold_in(jax.random.key(s), k))`, alone or in a batch.
 """
 
-import os
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from anser.compiling.options import OLDER_GENERATOR, supported_options
+from anser.compiling.options import OLDER_GENERATOR, blocks_on_cores, call_on_cores, supported_options
 from anser.environments.environment import AircraftEnvironment, EpisodeState
 from anser.environments.episodes import AnyEnvironment, figure_pixels, record_flight
 from anser.environments.registry import TASKS, make
@@ -35,34 +35,38 @@ except ImportError:
 Task = str | AbstractTask | AircraftEnvironment
 OBSERVATION_MAX = 100.0
 """Greatest magnitude of an entry of an observation: entries beyond it are clipped. Ordinary flight has about 1."""
-_PART_MIN = 256
-"""Least number of aircraft for which a thread of their own, on another core, saves time."""
+_BLOCK_MIN = 256
+"""Least number of aircraft in a block on a core of its own."""
 
 
 class CompiledEnvironment:
     """Compiled functions of an environment, for Gymnasium and PettingZoo.
 
-    The states are flat lists of arrays, as the parameters are inside: a call costs microseconds.
+    The states are flat lists of arrays, and the numbers of the parameters one array: a call costs microseconds.
     """
 
     def __init__(self, environment: AnyEnvironment) -> None:
         self.environment = environment
-        parameters, structure = jax.tree.flatten(environment.default_params)
+        numbers, others = eqx.partition(environment.default_params, eqx.is_inexact_array)
+        parameters, unravel = ravel_pytree(numbers)
         self._state_structure = jax.tree.structure(jax.eval_shape(environment.reset, jax.random.key(0))[1])
 
-        def reset(leaves: list[Array], key: Array, number: Array) -> tuple[Array, list[Array]]:
-            observation, state = environment.reset(jax.random.fold_in(key, number), structure.unflatten(leaves))
+        def unpack(packed: Array) -> Any:
+            return eqx.combine(unravel(packed), others)
+
+        def reset(packed: Array, key: Array, number: Array) -> tuple[Array, list[Array]]:
+            observation, state = environment.reset(jax.random.fold_in(key, number), unpack(packed))
             return _bounded(observation), jax.tree.leaves(state)
 
-        def step(leaves: list[Array], state: list[Array], action: Array) -> tuple[Any, ...]:
-            params, unused = structure.unflatten(leaves), jnp.zeros(2, jnp.uint32)
+        def step(packed: Array, state: list[Array], action: Array) -> tuple[Any, ...]:
+            params, unused = unpack(packed), jnp.zeros(2, jnp.uint32)
             observation, flown, *ends, info = environment.step_env(unused, self.state(state), action, params)
             return _bounded(observation), jax.tree.leaves(flown), *ends, info["truncated"], info["success"]
 
         def step_or_reset(
-            leaves: list[Array], state: list[Array], key: Array, number: Array, action: Array
+            packed: Array, state: list[Array], key: Array, number: Array, action: Array
         ) -> tuple[Any, ...]:
-            params, next_key = structure.unflatten(leaves), jax.random.fold_in(key, number + 1)
+            params, next_key = unpack(packed), jax.random.fold_in(key, number + 1)
             observation, flown, *ends, info = environment.step(next_key, self.state(state), action, params)
             final, success, number = info["final_observation"], info["success"], number + (ends[1] | ends[2])
             return _bounded(observation), *ends, _bounded(final), success, number, jax.tree.leaves(flown)
@@ -256,9 +260,7 @@ class GymnasiumVectorEnvironment(VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._keys: np.ndarray | None = None
         self._numbers = np.zeros(num_envs, np.uint32)
-        most = min(os.cpu_count() or 1, num_envs // _PART_MIN) if jax.default_backend() == "cpu" else 1
-        self._parts = next((number for number in range(most, 1, -1) if num_envs % number == 0), 1)
-        self._threads = ThreadPoolExecutor(self._parts)
+        self._blocks = blocks_on_cores(num_envs, _BLOCK_MIN)
         self._state: Sequence[list[Array]] | None = None
 
     def reset(
@@ -302,10 +304,9 @@ class GymnasiumVectorEnvironment(VectorEnv):
         return np.concatenate(observations), np.concatenate(rewards).astype(np.float64), terminations, truncations, info
 
     def _fly(self, function: Callable[..., Any], states: list[Any], *rows: Any) -> Any:
-        """Return each result of a compiled function, and the states, by parts of the batch."""
-        first, *others = zip(*states, *(np.split(array, self._parts) for array in rows), strict=True)
-        running = [self._threads.submit(function, *part) for part in others]
-        return zip(function(*first), *(part.result() for part in running), strict=True)
+        """Return each result of a compiled function, and the states, by blocks of the batch."""
+        blocks = zip(*states, *([array[block] for block in self._blocks] for array in rows), strict=True)
+        return zip(*call_on_cores([partial(function, *block) for block in blocks]), strict=True)
 
 
 def _one_aircraft(compiled: CompiledEnvironment, render_mode: str | None, modes: Sequence[str]) -> AircraftEnvironment:
