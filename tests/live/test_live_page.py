@@ -187,6 +187,23 @@ def test_an_aircraft_is_added_with_a_goal_of_its_own_in_one_step_of_the_history(
     answered(page)
 
 
+def test_a_prescribed_arrival_time_begins_with_that_of_the_plan(page):
+    answered(page)
+    last_s = page.run("live.answer.last_s")
+    page.run("window.ask = live.requests.ask; live.requests.ask = () => {}")  # another rule has other programs
+    page.run(
+        "(() => { const { input } = live.inputs.fields.get('arrival.rule');"
+        " input.value = 'at'; input.dispatchEvent(new Event('change')); })()"
+    )
+    assert page.run("live.scenario.get('arrival.rule')") == "at"
+    assert 0.0 <= page.run("live.scenario.get('arrival.time_s')") - last_s < 0.1
+    page.run("live.scenario.undo()")
+    assert page.run("live.scenario.get('arrival.time_s')") is None
+    page.run("live.requests.ask = ask")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
 def test_flown_tracks_vanish_when_the_scenario_changes_and_fade_while_it_is_flown(page):
     answered(page)
     page.run(

@@ -118,17 +118,22 @@ class Inputs {
     return this._label(label, unit, input, path, about);
   }
 
-  _choice(path, label, options, otherwise) {
+  _choice(path, label, options, otherwise, change = (value, event) => this.page.scenario.set(path, value, event)) {
     const input = element("select"), { scenario } = this.page;
     input.append(...options().map(([value, text]) => Object.assign(element("option", "", text), { value })));
-    input.addEventListener("change", (event) => scenario.set(path, input.value, { stamp: event.timeStamp }));
+    input.addEventListener("change", (event) => change(input.value, { stamp: event.timeStamp }));
     this.fields.set(path, { input, show: () => { input.value = scenario.get(path) ?? otherwise; } });
     return this._label(label, "", input, path);
   }
 
   _rule(rules) {
     const group = element("section"), fields = element("div", "fields"), now = this.page.scenario.get("arrival.rule") ?? rules[0].value;
-    fields.append(this._choice("arrival.rule", "Rule", () => rules.map(({ value, label }) => [value, label]), rules[0].value));
+    const change = (rule, event) => {  // a prescribed time begins with that of the plan, which exists
+      const { scenario, answer } = this.page, last_s = answer?.status === "planned" ? answer.last_s : null;
+      if (rule === "at" && last_s && scenario.get("arrival.time_s") === undefined) scenario.set("arrival", { ...scenario.get("arrival"), rule, time_s: Math.ceil(10 * last_s) / 10 }, event);
+      else scenario.set("arrival.rule", rule, event);
+    };
+    fields.append(this._choice("arrival.rule", "Rule", () => rules.map(({ value, label }) => [value, label]), rules[0].value, change));
     fields.firstChild.className = "wide";
     for (const key of rules.find((rule) => rule.value === now)?.keys || []) if (key === "arrival.order") fields.append(this._order());
     else if (key.startsWith("arrival.")) fields.append(this._number(key, { "arrival.time_s": "Arrival", "arrival.spacing_s": "Spacing" }[key] ?? key, "s"));
