@@ -95,6 +95,17 @@ def test_an_array_of_inputs_is_in_the_order_of_the_names():
     assert dict(simulator.step(np.array([-1.0, 1.0, 2.0, 0.3]))) == by_name
 
 
+def test_a_reused_array_of_inputs_does_not_change_an_earlier_state():
+    simulator = four()
+    simulator.reset()
+    inputs = np.array(simulator.save()["inputs"])
+    inputs[:, 0] = -3.0
+    state = simulator.step(inputs)
+    inputs[:, 0] = 4.0
+    assert state["elevator_command_deg"] == pytest.approx(np.full(4, -3.0), abs=1e-12)
+    assert simulator.save()["inputs"][:, 0].tolist() == [-3.0] * 4
+
+
 def test_the_state_has_the_names_of_a_dataset():
     flight = anser.simulate("f16", level(), duration_s=0.1).dataset
     # from airspeed, altitude and air, computed when a dataset is made

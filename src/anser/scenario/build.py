@@ -116,12 +116,12 @@ def build_flight(
     mission_is_flown
         Whether starts, goals, rendezvous and duration must lie within the wind field of a file.
     """
-    if pad_fleet and _depends_on_goals_by_missions(scenario):
+    if pad_fleet and _goals_enter_by_missions_only(scenario):
         return _with_goals_of(scenario, _build_for_goals(scenario, flight))
     return _build_flight(scenario, pad_fleet, flight, mission_is_flown)
 
 
-def _depends_on_goals_by_missions(scenario: Scenario) -> bool:
+def _goals_enter_by_missions_only(scenario: Scenario) -> bool:
     """Whether the goals enter a flight by the missions alone, and its other parts can be kept while a goal is moved."""
     is_briefed = scenario.goal_sensor.preset != "exact"
     return not (is_briefed or scenario.wind.field is not None or user_parts(scenario))

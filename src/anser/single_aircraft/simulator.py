@@ -241,7 +241,7 @@ class Simulator:
                     each = "a number" if self._count is None else f"a number or {self._count} numbers"
                     raise ValueError(f"controls[{name!r}]: arrived {value!r:.60}; expected {each}") from None
             return self._checked(inputs)
-        inputs = np.asarray(controls, dtype=float)
+        inputs = np.array(controls, dtype=float)  # a copy: the caller may reuse the array before the state is read
         if inputs.shape != self._inputs.shape:
             raise ValueError(
                 f"controls: arrived an array of shape {inputs.shape}; expected {self._inputs.shape}, in the order "
