@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
@@ -37,11 +38,15 @@ def loop_of(environment: AircraftEnvironment, count: int, decisions: int, *, has
     step = jax.vmap(environment.step if has_reset else environment.step_env, (0, 0, 0, None))
 
     def fly(keys, state, actions, params):
-        def advance(state, _):
-            observation, state, reward, *_ = step(keys, state, actions, params)
-            return state, (reward, observation[:, 0])
+        def advance(carry, number):
+            # The start after an end is drawn in each step, as in a training: with one key for all steps XLA computes
+            # it once, before the loop. The whole observation is carried on, so that none of it is left out.
+            step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, number)
+            observation, state, reward, *_ = step(step_keys, carry[1], actions, params)
+            return (observation, state), reward
 
-        return jax.lax.scan(advance, state, None, length=decisions)
+        observation = jax.vmap(environment.observe)(keys, state)
+        return jax.lax.scan(advance, (observation, state), jnp.arange(decisions))
 
     mesh = jax.make_mesh((jax.device_count(),), ("core",), axis_types=(AxisType.Auto,))
     rows, whole = PartitionSpec("core"), PartitionSpec()
