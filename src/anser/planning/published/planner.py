@@ -200,6 +200,7 @@ class PublishedPlanner(AbstractPlanner):
         tasks = self._tasks(time, reports, self.speed, flown_length, deceleration)
         start_time = jnp.asarray(time, dtype=float)
 
+        @jax.jit  # one trace, also for the shapes
         def plan_with(sides: Float[Array, " aircraft"]) -> FleetPlan:
             return coordinate(start_time, tasks, self.speed, sides, self.even_speed)
 
