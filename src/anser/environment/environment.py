@@ -62,7 +62,7 @@ class VaryingWind(AbstractWind):
         return jnp.sum(linear_weights(-position_n[2], self.altitudes)[:, None] * layers_n, axis=0)
 
 
-def linear_weights(at: Scalar, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
+def linear_weights(at: ScalarLike, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the weight of each breakpoint in a linear interpolation at `at`.
 
     The breakpoints rise; beyond the first or last, that breakpoint has weight 1. At a breakpoint the derivative is that
