@@ -136,3 +136,53 @@ def test_a_delayed_sequence_names_the_failure_of_the_attempt_before(proven_alone
     assert text.startswith(f"{head}: ")
     assert reason in text
     assert refusal.describe_sequence_start(scenario, fleet, 75.0 + fleet.offsets, None) == head
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "from_s", "earliest_s"),
+    [
+        ([[(61.53, 200.0)], [(40.0, 55.0), (70.01, np.inf)]], 50.0, 70.1),  # rounded up: what is entered is possible
+        ([[(61.53, 200.0)], [(40.0, 90.0)]], 80.0, 80.0),
+        ([[(61.53, 65.0)], [(70.0, np.inf)]], 50.0, None),
+    ],
+)
+def test_the_earliest_common_time_lies_in_an_interval_of_every_aircraft(arrivals, from_s, earliest_s):
+    assert refusal.earliest_common_time(arrivals, from_s) == earliest_s
+
+
+def test_a_time_that_is_too_early_is_refused_with_the_earliest_possible():
+    (message,) = refusal._later_common_time([[(61.53, 200.0)], [(40.0, 90.0)]], 50.0)
+    assert message == "the earliest time at which all can arrive, each by itself, is 61.6 s"
+    assert message.keys == ("arrival.time_s",)
+    assert refusal._later_common_time([[(61.53, 200.0)], [(40.0, 90.0)]], 70.0) == ()
+
+
+def failed_attempt(excess, keep_out_clearance, ratio):
+    """An attempt of which the first aircraft of three fails."""
+    certificate = SimpleNamespace(
+        excess=np.array([excess, [-0.1] * 10, [-0.1] * 10]),
+        keep_out_clearance=np.array([keep_out_clearance, [5.0, 5.0], [5.0, 5.0]]),
+        clearance_ratio=np.array([[np.inf, 2.0, ratio], [2.0, np.inf, 2.0], [ratio, 2.0, np.inf]]),
+    )
+    return SimpleNamespace(
+        certificate=certificate, arrival_times=np.full(3, 53.7), feasible=np.array([False, True, ratio >= 1.0])
+    )
+
+
+@pytest.mark.parametrize(
+    ("attempt", "text", "keys"),
+    [
+        (failed_attempt([-0.1, 0.2, *[0.1] * 8], [5.0, 5.0], 2.0), "beyond the limit of the greatest airspeed", 1),
+        (failed_attempt([-0.1] * 10, [5.0, -8.0], 2.0), 'through the keep-out "ash"', 1),
+        (failed_attempt([-0.1] * 10, [5.0, 5.0], 0.7), 'do not keep "alpha" and "charlie" apart', 2),
+        (failed_attempt([np.nan] * 10, [5.0, 5.0], 2.0), 'no path of the kinds tried so far takes "alpha"', 0),
+    ],
+)
+def test_a_failed_attempt_names_what_it_violates(attempt, text, keys):
+    scenario = SimpleNamespace(
+        aircraft=[SimpleNamespace(name=name) for name in NAMES],
+        keep_out=[SimpleNamespace(name="cell"), SimpleNamespace(name="ash")],
+    )
+    (message,) = refusal.describe_failed_attempt(scenario, attempt)
+    assert text in message
+    assert len(message.keys) == keys

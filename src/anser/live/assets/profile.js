@@ -37,7 +37,7 @@ class Profile {
   _scale() {
     if (this.handles.held && this.range) return;
     const { answer, flight, scenario, playedTime } = this.page, altitudes = [0], times = [60];
-    for (const one of answer?.aircraft || []) {
+    for (const one of answer?.drawn || []) {
       altitudes.push(...one.track.altitude_m, one.rendezvous.altitude_m);
       times.push(one.track.time_s.at(-1) ?? 0);
     }
@@ -62,7 +62,7 @@ class Profile {
     const line = (times, altitudes) => linePath(times.map((time) => this.x(time)), altitudes.map((altitude) => this.y(altitude)));
     const ghost = page.answer?.status === "refused" ? page.certified : null;
     for (const one of ghost?.aircraft || []) plan.part(`ghost ${one.name}`, "path", { class: "ghost", stroke: page.colorOf(one.name), d: line(one.track.time_s, one.track.altitude_m) });
-    for (const one of page.answer?.aircraft || []) {
+    for (const one of page.answer?.drawn || []) {
       plan.part(`track ${one.name}`, "path", { class: `track${one.proven ? "" : " unproven"}`, stroke: page.colorOf(one.name), d: line(one.track.time_s, one.track.altitude_m) });
     }
     const { flight, playedTime } = page;
