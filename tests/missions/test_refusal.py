@@ -176,6 +176,7 @@ def failed_attempt(excess, keep_out_clearance, ratio):
         (failed_attempt([-0.1] * 10, [5.0, -8.0], 2.0), 'through the keep-out "ash"', 1),
         (failed_attempt([-0.1] * 10, [5.0, 5.0], 0.7), 'do not keep "alpha" and "charlie" apart', 2),
         (failed_attempt([np.nan] * 10, [5.0, 5.0], 2.0), 'no path of the kinds tried so far takes "alpha"', 0),
+        (failed_attempt([0.7, *[0.1] * 9], [5.0, 5.0], 2.0), 'no path of the kinds tried so far takes "alpha"', 0),
     ],
 )
 def test_a_failed_attempt_names_what_it_violates(attempt, text, keys):

@@ -13,8 +13,9 @@ from anser.live.controls import new_tables, sliders
 from anser.missions.first_plan import CertifiedFirstPlan, FirstPlan, possible_arrivals
 from anser.missions.plan_output import RecordedPlan, goal_positions_n, record_certified
 from anser.missions.plans import plan
-from anser.missions.refusal import Refusal, describe_failed_attempt, earliest_common_time
+from anser.missions.refusal import EXCESS_MEANINGFUL, Refusal, describe_failed_attempt, earliest_common_time
 from anser.numerics.arrays import first_rows
+from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.search import FailedAttempt
 from anser.planning.holds.hold_paths import PlannedHolds
 from anser.planning.limits import LIMITS, Limit
@@ -27,7 +28,6 @@ from anser.scenario.schema import Scenario
 
 _SAMPLES_MAX = 160  # samples of a track on the page
 _HOLD_SAMPLES = 60
-_EXCESS_DRAWN = 0.5  # greatest relative excess over a limit of an attempt that is drawn
 _COORDINATES = {"north_m": "north", "east_m": "east", "altitude_m": "altitude"}
 
 _ARRIVAL_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
@@ -141,7 +141,7 @@ def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
 
 
 def _drawn_attempts(planned: FirstPlan) -> list[bool]:
-    """Whether each aircraft's path is drawn: a path that exceeds a limit by more than `_EXCESS_DRAWN` shows nothing.
+    """Whether each aircraft's path is drawn: none that exceeds a limit by more than `EXCESS_MEANINGFUL`.
 
     Paths that violate the separation or a keep-out are drawn: they show the conflict.
     """
@@ -149,7 +149,7 @@ def _drawn_attempts(planned: FirstPlan) -> list[bool]:
     if attempt is None:
         return [True] * len(planned.scenario.aircraft)
     excesses = np.asarray(attempt.certificate.excess)
-    return [bool(np.all(excess <= _EXCESS_DRAWN)) for excess in excesses]  # not a number: no path
+    return [bool(np.all(excess <= EXCESS_MEANINGFUL)) for excess in excesses]  # not a number: no path
 
 
 def _record_values(
@@ -311,7 +311,7 @@ def _binding_positions(
     """Yield the positions of the best attempt where a reason binds.
 
     Two aircraft: both at their closest approach. One aircraft: where its path demands most of the binding limit,
-    otherwise, or if that path is not drawn, its rendezvous.
+    otherwise its rendezvous; nowhere on a path that is not drawn.
     """
     samples = record.samples
     indices = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}
@@ -322,11 +322,10 @@ def _binding_positions(
             k = indices[name]
             yield _position_at(samples, k, float(samples.arrival_times_s[k]) if time_s is None else time_s)
         return
-    for name in names:
-        k = indices[name]
+    for k in (indices[name] for name in names if drawn[indices[name]]):
         limit = next((limit for limit in LIMITS if f"limits.{limit.scenario_key}" in keys), None)
         row = int(np.flatnonzero(np.isfinite(samples.history["north"][:, k]))[-1])
-        if limit is not None and drawn[k]:
+        if limit is not None:
             extremes = limit.extreme(samples.history[limit.variable][None, :, k], 0)
             row = int(np.nanargmax(-extremes if limit.is_lower_bound else extremes))
         yield {axis: round(float(samples.history[key][row, k]), 3) for axis, key in _COORDINATES.items()}

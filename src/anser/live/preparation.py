@@ -18,6 +18,7 @@ import jax
 
 from anser.compiling.options import cache_folder
 from anser.compiling.program import PreparedProgram
+from anser.config.errors import ScenarioError
 from anser.missions.first_plan import CertifiedFirstPlan, NoPlanError
 from anser.missions.plans import plan
 from anser.missions.segments import prepare_flight
@@ -27,6 +28,7 @@ from anser.scenario.files import from_values
 
 _FLEET_STEP = 4  # fleets are padded to multiples of this number
 _NICENESS = 19
+_FAR_KEEP_OUT = {"name": "far keep-out", "north_m": 4e5, "east_m": 4e5, "radius_m": 100.0}
 
 
 @dataclass
@@ -97,8 +99,8 @@ def compile_ahead(document: dict[str, Any], folder: Path) -> None:
     """Compile the programs of refusals and flights for fleets of a document's kind, then those with a keep-out."""
     _compile_for(document, folder)
     if not document.get("keep_out"):
-        far = {"name": "keep-out", "north_m": 1e6, "east_m": 1e6, "radius_m": 100.0}
-        _compile_for(document | {"keep_out": [far]}, folder)
+        with contextlib.suppress(ScenarioError):  # outside the map of a round Earth, for example
+            _compile_for(document | {"keep_out": [_FAR_KEEP_OUT]}, folder)
 
 
 def _compile_for(document: dict[str, Any], folder: Path) -> None:

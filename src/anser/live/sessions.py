@@ -319,7 +319,7 @@ class Session:
                 {"type": "rows", "number": request.number, "time_s": _finite(time_s[rows]), "aircraft": aircraft}
             )
 
-        with _Progress(self._tell, request.number) as progress:
+        with _Progress(self._tell, request.number, _FLIGHT_PROGRAMS) as progress:
             flight = run(scenario, _stop_if(stop.is_set, progress.report), planned, on_segment=send_rows)
         identifier = bench.keep_flight(flight)
         compared = request.compare if request.compare in bench.flights else None
@@ -364,6 +364,7 @@ _WORK = {
     "choice of paths": "choice and proof of paths",
     "holds": "holds after the arrivals",
     "arrival times": "search for arrival times",
+    "reachable arrivals": "times at which each aircraft can arrive",
     "greatest wind": "wind along the paths",
     "sample demands": "margins of the paths",
     "distances at samples": "distances between aircraft",
@@ -373,18 +374,19 @@ _WORK = {
 """Work for which a program is compiled, by the title of the program."""
 
 
-_PROGRAMS = {True: 10, False: 4}
-"""Usual number of programs of a request, by whether it compiles the trim, that is, a fleet of a new kind."""
+_PLAN_PROGRAMS, _REFUSAL_PROGRAMS, _FLIGHT_PROGRAMS = 10, 4, 2
+"""Usual numbers of programs for the first plan of a fleet, and after it for a refusal and for a flight."""
 
 
-def _preparation(record: Compilation, time_left: str | None, before: int) -> str:
+def _preparation(record: Compilation, time_left: str | None, before: int, usual_count: int = _REFUSAL_PROGRAMS) -> str:
     """Return what is compiled in words of the page, with the time left if known.
 
-    `before` is the number of programs of the process before the request.
+    `before` is the number of programs of the process before the request, `usual_count` the usual number in a request
+    for a fleet that has been planned before.
     """
     since = list(compilations[before:])
     number = since.index(record) + 1 if record in since else 1
-    usual = _PROGRAMS[any(other.title == "trim" for other in since)]
+    usual = _PLAN_PROGRAMS if any(other.title == "trim" for other in since) else usual_count
     total = f" of about {usual}" if max(number, len(since)) <= usual else ""
     return (
         f"Preparing for a fleet of this kind, program {number}{total}: {_WORK.get(record.title, 'flight')}"
@@ -395,7 +397,10 @@ def _preparation(record: Compilation, time_left: str | None, before: int) -> str
 class _Progress:
     """Progress messages of a request, from a thread that also tells which program is being compiled."""
 
-    def __init__(self, tell: Callable[[dict[str, Any]], None], number: int) -> None:
+    def __init__(
+        self, tell: Callable[[dict[str, Any]], None], number: int, usual_programs: int = _REFUSAL_PROGRAMS
+    ) -> None:
+        self._usual = usual_programs
         self._tell, self._number, self._state, self._last = tell, number, ("", None), ("", None)
         self._begin_s, self._programs_before = time.monotonic(), len(compilations)
         self._preliminary: Answer | None = None
@@ -420,7 +425,9 @@ class _Progress:
     def _watch(self) -> None:
         while not self._end.wait(_PROGRESS_PERIOD_S):
             awaited = awaited_compilation()
-            state = self._state if awaited is None else (_preparation(*awaited, self._programs_before), None)
+            state = (
+                self._state if awaited is None else (_preparation(*awaited, self._programs_before, self._usual), None)
+            )
             if state != self._last:
                 self._last = state
                 self._tell({"type": "progress", "number": self._number, "text": state[0], "share": state[1]})

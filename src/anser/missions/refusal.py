@@ -31,6 +31,8 @@ _MESSAGES_MAX = 3
 _BISECTIONS = 5
 _TIME_TOLERANCE_S = 0.5
 _SAME_START = 1.001  # ratio of two times up to which a sequence counts as begun at its preferred time
+EXCESS_MEANINGFUL = 0.5
+"""Relative excess over a limit up to which an attempt shows what is missing; a path far beyond shows nothing."""
 _EXCESS_NAMED = 1e-6  # relative excess over a limit from which the limit is named as violated
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
 
@@ -121,8 +123,14 @@ def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple
     for k in np.flatnonzero(~np.asarray(attempt.feasible)):
         excess, clearance = excesses[k], np.asarray(certificate.keep_out_clearance)[k, : len(scenario.keep_out)]
         path = f'the paths tried so far take "{names[k]}" to its rendezvous at {times[k]:.1f} s'
-        nearest, limit = int(np.argmin(ratios[k])), CERTIFIED_LIMITS[int(np.nanargmax(np.append(excess, -np.inf)[:-1]))]
-        if np.max(excess) > _EXCESS_NAMED:
+        nearest, worst = int(np.argmin(ratios[k])), int(np.argmax(excess))
+        if not np.max(excess) <= EXCESS_MEANINGFUL:  # not a number: no path at all
+            messages[k] = Refusal(
+                f'no path of the kinds tried so far takes "{names[k]}" to its rendezvous at {times[k]:.1f} s',
+                [names[k]],
+            )
+        elif excess[worst] > _EXCESS_NAMED:
+            limit = CERTIFIED_LIMITS[worst]
             key = f"limits.{limit.scenario_key}"
             messages[k] = Refusal(f"{path} beyond the limit of the {limit.description} ({key})", [names[k]], [key])
         elif clearance.size and np.min(clearance) < 0.0:
@@ -134,7 +142,7 @@ def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple
             text = f'the paths tried so far do not keep "{names[pair[0]]}" and "{names[pair[1]]}" apart'
             messages[pair] = Refusal(text, [names[i] for i in pair], _SEPARATION_KEYS)
         else:
-            messages[k] = Refusal(f'no path of the kinds tried so far takes "{names[k]}" to its rendezvous', [names[k]])
+            messages[k] = Refusal(f"{path}, but not within its limits at every sample", [names[k]])
     return tuple(messages.values())[:_MESSAGES_MAX]
 
 

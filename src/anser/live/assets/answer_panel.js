@@ -22,7 +22,7 @@ class AnswerPanel {
       box.append(element("p", "note", Math.abs(last - first) < 0.005 ? `All arrive at ${printed(first, 2)} s.` : `Arrivals from ${printed(first, 2)} s to ${printed(last, 2)} s.`));
     } else if (answer?.aircraft.length) box.append(element("p", "note", status !== "refused" ? "Grey: the last answer." : this._lines(answer)));
     const parts = [element("p", "waits", "The scenario has changed: planning again. Below: the plan of the scenario before."), box];
-    if (answer?.aircraft.length) parts.push(...this._arrivals(answer), ...this._closest(answer), ...this._margins(answer));
+    if (answer?.aircraft.length) parts.push(...this._arrivals(answer), ...this._closest(answer), ...this._margins(answer.drawn));
     const at = this.place.scrollTop;
     const focused = this.place.contains(document.activeElement) ? document.activeElement.dataset.jump : null;
     this.place.replaceChildren(...parts);
@@ -78,7 +78,7 @@ class AnswerPanel {
   }
 
   /** Bars of the limits, the fullest first. */
-  _margins({ aircraft }) {
+  _margins(aircraft) {
     const rows = aircraft.flatMap((one) => one.limits.map((limit) => ({ one, limit }))).filter(({ limit }) => Number.isFinite(limit.utilization));
     rows.sort((a, b) => b.limit.utilization - a.limit.utilization);
     const shown = this.all ? rows : rows.slice(0, BARS_SHOWN), list = element("ul", "bars");

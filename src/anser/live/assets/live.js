@@ -6,7 +6,7 @@ const STATUS_MS = 500, SESSION = "anser live session";
 class LivePage {
   constructor({ colors, recording }) {
     const at = (id) => document.getElementById(id);
-    Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, searching: false, refit: false, welcome: null, selection: null, progress: null, message: "", frame: 0 });
+    Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, searching: false, told: false, refit: false, welcome: null, selection: null, progress: null, message: "", frame: 0 });
     this.scenario = new Scenario();
     this.session = recording ? null : sessionStorage.getItem(SESSION); // known to the server after a reload or a cut
     this.latencies = new Latencies();
@@ -71,7 +71,7 @@ class LivePage {
     document.addEventListener("keydown", (event) => this._key(event));
     scenario.on((stamp) => {
       if (!this.fixed) this.requests.ask(stamp);
-      if (this.searching) Object.assign(this, { searching: false, problems: [] });
+      if (this.told) Object.assign(this, { searching: false, invalid: false, told: false, problems: [] });
       this.flights.changed();
       this.draw();
       this.report();
@@ -148,13 +148,13 @@ class LivePage {
   /** What is known while the search for the answer goes on. */
   _preliminary({ number, answer }) {
     if (number !== this.requests.flying) return;
-    Object.assign(this, { problems: answer.problems, invalid: answer.status === "invalid", searching: answer.status === "searching" });
+    Object.assign(this, { problems: answer.problems, invalid: answer.status === "invalid", searching: answer.status === "searching", told: true });
     this.draw();
+    this.report();
   }
 
   _take(answer) {
-    this.problems = answer.problems || [];
-    this.searching = false;
+    Object.assign(this, { problems: answer.problems || [], searching: false, told: false });
     answer.drawn = (answer.aircraft || []).filter((one) => one.drawn !== false);
     this.invalid = answer.status === "invalid";
     if (this.invalid && this.answer) return; // the last answer stays, in grey
@@ -323,12 +323,13 @@ class LivePage {
     if (!this.connection.open) return "No connection to the server.";
     if (this.flights.number) return "";
     if (this.invalid) return "The scenario is not valid: the answer says why.";
+    if (this.searching) return "No certified plan so far.";
     if (!this.answer) return "The first plan is being made.";
     return this.answer.status === "planned" ? "" : "No certified plan: the answer says why.";
   }
 
   _wait() {
-    document.body.classList.toggle("late", this.requests.isLate);
+    document.body.classList.toggle("late", this.requests.isLate && !this.told);
     const seconds = this.requests.flying ? (performance.now() - this.requests.since) / 1000 : 0;
     if (seconds > 0.3 && this.connection.open && this.status.textContent === "Ready.") this.report();
     this.waited.textContent = seconds > 1 ? `since ${seconds.toFixed(0)} s` : "";
