@@ -1,11 +1,14 @@
 """Refusal messages about single aircraft: an aircraft with a path from the search is not called infeasible."""
 
+import math
 from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser import load
+from anser.config.shipped_files import shipped_files
 from anser.environment import SteadyWind
 from anser.missions import refusal
 from anser.planning.certified.search import FleetTask, SearchOutcome
@@ -179,11 +182,21 @@ def failed_attempt(excess, keep_out_clearance, ratio):
         (failed_attempt([0.7, *[0.1] * 9], [5.0, 5.0], 2.0), 'no path of the kinds tried so far takes "alpha"', 0),
     ],
 )
-def test_a_failed_attempt_names_what_it_violates(attempt, text, keys):
+def test_a_failed_attempt_names_what_it_violates(attempt, text, keys, monkeypatch):
+    resolved = [SimpleNamespace(limits=SimpleNamespace(speed_max_m_s=240.0))] * 3
+    monkeypatch.setattr(refusal, "resolve_fleet", lambda scenario: resolved)
     scenario = SimpleNamespace(
         aircraft=[SimpleNamespace(name=name) for name in NAMES],
         keep_out=[SimpleNamespace(name="cell"), SimpleNamespace(name="ash")],
+        wind=SimpleNamespace(field="wind.nc"),
     )
     (message,) = refusal.describe_failed_attempt(scenario, attempt)
     assert text in message
     assert len(message.keys) == keys
+
+
+def test_an_early_time_is_explained_by_the_airspeed_of_the_straight_way():
+    scenario = load(shipped_files()["storm-sampling"])
+    north = next(aircraft for aircraft in scenario.aircraft if aircraft.name == "north")
+    # 14.5 km to 2.6 km north, 3.5 km to 0.6 km west, 300 m higher: 12.25 km; goal and wind move alike
+    assert refusal._straight_airspeed_m_s(scenario, north, 50.0) == pytest.approx(math.hypot(11900, 2900, 300) / 50.0)

@@ -24,7 +24,9 @@ from anser.planning.certified.task import Intervals
 from anser.planning.holds.hold_paths import PlannedHolds
 from anser.planning.limits import CERTIFIED_LIMITS, RELAXED_TOGETHER
 from anser.planning.separation import Separation
+from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.schema import Scenario
+from anser.scenario.schema_aircraft import Aircraft
 
 _RELAXATIONS = 2.0 ** np.linspace(0.0, 2.0, 9)  # factors on a limit, from the requested value to four times as much
 _MESSAGES_MAX = 3
@@ -33,6 +35,7 @@ _TIME_TOLERANCE_S = 0.5
 _SAME_START = 1.001  # ratio of two times up to which a sequence counts as begun at its preferred time
 EXCESS_MEANINGFUL = 0.5
 """Relative excess over a limit up to which an attempt shows what is missing; a path far beyond shows nothing."""
+_HIGH_SPEED = 0.9  # share of the greatest airspeed from which a mean airspeed points to that limit
 _EXCESS_NAMED = 1e-6  # relative excess over a limit from which the limit is named as violated
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
 
@@ -125,10 +128,13 @@ def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple
         path = f'the paths tried so far take "{names[k]}" to its rendezvous at {times[k]:.1f} s'
         nearest, worst = int(np.argmin(ratios[k])), int(np.argmax(excess))
         if not np.max(excess) <= EXCESS_MEANINGFUL:  # not a number: no path at all
-            messages[k] = Refusal(
-                f'no path of the kinds tried so far takes "{names[k]}" to its rendezvous at {times[k]:.1f} s',
-                [names[k]],
-            )
+            text = f'no path of the kinds tried so far takes "{names[k]}" to its rendezvous at {times[k]:.1f} s'
+            needed, greatest_m_s, keys = "", resolve_fleet(scenario)[k].limits.speed_max_m_s, []
+            if scenario.wind.field is None:
+                mean_m_s = _straight_airspeed_m_s(scenario, scenario.aircraft[int(k)], float(times[k]))
+                keys = ["limits.speed_max_m_s"] if mean_m_s > _HIGH_SPEED * greatest_m_s else []
+                needed = f": the straight way takes a mean airspeed of {mean_m_s:.0f} of at most {greatest_m_s:.0f} m/s"
+            messages[k] = Refusal(f"{text}{needed}", [names[k]], keys)
         elif excess[worst] > _EXCESS_NAMED:
             limit = CERTIFIED_LIMITS[worst]
             key = f"limits.{limit.scenario_key}"
@@ -144,6 +150,13 @@ def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple
         else:
             messages[k] = Refusal(f"{path}, but not within its limits at every sample", [names[k]])
     return tuple(messages.values())[:_MESSAGES_MAX]
+
+
+def _straight_airspeed_m_s(scenario: Scenario, aircraft: Aircraft, time_s: float) -> float:
+    """Mean airspeed, m/s, of the straight way to the rendezvous at a time, s, in the wind at the start."""
+    goal_m = np.add(scenario.goal_of(aircraft).position_m(time_s), aircraft.rendezvous.stand_off_m)
+    wind_m_s = np.array(scenario.wind.velocity_m_s(aircraft.start.altitude_m))
+    return float(np.linalg.norm(goal_m - aircraft.start.position_m - time_s * wind_m_s)) / max(time_s, 1e-9)
 
 
 def earliest_common_time(arrival_intervals: Sequence[Intervals], from_s: float) -> float | None:
