@@ -3,7 +3,9 @@
 import json
 import subprocess
 import sys
+import time
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -53,6 +55,34 @@ def test_a_fleet_of_another_kind_starts_another_process(monkeypatch, tmp_path, d
     finally:
         ahead.close()
     assert all(process.poll() is not None for process in started)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").is_file(), reason="no Linux: the state of a process is not read")
+def test_the_process_stands_still_while_plans_are_asked_for(monkeypatch, tmp_path):
+    monkeypatch.setattr(preparation, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(preparation, "_PAUSE_S", 0.3)
+    waiting = [sys.executable, "-c", "import sys; sys.stdin.read()"]
+    monkeypatch.setattr(preparation, "_start", lambda task: subprocess.Popen(waiting, stdin=subprocess.PIPE, text=True))
+    ahead = preparation.Preparation(tmp_path)
+    ahead.pause()  # without a process
+    ahead.request(DOCUMENT, 80.0)
+    state = Path(f"/proc/{ahead._process.pid}/stat")
+
+    def stands():
+        return state.read_text(encoding="ascii").rpartition(")")[2].split()[0] == "T"
+
+    begin = time.monotonic()
+    ahead.pause()
+    time.sleep(0.2)
+    ahead.pause()
+    assert stands()
+    while stands():
+        assert time.monotonic() < begin + 5.0
+        time.sleep(0.01)
+    assert time.monotonic() > begin + 0.45  # 0.3 s after the last plan
+    ahead.pause()
+    ahead.close()  # a process that stands still ends too
+    time.sleep(0.5)
 
 
 def test_nothing_is_compiled_ahead_without_a_store(monkeypatch, tmp_path):

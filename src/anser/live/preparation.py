@@ -7,9 +7,11 @@ programs reach the server through the store of compiled programs; the end of the
 import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -28,6 +30,7 @@ from anser.scenario.files import from_values
 
 _FLEET_STEP = 4  # fleets are padded to multiples of this number
 _NICENESS = 19
+_PAUSE_S = 1.0
 _FAR_KEEP_OUT = {"name": "far keep-out", "north_m": 4e5, "east_m": 4e5, "radius_m": 100.0}
 
 
@@ -39,6 +42,28 @@ class Preparation:
     _kind: str = ""  # kind of the fleet for which programs were compiled last
     _finished: set[str] = field(default_factory=set)
     _process: "subprocess.Popen[str] | None" = None
+    _resume_s: float = 0.0  # reading of `time.monotonic` until which the process stands still
+    _is_paused: bool = False
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def pause(self) -> None:
+        """Let the process stand still for `_PAUSE_S`: it would take time from the plans of a drag."""
+        with self._lock:
+            self._resume_s, process = time.monotonic() + _PAUSE_S, self._process
+            if self._is_paused or process is None or not hasattr(signal, "SIGSTOP"):
+                return
+            process.send_signal(signal.SIGSTOP)
+            self._is_paused = True
+        threading.Thread(target=self._resume_later, args=(process,), daemon=True).start()
+
+    def _resume_later(self, process: "subprocess.Popen[str]") -> None:
+        while True:
+            time.sleep(max(0.01, self._resume_s - time.monotonic()))
+            with self._lock:
+                if time.monotonic() >= self._resume_s:
+                    process.send_signal(signal.SIGCONT)
+                    self._is_paused = False
+                    return
 
     def request(self, document: dict[str, Any], last_s: float | None) -> None:
         """Prepare for a document whose last aircraft arrives at a time, s; nothing if its kind is being prepared."""
@@ -68,7 +93,8 @@ def _start(task: dict[str, Any]) -> "subprocess.Popen[str]":
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         text=True,
-        start_new_session=True,  # Ctrl-C is for the server
+        # Ctrl-C is for the server; a group whose parent ends is continued and ended by the system
+        process_group=0 if os.name == "posix" else None,
     )
     with contextlib.suppress(OSError):
         _input_of(process).write(json.dumps(task) + "\n")

@@ -242,6 +242,8 @@ class Session:
     def _answer_plan(self, request: messages.PlanRequest, send: Send | None) -> None:
         """Send the answer to a plan request, unless a newer one is final or waits long, or the socket has changed."""
         begin = time.monotonic()
+        if self.workbench.preparation is not None:
+            self.workbench.preparation.pause()
 
         def is_superseded() -> bool:
             waiting = self._waiting
