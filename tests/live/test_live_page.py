@@ -121,20 +121,19 @@ def test_a_refusal_is_drawn_and_leads_to_the_input(page):
 def test_an_answer_that_waits_for_the_newer_scenario_is_grey_and_says_so(page):
     answered(page)
     look = "[getComputedStyle(document.querySelector('#answer > .waits')).display,"
-    look += " Number(getComputedStyle(document.querySelector('#answer > .answer')).opacity)]"
-    assert page.run(look) == ["none", 1]
+    look += " getComputedStyle(document.querySelector('#answer > .answer')).filter]"
+    assert page.run(look) == ["none", "none"]
     page.run("window.listener = live.connection.listeners.plan; window.kept = []")
     page.run("live.connection.listeners.plan = (message) => kept.push(message)")  # the answer is on its way
     page.run("live.scenario.set('wind.speed_m_s', 2)")
     wait_for(page, "document.body.classList.contains('late')")
-    display, opacity = page.run(look)
-    assert (display, opacity < 0.6) == ("block", True)
+    assert page.run(look) == ["block", "grayscale(1)"]
     assert "planning again" in page.run("document.querySelector('#answer > .waits').textContent")
     wait_for(page, "kept.length")
     page.run("live.connection.listeners.plan = listener; kept.forEach(listener)")
     answered(page)
     assert page.run("document.body.classList.contains('late')") is False
-    assert page.run(look) == ["none", 1]
+    assert page.run(look) == ["none", "none"]
     page.run("live.scenario.undo()")
 
 
@@ -289,6 +288,85 @@ def test_another_scenario_is_opened_with_its_sliders_and_saved_under_a_new_name(
     assert before == pytest.approx(float(anser.plan(page.folder / "mine.toml").arrival_s), abs=1e-9)
     page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
     answered(page)
+
+
+def test_the_reason_stands_in_the_answer_while_the_search_goes_on(page):
+    answered(page)
+    page.run(
+        "live.requests.flying = live.requests.number = 1e6; live._preliminary({ number: 1e6, answer:"
+        " { status: 'searching', problems: [{ text: 'known so far', keys: [], aircraft: [], positions: [] }] } });"
+        "live.drawNow()"
+    )
+    text = page.run("document.querySelector('#answer .answer').textContent")
+    assert text.startswith("No certified plan so farknown so farFurther kinds of paths are being tried.")
+    assert page.run("document.querySelector('#map .plan').classList.contains('stale')")
+    page.run("live._preliminary({ number: 1, answer: { status: 'searching', problems: [] } })")
+    assert page.run("live.problems.length") == 1  # an older one changes nothing
+    page.run("live.requests.flying = 0; live.requests.number = live.requests.answered = live.connection.number")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+    assert page.run("live.searching") is False
+
+
+def test_an_empty_number_field_is_named(page):
+    answered(page)
+    page.run("live.scenario.set('arrival', { rule: 'sequence' })")
+    answered(page)
+    assert "The field “Spacing” is empty." in page.run("document.querySelector('#answer .problem').textContent")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+    field = "live.inputs.fields.get('goal[0].north_m').input"
+    north_m = page.run("live.scenario.get('goal[0].north_m')")
+    page.run(f"{field}.value = ''; {field}.dispatchEvent(new Event('change'))")
+    assert page.run(f"Number({field}.value)") == north_m
+    assert "the field was empty; the value before stays" in page.run("live.status.textContent")
+
+
+def test_the_map_shows_what_is_added_or_opened(page):
+    answered(page)
+    page.run("live.map.zoom(6)")
+    assert page.run("live.map.showsAll()") is False
+    page.run("live.add('pair')")
+    answered(page)
+    assert page.run("live.map.showsAll()")
+    page.run("live.map.zoom(6)")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+    assert page.run("live.map.showsAll()")
+
+
+def test_an_attempt_beyond_its_limits_is_not_drawn(page):
+    answered(page)
+    page.run(
+        "(() => { const answer = structuredClone(live.answer); answer.status = 'refused';"
+        " answer.aircraft[0].drawn = false; live._take(answer); live.shown = null; live.drawNow(); })()"
+    )
+    count = len(DOCUMENT["aircraft"]) - 1
+    assert page.run("document.querySelectorAll('#map .track[stroke]').length") == count
+    name = DOCUMENT["aircraft"][0]["name"]
+    assert f"No attempt of {name} is near its limits" in page.run("document.querySelector('#answer').textContent")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
+def test_after_a_flight_the_header_has_two_rows_and_the_scene_moves(page):
+    answered(page)
+    page.run(
+        "live.flights.flownText = JSON.stringify(live.scenario.table);"
+        "live.flights.known = [{ id: 'a', report: 'report/a', name: '✓ ' + 'met at '.repeat(12) }];"
+        "live.flights._choose(live.flights.known[0]); live.say('met at '.repeat(12));"
+        "live.flights.rows = Object.assign(new FlightRows(), { names: live.answer.aircraft.map((one) => one.name),"
+        " time_s: [0, 40, 80], ...Object.fromEntries(['north_m', 'east_m', 'altitude_m'].map((axis) =>"
+        " [axis, live.answer.aircraft.map(({ track }) => [0, 0.5, 1].map((part) =>"
+        " track[axis][Math.round(part * (track[axis].length - 1))]))])) });"
+        "live.flights.setTime(10)"
+    )
+    wait_for(page, "live.scene.flown !== null && live.scene.state.time > 9")
+    assert page.run("document.querySelector('header.top').getBoundingClientRect().height") < 90
+    assert page.run("document.documentElement.scrollHeight <= innerHeight + 1")
+    page.run("live.flights.setTime(60)")
+    wait_for(page, "Math.abs(live.scene.state.time - 60) < 1")
+    page.run("live.flights.leave(); live.flights.known = []; live.flights._choose(null); live.say('')")
 
 
 @pytest.mark.long

@@ -54,21 +54,51 @@ def test_a_fault_is_told_and_the_next_plan_is_answered(bench, monkeypatch, capsy
     assert received[1] == {"type": "plan", "number": 2, "answer": ANSWER}
 
 
-def test_the_progress_names_the_work_that_is_prepared(bench, monkeypatch):
-    awaited = iter([(SimpleNamespace(title="paths"), "about 20 s left"), (SimpleNamespace(title="unknown"), None)])
+def test_the_progress_names_the_work_that_is_prepared_and_its_place_among_the_programs(bench, monkeypatch):
+    programs = [SimpleNamespace(title=title) for title in ("reachable arrivals", "paths", "unknown")]
+    present, awaited = [], iter([(programs[1], "about 20 s left"), (programs[2], None)])
+    monkeypatch.setattr(sessions, "compilations", present)
     monkeypatch.setattr(sessions, "awaited_compilation", lambda: next(awaited, None))
     monkeypatch.setattr(sessions, "_PROGRESS_PERIOD_S", 0.01)
+    present.append(SimpleNamespace(title="trim"))  # of an earlier request
     told = []
     with sessions._Progress(told.append, 5) as progress:
+        present.extend(programs)
         progress.report("planning", 0.5)
         wait_for(lambda: len(told) == 3)
-    kind = "First time for a fleet of this kind: preparing the"
+    kind = "Preparing for a fleet of this kind, program"
     assert [message["text"] for message in told] == [
-        f"{kind} search for paths, about 20 s left. This is needed once.",
-        f"{kind} flight. This is needed once.",
+        f"{kind} 2 of about 4: search for paths, about 20 s left",
+        f"{kind} 3 of about 4: flight",
         "planning",
     ]
     assert [message["share"] for message in told] == [None, None, 0.5]
+
+
+def test_the_number_of_programs_to_come_is_left_out_once_there_are_more(monkeypatch):
+    present = [SimpleNamespace(title="paths") for _ in range(5)]
+    monkeypatch.setattr(sessions, "compilations", present)
+    assert sessions._preparation(present[0], None, 0) == (
+        "Preparing for a fleet of this kind, program 1: search for paths"
+    )
+    present.insert(0, SimpleNamespace(title="trim"))
+    assert "program 2 of about 10:" in sessions._preparation(present[1], None, 0)
+
+
+def test_what_is_known_is_told_while_the_answer_waits_for_a_program(bench, monkeypatch):
+    monkeypatch.setattr(sessions, "_PROGRESS_PERIOD_S", 0.01)
+    monkeypatch.setattr(sessions, "awaited_compilation", lambda: None)
+    told, known = [], {"status": "searching", "problems": []}
+    with sessions._Progress(told.append, 5) as progress:
+        progress.set_preliminary(known)
+        time.sleep(0.1)
+        assert told == []  # a quick answer needs none
+        record = SimpleNamespace(title="paths")
+        monkeypatch.setattr(sessions, "awaited_compilation", lambda: (record, None))
+        wait_for(lambda: len(told) == 2)
+        time.sleep(0.05)
+    assert told[1] == {"type": "preliminary", "number": 5, "answer": known}
+    assert len(told) == 2  # once
 
 
 def test_a_page_that_was_loaded_anew_gets_no_answer_to_a_request_of_the_old_one(bench, monkeypatch):

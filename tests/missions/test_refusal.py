@@ -1,11 +1,14 @@
 """Refusal messages about single aircraft: an aircraft with a path from the search is not called infeasible."""
 
+import math
 from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser import load
+from anser.config.shipped_files import shipped_files
 from anser.environment import SteadyWind
 from anser.missions import refusal
 from anser.planning.certified.search import FleetTask, SearchOutcome
@@ -136,3 +139,64 @@ def test_a_delayed_sequence_names_the_failure_of_the_attempt_before(proven_alone
     assert text.startswith(f"{head}: ")
     assert reason in text
     assert refusal.describe_sequence_start(scenario, fleet, 75.0 + fleet.offsets, None) == head
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "from_s", "earliest_s"),
+    [
+        ([[(61.53, 200.0)], [(40.0, 55.0), (70.01, np.inf)]], 50.0, 70.1),  # rounded up: what is entered is possible
+        ([[(61.53, 200.0)], [(40.0, 90.0)]], 80.0, 80.0),
+        ([[(61.53, 65.0)], [(70.0, np.inf)]], 50.0, None),
+    ],
+)
+def test_the_earliest_common_time_lies_in_an_interval_of_every_aircraft(arrivals, from_s, earliest_s):
+    assert refusal.earliest_common_time(arrivals, from_s) == earliest_s
+
+
+def test_a_time_that_is_too_early_is_refused_with_the_earliest_possible():
+    (message,) = refusal._later_common_time([[(61.53, 200.0)], [(40.0, 90.0)]], 50.0)
+    assert message == "the earliest time at which all can arrive, each by itself, is 61.6 s"
+    assert message.keys == ("arrival.time_s",)
+    assert refusal._later_common_time([[(61.53, 200.0)], [(40.0, 90.0)]], 70.0) == ()
+
+
+def failed_attempt(excess, keep_out_clearance, ratio):
+    """An attempt of which the first aircraft of three fails."""
+    certificate = SimpleNamespace(
+        excess=np.array([excess, [-0.1] * 10, [-0.1] * 10]),
+        keep_out_clearance=np.array([keep_out_clearance, [5.0, 5.0], [5.0, 5.0]]),
+        clearance_ratio=np.array([[np.inf, 2.0, ratio], [2.0, np.inf, 2.0], [ratio, 2.0, np.inf]]),
+    )
+    return SimpleNamespace(
+        certificate=certificate, arrival_times=np.full(3, 53.7), feasible=np.array([False, True, ratio >= 1.0])
+    )
+
+
+@pytest.mark.parametrize(
+    ("attempt", "text", "keys"),
+    [
+        (failed_attempt([-0.1, 0.2, *[0.1] * 8], [5.0, 5.0], 2.0), "beyond the limit of the greatest airspeed", 1),
+        (failed_attempt([-0.1] * 10, [5.0, -8.0], 2.0), 'through the keep-out "ash"', 1),
+        (failed_attempt([-0.1] * 10, [5.0, 5.0], 0.7), 'do not keep "alpha" and "charlie" apart', 2),
+        (failed_attempt([np.nan] * 10, [5.0, 5.0], 2.0), 'no path of the kinds tried so far takes "alpha"', 0),
+        (failed_attempt([0.7, *[0.1] * 9], [5.0, 5.0], 2.0), 'no path of the kinds tried so far takes "alpha"', 0),
+    ],
+)
+def test_a_failed_attempt_names_what_it_violates(attempt, text, keys, monkeypatch):
+    resolved = [SimpleNamespace(limits=SimpleNamespace(speed_max_m_s=240.0))] * 3
+    monkeypatch.setattr(refusal, "resolve_fleet", lambda scenario: resolved)
+    scenario = SimpleNamespace(
+        aircraft=[SimpleNamespace(name=name) for name in NAMES],
+        keep_out=[SimpleNamespace(name="cell"), SimpleNamespace(name="ash")],
+        wind=SimpleNamespace(field="wind.nc"),
+    )
+    (message,) = refusal.describe_failed_attempt(scenario, attempt)
+    assert text in message
+    assert len(message.keys) == keys
+
+
+def test_an_early_time_is_explained_by_the_airspeed_of_the_straight_way():
+    scenario = load(shipped_files()["storm-sampling"])
+    north = next(aircraft for aircraft in scenario.aircraft if aircraft.name == "north")
+    # 14.5 km to 2.6 km north, 3.5 km to 0.6 km west, 300 m higher: 12.25 km; goal and wind move alike
+    assert refusal._straight_airspeed_m_s(scenario, north, 50.0) == pytest.approx(math.hypot(11900, 2900, 300) / 50.0)

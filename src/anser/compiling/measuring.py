@@ -38,6 +38,7 @@ _PRIOR_EQUATIONS = 10_000
 _waits: list[None] = []
 _lock = threading.RLock()
 _at_work: list[tuple[Compilation, str]] = []
+_elsewhere: list[Compilation] = []
 _clock = [0.0]
 
 
@@ -80,6 +81,16 @@ def waiting() -> Iterator[None]:
         _waits.pop()
 
 
+@contextlib.contextmanager
+def compiled_elsewhere(record: Compilation) -> Iterator[None]:
+    """Mark the `with` block as a wait for another process that may compile the program of a record."""
+    _elsewhere.append(record)
+    try:
+        yield
+    finally:
+        _elsewhere.remove(record)
+
+
 def compilation_message() -> str | None:
     """Return the program that the process waits for, and the time left if known; None if it waits for no program."""
     awaited = awaited_compilation()
@@ -97,8 +108,10 @@ def awaited_compilation() -> tuple[Compilation, str | None] | None:
     """
     with _lock:
         _share_time()
-        if not _waits or not _at_work:
+        if not _waits or not (_at_work or _elsewhere):
             return None
+        if not _at_work:
+            return _elsewhere[0], None
         record, stage = _at_work[0]
         if any(other != "compiling" for _, other in _at_work):
             return record, None  # the size of a program is unknown before it is traced

@@ -27,7 +27,14 @@ from jax.core import Tracer
 
 from anser.compiling.executables import Executable, load_executable, pack_program, unpack_program
 from anser.compiling.keys import NotCacheableError, jax_settings, operations_key, program_key
-from anser.compiling.measuring import Compilation, compilations, count_equations, measured, waiting
+from anser.compiling.measuring import (
+    Compilation,
+    compilations,
+    compiled_elsewhere,
+    count_equations,
+    measured,
+    waiting,
+)
 
 # A step by hand takes half the time without a hand-over between threads. JAX reads the setting with its first array.
 jax.config.update("jax_cpu_enable_async_dispatch", False)
@@ -465,7 +472,9 @@ class Program(Generic[_P, _R]):
             if store is None or store_key is None:
                 return compile_and_save(lowered, None)
             # Workers of a campaign need the same programs at the same time: one compiles, the others wait and load.
-            with store.reserve(store_key):
+            with contextlib.ExitStack() as reserved:
+                with compiled_elsewhere(record):
+                    reserved.enter_context(store.reserve(store_key))
                 content = store.load(store_key)
                 if content is not None:
                     with contextlib.suppress(Exception):

@@ -1,5 +1,7 @@
 """Answers of the page: a plan, or the reasons for its refusal, as plain data with the positions where they bind."""
 
+import dataclasses
+import re
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -8,22 +10,28 @@ import numpy as np
 
 from anser.config.errors import Problem, ScenarioError
 from anser.live.controls import new_tables, sliders
-from anser.missions.first_plan import CertifiedFirstPlan, FirstPlan
+from anser.missions.first_plan import CertifiedFirstPlan, FirstPlan, possible_arrivals
 from anser.missions.plan_output import RecordedPlan, goal_positions_n, record_certified
 from anser.missions.plans import plan
-from anser.missions.refusal import Refusal
+from anser.missions.refusal import EXCESS_MEANINGFUL, Refusal, describe_failed_attempt, earliest_common_time
 from anser.numerics.arrays import first_rows
+from anser.planning.certified.certified_plan import CertifiedPlan
+from anser.planning.certified.search import FailedAttempt
 from anser.planning.holds.hold_paths import PlannedHolds
 from anser.planning.limits import LIMITS, Limit
 from anser.report.flight_margins import Margin
 from anser.report.labels import printed_unit
 from anser.results.documents import finite_or_none
 from anser.results.plan_record import ClosestApproach, PlanSamples, limit_columns
+from anser.scenario.build import build_flight
 from anser.scenario.schema import Scenario
 
 _SAMPLES_MAX = 160  # samples of a track on the page
 _HOLD_SAMPLES = 60
 _COORDINATES = {"north_m": "north", "east_m": "east", "altitude_m": "altitude"}
+
+_ARRIVAL_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
+_ARRIVAL_PATHS = re.compile(r"arrival\.time_s|aircraft\[(?P<index>\d+)\]\.arrive_(?:s|from_s|to_s)")
 
 Position = dict[str, float]
 Answer = dict[str, Any]
@@ -36,7 +44,7 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
     """
     begin = time.perf_counter()
     planned = plan(scenario, on_progress)
-    record = _best_record(planned)
+    record, drawn = _best_record(planned), _drawn_attempts(planned)
     is_flyable = not planned.problems()
     answer: Answer = {
         "status": "planned" if is_flyable else "refused",
@@ -55,14 +63,50 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
     if record is not None:
         holds = planned.holds if isinstance(planned, CertifiedFirstPlan) else None
         answer |= _record_values(scenario, record, holds, is_flyable)
-    answer["problems"] = [_refusal_problem(scenario, text, record) for text in planned.problems()]
+        for entry, is_drawn in zip(answer["aircraft"], drawn, strict=True):
+            entry["drawn"] = is_drawn
+    answer["problems"] = [_refusal_problem(scenario, text, record, drawn) for text in planned.problems()]
     answer["elapsed_ms"] = 1e3 * (time.perf_counter() - begin)
     return answer, planned
+
+
+def preliminary_answer(scenario: Scenario, message: FailedAttempt) -> Answer:
+    """Return what is known before the search has tried every kind of path: status and problems, without paths."""
+    reasons = describe_failed_attempt(scenario, message.attempt.leading(len(scenario.aircraft)))
+    return {"status": "searching", "problems": [_refusal_problem(scenario, text, None) for text in reasons]}
 
 
 def invalid_answer(error: ScenarioError) -> Answer:
     """Return the answer to a document that is not a valid scenario."""
     return {"status": "invalid", "problems": [invalid_problem(problem) for problem in error.problems]}
+
+
+def without_arrival_times(values: dict[str, Any], error: ScenarioError) -> dict[str, Any] | None:
+    """Return a document without its prescribed arrival times, if they are the only problems; None otherwise."""
+    if not all(_ARRIVAL_PATHS.fullmatch(problem.path) for problem in error.problems):
+        return None
+    aircraft = [
+        {key: entry for key, entry in table.items() if key not in _ARRIVAL_KEYS} for table in values["aircraft"]
+    ]
+    return values | {"aircraft": aircraft, "arrival": {"rule": "earliest"}}
+
+
+def advised_answer(error: ScenarioError, scenario: Scenario) -> Answer:
+    """Return the answer to arrival times that are too early, with the earliest times that the planner finds.
+
+    `scenario` is the scenario of the document without its arrival times.
+    """
+    arrivals = possible_arrivals(scenario, build_flight(scenario, pad_fleet=True))
+    answer = invalid_answer(error)
+    for k, problem in enumerate(error.problems):
+        row = _ARRIVAL_PATHS.fullmatch(problem.path)
+        index = None if row is None or row["index"] is None else int(row["index"])
+        earliest_s = earliest_common_time(arrivals if index is None else arrivals[index : index + 1], 0.0)
+        if earliest_s is not None:
+            subject = "all can arrive, each" if index is None else f'"{scenario.aircraft[index].name}" can arrive'
+            expected = f"at least {earliest_s:.1f} s, the earliest time at which {subject} by itself"
+            answer["problems"][k] = invalid_problem(dataclasses.replace(problem, expected=expected))
+    return answer
 
 
 def invalid_problem(problem: Problem) -> dict[str, Any]:
@@ -81,14 +125,31 @@ def _best_record(planned: FirstPlan) -> RecordedPlan | None:
     """Return the record of the plan, or of the attempt with the fewest failed aircraft; None without any."""
     if not planned.refusals:
         return planned.record()
+    attempt = _best_attempt(planned)
+    if attempt is None or not isinstance(planned, CertifiedFirstPlan):
+        return None
+    tasks = first_rows(planned.padded_tasks, len(planned.scenario.aircraft))
+    return record_certified(planned.scenario, attempt, tasks, planned.airspace.gravity)
+
+
+def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
+    """Return the attempt with the fewest failed aircraft, without padding; None without any."""
     if not isinstance(planned, CertifiedFirstPlan) or planned.outcome is None:
         return None
     attempt = planned.outcome.plan_without_holds or planned.outcome.best_attempt
+    return None if attempt is None else attempt.leading(len(planned.scenario.aircraft))
+
+
+def _drawn_attempts(planned: FirstPlan) -> list[bool]:
+    """Whether each aircraft's path is drawn: none that exceeds a limit by more than `EXCESS_MEANINGFUL`.
+
+    Paths that violate the separation or a keep-out are drawn: they show the conflict.
+    """
+    attempt = _best_attempt(planned) if planned.refusals else None
     if attempt is None:
-        return None
-    count = len(planned.scenario.aircraft)
-    attempt, tasks = attempt.leading(count), first_rows(planned.padded_tasks, count)
-    return record_certified(planned.scenario, attempt, tasks, planned.airspace.gravity)
+        return [True] * len(planned.scenario.aircraft)
+    excesses = np.asarray(attempt.certificate.excess)
+    return [bool(np.all(excess <= EXCESS_MEANINGFUL)) for excess in excesses]  # not a number: no path
 
 
 def _record_values(
@@ -230,7 +291,9 @@ def _goal_tracks(scenario: Scenario, end_s: float) -> list[dict[str, Any]]:
     return tracks
 
 
-def _refusal_problem(scenario: Scenario, text: str, record: RecordedPlan | None) -> dict[str, Any]:
+def _refusal_problem(
+    scenario: Scenario, text: str, record: RecordedPlan | None, drawn: Sequence[bool] = ()
+) -> dict[str, Any]:
     """Return a reason for a refusal with the keys that bind, and the positions where they bind."""
     names = list(text.aircraft) if isinstance(text, Refusal) else []
     keys = list(text.keys) if isinstance(text, Refusal) else []
@@ -238,17 +301,17 @@ def _refusal_problem(scenario: Scenario, text: str, record: RecordedPlan | None)
         "text": str(text),
         "keys": keys,
         "aircraft": names,
-        "positions": [] if record is None else list(_binding_positions(scenario, record, names, keys)),
+        "positions": [] if record is None else list(_binding_positions(scenario, record, names, keys, drawn)),
     }
 
 
 def _binding_positions(
-    scenario: Scenario, record: RecordedPlan, names: Sequence[str], keys: Sequence[str]
+    scenario: Scenario, record: RecordedPlan, names: Sequence[str], keys: Sequence[str], drawn: Sequence[bool]
 ) -> Iterable[Position]:
     """Yield the positions of the best attempt where a reason binds.
 
     Two aircraft: both at their closest approach. One aircraft: where its path demands most of the binding limit,
-    otherwise its rendezvous.
+    otherwise its rendezvous; nowhere on a path that is not drawn.
     """
     samples = record.samples
     indices = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}
@@ -259,8 +322,7 @@ def _binding_positions(
             k = indices[name]
             yield _position_at(samples, k, float(samples.arrival_times_s[k]) if time_s is None else time_s)
         return
-    for name in names:
-        k = indices[name]
+    for k in (indices[name] for name in names if drawn[indices[name]]):
         limit = next((limit for limit in LIMITS if f"limits.{limit.scenario_key}" in keys), None)
         row = int(np.flatnonzero(np.isfinite(samples.history["north"][:, k]))[-1])
         if limit is not None:

@@ -29,12 +29,12 @@ def open_server(
             raise
         raise ImportError(MISSING) from None
     if isinstance(scenario, dict):
-        return LiveServer(scenario, folder or Path.cwd(), **options)
+        return LiveServer(scenario, folder or Path.cwd(), prepares=True, **options)
     path = Path(scenario)
     document = parse_scenario(read_text(path), str(path))
     target = path.parent if folder is None else folder
     name = path.name if target.resolve() == path.parent.resolve() else None
-    return LiveServer(document, target, name, **options)
+    return LiveServer(document, target, name, prepares=True, **options)
 
 
 class LivePage:

@@ -25,6 +25,7 @@ from anser.live.answers import plain_problem
 from anser.live.documents import DocumentFolder
 from anser.live.messages import SIZE_MAX, ResumeRequest, read_message
 from anser.live.page import render_live_page
+from anser.live.preparation import Preparation
 from anser.live.sessions import Workbench, queue_sender
 from anser.report.flight_page import flight_page
 
@@ -176,14 +177,24 @@ class LiveServer:
         File of the document in the folder; None for a new document.
     in_notebook
         Whether pages of a notebook on this machine may show the page.
+    prepares
+        Whether a process of low priority compiles ahead what refusals and flights need.
     """
 
     def __init__(
-        self, document: Mapping[str, Any], folder: Path, name: str | None = None, *, in_notebook: bool = False
+        self,
+        document: Mapping[str, Any],
+        folder: Path,
+        name: str | None = None,
+        *,
+        in_notebook: bool = False,
+        prepares: bool = False,
     ) -> None:
         documents = DocumentFolder(folder, document.get("parts"))
         documents.scenario(dict(document))  # raises ScenarioError before anything is served
         self.workbench = Workbench(documents, name, dict(document))
+        if prepares:
+            self.workbench.preparation = Preparation(folder)
         self._socket = socket.create_server((HOST, 0))
         self.port, self.token = self._socket.getsockname()[1], secrets.token_urlsafe(24)
         app = make_app(self.workbench, self.port, self.token, _NOTEBOOK_ANCESTORS if in_notebook else "")

@@ -12,15 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from anser.compiling.measuring import awaited_compilation
+from anser.compiling.measuring import Compilation, awaited_compilation, compilations
 from anser.config.errors import ScenarioError
 from anser.live import messages
-from anser.live.answers import Answer, invalid_answer, invalid_problem, make_answer, plain_problem
+from anser.live.answers import (
+    Answer,
+    advised_answer,
+    invalid_answer,
+    invalid_problem,
+    make_answer,
+    plain_problem,
+    preliminary_answer,
+    without_arrival_times,
+)
 from anser.live.controls import GOAL_KINDS, RULES, new_tables, sliders
 from anser.live.documents import DocumentFolder
 from anser.live.page import render_live_page
+from anser.live.preparation import Preparation
 from anser.missions.first_plan import FirstPlan, NoPlanError
 from anser.missions.runs import FlightResult, run
+from anser.planning.certified.search import FailedAttempt
 from anser.results.summary_format import format_verdict
 from anser.scenario.schema import Scenario
 from anser.version import source_version
@@ -30,6 +41,7 @@ FLIGHTS_MAX = 16
 _SESSIONS_MAX = 64
 _SUPERSEDED_AFTER_S = 0.7  # a search of this duration ends if a newer request waits
 _PROGRESS_PERIOD_S = 0.3
+_PRELIMINARY_AFTER_S = 1.0  # from which an answer is awaited so long that what is known is told
 _ROW_PERIOD_S = 0.5  # between two rows of a flight on the page
 
 Send = Callable[[dict[str, Any]], None]
@@ -52,6 +64,7 @@ class Workbench:
     flying: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "flying"))
     flights: dict[str, FlightResult] = field(default_factory=dict)
     sessions: dict[str, "Session"] = field(default_factory=dict)
+    preparation: Preparation | None = None  # None: programs are compiled when they are needed
 
     def new_session(self) -> "Session":
         """Return the session of a new page."""
@@ -89,6 +102,8 @@ class Workbench:
         """Stop all work; running programs end first."""
         for session in list(self.sessions.values()):
             session.detach()
+        if self.preparation is not None:
+            self.preparation.close()
         for executor in (self.planning, self.flying):
             executor.shutdown(wait=False, cancel_futures=True)
 
@@ -227,6 +242,8 @@ class Session:
     def _answer_plan(self, request: messages.PlanRequest, send: Send | None) -> None:
         """Send the answer to a plan request, unless a newer one is final or waits long, or the socket has changed."""
         begin = time.monotonic()
+        if self.workbench.preparation is not None:
+            self.workbench.preparation.pause()
 
         def is_superseded() -> bool:
             waiting = self._waiting
@@ -235,17 +252,47 @@ class Session:
 
         try:
             with _Progress(self._tell, request.number) as progress:
-                answer, _ = self._planned(request.scenario, _stop_if(is_superseded, progress.report))
+                answer, scenario = self._planned(
+                    request.scenario, _stop_if(is_superseded, progress.report), progress.set_preliminary
+                )
         except StoppedError:
             return
         if send is not None and self._send is send:
             send({"type": "plan", "number": request.number, "answer": answer})
+        if self.workbench.preparation is not None and scenario is not None:
+            self.workbench.preparation.request(request.scenario, answer["last_s"])
 
-    def _planned(self, document: dict[str, Any], on_progress: Callable[[str], None]) -> tuple[Answer, Scenario | None]:
-        """Return the answer to a document, and its scenario if it is valid; keeps the plan for a flight."""
+    def _planned(
+        self,
+        document: dict[str, Any],
+        on_progress: Callable[[str], None],
+        on_preliminary: Callable[[Answer], None] = lambda answer: None,
+    ) -> tuple[Answer, Scenario | None]:
+        """Return the answer to a document, and its scenario if it is valid; keeps the plan for a flight.
+
+        `on_preliminary` is called with what is known before the last searches.
+        """
+        folder = self.workbench.folder
         try:
-            scenario = self.workbench.folder.scenario(document)
-            answer, self._plan = make_answer(scenario, on_progress)
+            scenario = folder.scenario(document)
+        except ScenarioError as error:
+            free = without_arrival_times(document, error)
+            if free is None:
+                return invalid_answer(error), None
+            on_preliminary(invalid_answer(error))
+            on_progress("searching the earliest arrival times")
+            try:
+                return advised_answer(error, folder.scenario(free)), None
+            except ScenarioError:
+                return invalid_answer(error), None
+
+        def report(text: str) -> None:
+            on_progress(text)
+            if isinstance(text, FailedAttempt):
+                on_preliminary(preliminary_answer(scenario, text))
+
+        try:
+            answer, self._plan = make_answer(scenario, report)
         except ScenarioError as error:
             return invalid_answer(error), None
         return answer, scenario
@@ -274,7 +321,7 @@ class Session:
                 {"type": "rows", "number": request.number, "time_s": _finite(time_s[rows]), "aircraft": aircraft}
             )
 
-        with _Progress(self._tell, request.number) as progress:
+        with _Progress(self._tell, request.number, _FLIGHT_PROGRAMS) as progress:
             flight = run(scenario, _stop_if(stop.is_set, progress.report), planned, on_segment=send_rows)
         identifier = bench.keep_flight(flight)
         compared = request.compare if request.compare in bench.flights else None
@@ -319,6 +366,7 @@ _WORK = {
     "choice of paths": "choice and proof of paths",
     "holds": "holds after the arrivals",
     "arrival times": "search for arrival times",
+    "reachable arrivals": "times at which each aircraft can arrive",
     "greatest wind": "wind along the paths",
     "sample demands": "margins of the paths",
     "distances at samples": "distances between aircraft",
@@ -328,19 +376,36 @@ _WORK = {
 """Work for which a program is compiled, by the title of the program."""
 
 
-def _preparation(title: str, time_left: str | None) -> str:
-    """Return what is compiled in words of the page, and the time left if known."""
+_PLAN_PROGRAMS, _REFUSAL_PROGRAMS, _FLIGHT_PROGRAMS = 10, 4, 2
+"""Usual numbers of programs for the first plan of a fleet, and after it for a refusal and for a flight."""
+
+
+def _preparation(record: Compilation, time_left: str | None, before: int, usual_count: int = _REFUSAL_PROGRAMS) -> str:
+    """Return what is compiled in words of the page, with the time left if known.
+
+    `before` is the number of programs of the process before the request, `usual_count` the usual number in a request
+    for a fleet that has been planned before.
+    """
+    since = list(compilations[before:])
+    number = since.index(record) + 1 if record in since else 1
+    usual = _PLAN_PROGRAMS if any(other.title == "trim" for other in since) else usual_count
+    total = f" of about {usual}" if max(number, len(since)) <= usual else ""
     return (
-        f"First time for a fleet of this kind: preparing the {_WORK.get(title, 'flight')}"
-        f"{'' if time_left is None else f', {time_left}'}. This is needed once."
+        f"Preparing for a fleet of this kind, program {number}{total}: {_WORK.get(record.title, 'flight')}"
+        f"{'' if time_left is None else f', {time_left}'}"
     )
 
 
 class _Progress:
     """Progress messages of a request, from a thread that also tells which program is being compiled."""
 
-    def __init__(self, tell: Callable[[dict[str, Any]], None], number: int) -> None:
+    def __init__(
+        self, tell: Callable[[dict[str, Any]], None], number: int, usual_programs: int = _REFUSAL_PROGRAMS
+    ) -> None:
+        self._usual = usual_programs
         self._tell, self._number, self._state, self._last = tell, number, ("", None), ("", None)
+        self._begin_s, self._programs_before = time.monotonic(), len(compilations)
+        self._preliminary: Answer | None = None
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
@@ -355,13 +420,23 @@ class _Progress:
         """Set the description of the current work and its completed share."""
         self._state = text, share
 
+    def set_preliminary(self, answer: Answer) -> None:
+        """Set what is known before the answer; it is told if the answer takes long."""
+        self._preliminary = answer
+
     def _watch(self) -> None:
         while not self._end.wait(_PROGRESS_PERIOD_S):
             awaited = awaited_compilation()
-            state = self._state if awaited is None else (_preparation(awaited[0].title, awaited[1]), None)
+            state = (
+                self._state if awaited is None else (_preparation(*awaited, self._programs_before, self._usual), None)
+            )
             if state != self._last:
                 self._last = state
                 self._tell({"type": "progress", "number": self._number, "text": state[0], "share": state[1]})
+            preliminary = self._preliminary
+            if preliminary is not None and (awaited or time.monotonic() - self._begin_s > _PRELIMINARY_AFTER_S):
+                self._preliminary = None
+                self._tell({"type": "preliminary", "number": self._number, "answer": preliminary})
 
 
 def queue_sender(loop: asyncio.AbstractEventLoop, queue: "asyncio.Queue[dict[str, Any]]") -> Send:

@@ -24,12 +24,13 @@ from anser.missions.refusal import (
     unproven_paths,
 )
 from anser.numerics.arrays import as_array, first_rows
+from anser.planning.certified.arrival_times import arrival_sets
 from anser.planning.certified.certified_plan import CertifiedPlan, choose_interval_count
 from anser.planning.certified.fitted_wind import FittedWind
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
 from anser.planning.certified.replanning import FIRST_PLAN
 from anser.planning.certified.search import FleetTask, SearchOutcome
-from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
+from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, Intervals
 from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.planning.holds.hold_paths import PlannedHolds
 from anser.planning.limits import LIMIT_MESSAGES, PathLimits, describe_bend, describe_turns
@@ -333,6 +334,17 @@ trim_and_build_tasks_compiled = compiled_quickly(trim_and_build_tasks, "trim")
 def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits: PathLimits) -> CertifiedPlanState:
     """Return the state of the certified planner with a first plan."""
     return CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, limits)
+
+
+def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
+    """Return the times, s after the start, at which each aircraft by itself can arrive, by the certified planner.
+
+    `flight` are the padded arrays of the scenario. Raises ScenarioError if an aircraft cannot be trimmed at its start.
+    """
+    planner = aircraft_planner(flight)
+    fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
+    check_trimmable(scenario, flight, fleet.is_trimmed)
+    return arrival_sets(first_rows(tasks, len(scenario.aircraft)), planner.airspace, scenario.timing.latest_arrival_s)
 
 
 def _search_without_difference(

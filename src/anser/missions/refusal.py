@@ -22,15 +22,21 @@ from anser.planning.certified.fitted_wind import BEYOND_FIELD_M_S
 from anser.planning.certified.search import FleetTask, SearchOutcome, search
 from anser.planning.certified.task import Intervals
 from anser.planning.holds.hold_paths import PlannedHolds
-from anser.planning.limits import RELAXED_TOGETHER
+from anser.planning.limits import CERTIFIED_LIMITS, RELAXED_TOGETHER
 from anser.planning.separation import Separation
+from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.schema import Scenario
+from anser.scenario.schema_aircraft import Aircraft
 
 _RELAXATIONS = 2.0 ** np.linspace(0.0, 2.0, 9)  # factors on a limit, from the requested value to four times as much
 _MESSAGES_MAX = 3
 _BISECTIONS = 5
 _TIME_TOLERANCE_S = 0.5
 _SAME_START = 1.001  # ratio of two times up to which a sequence counts as begun at its preferred time
+EXCESS_MEANINGFUL = 0.5
+"""Relative excess over a limit up to which an attempt shows what is missing; a path far beyond shows nothing."""
+_HIGH_SPEED = 0.9  # share of the greatest airspeed from which a mean airspeed points to that limit
+_EXCESS_NAMED = 1e-6  # relative excess over a limit from which the limit is named as violated
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
 
 
@@ -95,7 +101,10 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
     arrival_intervals = outcome.arrivals
     if arrival_intervals is None:
         arrival_intervals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s)
-    infeasible = _infeasible_aircraft(names, fleet, arrival_intervals, outcome)
+    keep_outs = [keep_out.name for keep_out in scenario.keep_out]
+    infeasible = _infeasible_aircraft(names, fleet, arrival_intervals, outcome, keep_outs)
+    if infeasible and request.rule == "at":
+        infeasible.extend(_later_common_time(arrival_intervals, float(np.max(fleet.requested_times()))))
     if infeasible:
         return tuple(infeasible)
     if request.rule in ("together", "earliest", "sequence"):
@@ -104,6 +113,69 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
         if all(start > latest_s - float(np.max(offsets)) for start, _ in common):
             return (_no_common_time(names, arrival_intervals, offsets, latest_s),)
     return (_largest_feasible_separation(names, fleet, outcome),)
+
+
+def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple[Refusal, ...]:
+    """Return what each failed path of an attempt violates most, one sentence for each aircraft or pair.
+
+    `attempt` has no padding. The sentences precede the reasons for a refusal, which need further searches.
+    """
+    names, messages = [aircraft.name for aircraft in scenario.aircraft], {}
+    certificate, times = attempt.certificate, np.asarray(attempt.arrival_times)
+    ratios, excesses = np.asarray(certificate.clearance_ratio), np.asarray(certificate.excess)
+    for k in np.flatnonzero(~np.asarray(attempt.feasible)):
+        excess, clearance = excesses[k], np.asarray(certificate.keep_out_clearance)[k, : len(scenario.keep_out)]
+        path = f'the paths tried so far take "{names[k]}" to its rendezvous at {times[k]:.1f} s'
+        nearest, worst = int(np.argmin(ratios[k])), int(np.argmax(excess))
+        if not np.max(excess) <= EXCESS_MEANINGFUL:  # not a number: no path at all
+            text = f'no path of the kinds tried so far takes "{names[k]}" to its rendezvous at {times[k]:.1f} s'
+            needed, greatest_m_s, keys = "", resolve_fleet(scenario)[k].limits.speed_max_m_s, []
+            if scenario.wind.field is None:
+                mean_m_s = _straight_airspeed_m_s(scenario, scenario.aircraft[int(k)], float(times[k]))
+                keys = ["limits.speed_max_m_s"] if mean_m_s > _HIGH_SPEED * greatest_m_s else []
+                needed = f": the straight way takes a mean airspeed of {mean_m_s:.0f} of at most {greatest_m_s:.0f} m/s"
+            messages[k] = Refusal(f"{text}{needed}", [names[k]], keys)
+        elif excess[worst] > _EXCESS_NAMED:
+            limit = CERTIFIED_LIMITS[worst]
+            key = f"limits.{limit.scenario_key}"
+            messages[k] = Refusal(f"{path} beyond the limit of the {limit.description} ({key})", [names[k]], [key])
+        elif clearance.size and np.min(clearance) < 0.0:
+            j = int(np.argmin(clearance))
+            text = f'{path} through the keep-out "{scenario.keep_out[j].name}"'
+            messages[k] = Refusal(text, [names[k]], [f"keep_out[{j}].radius_m"])
+        elif ratios[k, nearest] < 1.0:
+            pair = tuple(sorted((int(k), nearest)))
+            text = f'the paths tried so far do not keep "{names[pair[0]]}" and "{names[pair[1]]}" apart'
+            messages[pair] = Refusal(text, [names[i] for i in pair], _SEPARATION_KEYS)
+        else:
+            messages[k] = Refusal(f"{path}, but not within its limits at every sample", [names[k]])
+    return tuple(messages.values())[:_MESSAGES_MAX]
+
+
+def _straight_airspeed_m_s(scenario: Scenario, aircraft: Aircraft, time_s: float) -> float:
+    """Mean airspeed, m/s, of the straight way to the rendezvous at a time, s, in the wind at the start."""
+    goal_m = np.add(scenario.goal_of(aircraft).position_m(time_s), aircraft.rendezvous.stand_off_m)
+    wind_m_s = np.array(scenario.wind.velocity_m_s(aircraft.start.altitude_m))
+    return float(np.linalg.norm(goal_m - aircraft.start.position_m - time_s * wind_m_s)) / max(time_s, 1e-9)
+
+
+def earliest_common_time(arrival_intervals: Sequence[Intervals], from_s: float) -> float | None:
+    """Return the earliest time, s, at which every aircraft by itself can arrive, rounded up to a tenth; None without.
+
+    Only times from `from_s` on count.
+    """
+    common = common_times(arrival_intervals, np.zeros(len(arrival_intervals)))
+    earliest_s = min((max(start, from_s) for start, end in common if end >= from_s), default=None)
+    return None if earliest_s is None else math.ceil(10.0 * earliest_s - 1e-6) / 10.0
+
+
+def _later_common_time(arrival_intervals: Sequence[Intervals], requested_s: float) -> tuple[Refusal, ...]:
+    """Reason that names the earliest time after a prescribed one at which all aircraft can arrive, if there is one."""
+    earliest_s = earliest_common_time(arrival_intervals, requested_s)
+    if earliest_s is None or earliest_s <= requested_s:
+        return ()
+    text = f"the earliest time at which all can arrive, each by itself, is {earliest_s:.1f} s"
+    return (Refusal(text, (), ["arrival.time_s"]),)
 
 
 def describe_sequence_start(
@@ -219,7 +291,11 @@ def _distances(horizontal_m: float, vertical_m: float, with_vertical: bool) -> s
 
 
 def _infeasible_aircraft(
-    names: Sequence[str], fleet: FleetTask, arrival_intervals: Sequence[Intervals], outcome: SearchOutcome
+    names: Sequence[str],
+    fleet: FleetTask,
+    arrival_intervals: Sequence[Intervals],
+    outcome: SearchOutcome,
+    keep_outs: Sequence[str] = (),  # names
 ) -> list[Refusal]:
     """Reasons about aircraft that cannot meet the request even without the other aircraft."""
     messages, request, best = [], fleet.request, outcome.best_attempt
@@ -251,16 +327,20 @@ def _infeasible_aircraft(
         else:
             continue
         nearest = f"; by itself it can {format_intervals(intervals)}" if intervals else ""
-        constraint, constraint_keys = _binding_constraint(k, fleet, requested_s)
+        constraint, constraint_keys = _binding_constraint(k, fleet, requested_s, keep_outs)
         messages.append(Refusal(f'aircraft "{name}" {refusal}{constraint}{nearest}', [name], constraint_keys + keys))
     return messages
 
 
-def _relax_constraint(fleet: FleetTask, constraint: str, factor: float) -> FleetTask:
-    """Return the fleet's task with one type of limit, or the keep-outs, relaxed by a factor (1: unchanged)."""
+def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out: int | None = None) -> FleetTask:
+    """Return the fleet's task with one type of limit, or the keep-outs, relaxed by a factor (1: unchanged).
+
+    `keep_out` is the index of a single keep-out; None: all of them.
+    """
     limits = fleet.tasks.limits
     if constraint == "keep-outs":
-        radius = fleet.airspace.keep_outs.radius / factor
+        radius = np.array(fleet.airspace.keep_outs.radius)
+        radius[slice(None) if keep_out is None else keep_out] /= factor
         airspace = eqx.tree_at(lambda a: a.keep_outs.radius, fleet.airspace, radius)
         return FleetTask(fleet.tasks, airspace, fleet.request)
     for limit in RELAXED_TOGETHER[constraint]:
@@ -269,23 +349,26 @@ def _relax_constraint(fleet: FleetTask, constraint: str, factor: float) -> Fleet
     return FleetTask(eqx.tree_at(lambda t: t.limits, fleet.tasks, limits), fleet.airspace, fleet.request)
 
 
-def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> tuple[str, tuple[str, ...]]:
+def _binding_constraint(
+    aircraft: int, fleet: FleetTask, requested_s: float, keep_outs: Sequence[str]
+) -> tuple[str, tuple[str, ...]]:
     """Describe the constraint that prevents an aircraft from arriving at `requested_s`, and how far it must be relaxed.
 
     Also returns the scenario's keys of the constraint. Constraints are relaxed one at a time; a constraint counts if
     relaxing it alone lets the aircraft arrive.
     """
     best: tuple[float, str] | None = None
+
+    def has_path(task: FleetTask) -> bool:
+        return bool(reachable(task.tasks, task.airspace, np.array([aircraft]), np.array([requested_s]))[0])
+
     for constraint in (*RELAXED_TOGETHER, "keep-outs"):
         if constraint == "keep-outs" and fleet.airspace.keep_outs.radius.shape[0] == 0:
             continue
         low, high = 0, len(_RELAXATIONS) - 1
 
         def is_reachable(step: int, constraint: str = constraint) -> bool:
-            relaxed_task = _relax_constraint(fleet, constraint, float(_RELAXATIONS[step]))
-            return bool(
-                reachable(relaxed_task.tasks, relaxed_task.airspace, np.array([aircraft]), np.array([requested_s]))[0]
-            )
+            return has_path(_relax_constraint(fleet, constraint, float(_RELAXATIONS[step])))
 
         if not is_reachable(high):
             continue
@@ -298,8 +381,16 @@ def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> 
         return ": no single limit, loosened up to four times, changes that", ()
     factor, constraint = best
     if constraint == "keep-outs":
-        smaller = 100.0 * (1.0 - 1.0 / factor)
-        return f": the keep-outs stand in the way; with radii {smaller:.0f} % smaller, a path exists", ("keep_out",)
+        every = range(len(keep_outs))
+        # one keep-out that alone stands in the way; otherwise they do together
+        blocking = next((j for j in every if has_path(_relax_constraint(fleet, constraint, factor, j))), None)
+        indices = every if blocking is None else (blocking,)
+        named, smaller = " and ".join(f'"{keep_outs[j]}"' for j in indices), 100.0 * (1.0 - 1.0 / factor)
+        subject = f"keep-out {named} stands" if len(indices) == 1 else f"keep-outs {named} stand"
+        text = (
+            f": the {subject} in the way; with {'a radius' if len(indices) == 1 else 'radii'} {smaller:.0f} % smaller"
+        )
+        return f"{text}, a path exists", tuple(f"keep_out[{j}].radius_m" for j in indices)
     keys = tuple(f"limits.{limit.scenario_key}" for limit in RELAXED_TOGETHER[constraint])
     loosened = f"loosened by {100.0 * (factor - 1.0):.0f} %, a path exists"
     return f": the {constraint} ({' and '.join(keys)}) stands in the way; {loosened}", keys

@@ -2,7 +2,7 @@
 "use strict";
 
 const BARS_SHOWN = 10;
-const HEADS = { planned: "Certified plan", refused: "No certified plan", invalid: "Not a valid scenario" };
+const HEADS = { planned: "Certified plan", refused: "No certified plan", invalid: "Not a valid scenario", searching: "No certified plan so far" };
 
 class AnswerPanel {
   constructor(place, page) {
@@ -11,17 +11,18 @@ class AnswerPanel {
   }
 
   draw() {
-    const { answer, problems, invalid } = this.page, status = invalid ? "invalid" : answer?.status;
+    const { answer, problems, invalid, searching } = this.page, status = invalid ? "invalid" : searching ? "searching" : answer?.status;
     if (!status) return;
     const box = element("div", `answer ${status === "planned" ? "good" : status === "refused" ? "bad" : "mixed"}`), spoken = HEADS[status];
     box.append(element("p", "head", spoken), ...problems.map((problem) => this._problem(problem)));
-    for (const note of answer?.notes || []) box.append(element("p", "note", note));
+    if (searching) box.append(element("p", "note", "Further kinds of paths are being tried."));
+    else for (const note of answer?.notes || []) box.append(element("p", "note", note));
     if (status === "planned") {
       const first = answer.first_s, last = answer.last_s;
       box.append(element("p", "note", Math.abs(last - first) < 0.005 ? `All arrive at ${printed(first, 2)} s.` : `Arrivals from ${printed(first, 2)} s to ${printed(last, 2)} s.`));
-    } else if (answer?.aircraft.length) box.append(element("p", "note", status === "refused" ? "Dashed: the best attempt, not proven. Faint: the last certified plan." : "Grey: the last answer."));
+    } else if (answer?.aircraft.length) box.append(element("p", "note", status !== "refused" ? "Grey: the last answer." : this._lines(answer)));
     const parts = [element("p", "waits", "The scenario has changed: planning again. Below: the plan of the scenario before."), box];
-    if (answer?.aircraft.length) parts.push(...this._arrivals(answer), ...this._closest(answer), ...this._margins(answer));
+    if (answer?.aircraft.length) parts.push(...this._arrivals(answer), ...this._closest(answer), ...this._margins(answer.drawn));
     const at = this.place.scrollTop;
     const focused = this.place.contains(document.activeElement) ? document.activeElement.dataset.jump : null;
     this.place.replaceChildren(...parts);
@@ -30,9 +31,15 @@ class AnswerPanel {
     this.place.classList.toggle("stale", this.page.isStale);
   }
 
+  /** What the lines of a refusal are, in words. */
+  _lines({ aircraft, drawn }) {
+    const hidden = aircraft.filter((one) => one.drawn === false).map((one) => one.name);
+    return [drawn.length ? "Dashed: the best attempt, not proven." : "", hidden.length ? `No attempt of ${hidden.join(", ")} is near its limits; none is drawn.` : "", this.page.certified ? "Faint: the last certified plan." : ""].filter(Boolean).join(" ");
+  }
+
   /** A sentence, followed by links to the inputs that it is about. */
   _problem(problem) {
-    const line = element("p", "problem", problem.text);
+    const empty = problem.keys.map((key) => this.page.inputs.emptyAt(key)).find(Boolean), line = element("p", "problem", empty ? `The field “${empty}” is empty. ${problem.text}` : problem.text);
     for (const key of problem.keys.filter((one) => this.page.inputs.fieldOf(one))) {
       const button = element("button", "jump", `→ ${this.page.nameOfKey(key)}`);
       button.type = "button";
@@ -71,7 +78,7 @@ class AnswerPanel {
   }
 
   /** Bars of the limits, the fullest first. */
-  _margins({ aircraft }) {
+  _margins(aircraft) {
     const rows = aircraft.flatMap((one) => one.limits.map((limit) => ({ one, limit }))).filter(({ limit }) => Number.isFinite(limit.utilization));
     rows.sort((a, b) => b.limit.utilization - a.limit.utilization);
     const shown = this.all ? rows : rows.slice(0, BARS_SHOWN), list = element("ul", "bars");

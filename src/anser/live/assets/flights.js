@@ -138,9 +138,10 @@ class Flights {
 
   _choose(entry) {
     this.chosen = entry ?? null;
-    this.list.replaceChildren(...this.known.map((one) => Object.assign(element("option", "", one.name ?? one.id), { value: one.id })));
+    this.list.replaceChildren(...this.known.map((one, k) => Object.assign(element("option", "", `${k + 1} ${one.name ?? one.id}`.replace(/ [^:]*: /, " ")), { value: one.id })));
+    this.list.title = entry?.name ?? "";
     if (entry) this.list.value = entry.id;
-    this.list.closest("label").hidden = !this.known.length;
+    this.list.hidden = !this.known.length;
     document.getElementById("tab-flight").disabled = !entry;
     document.getElementById("tab-compare").disabled = !entry?.compare;
     if (this.tab && this.tab !== "plan") this.show(this.tab === "compare" && !entry?.compare ? "flight" : this.tab);

@@ -108,6 +108,10 @@ class Inputs {
     Object.assign(input, { type: "number", step: "any" });
     if (otherwise !== undefined) input.placeholder = String(otherwise);
     const put = (event) => {
+      if (input.value === "" && otherwise === undefined && event.type === "change") {
+        show(); // a needed number keeps its value
+        this.page.say(`${this.nameOfKey(path)}: the field was empty${input.value ? "; the value before stays" : " and needs a number"}.`);
+      }
       if (input.value === "" && (otherwise === undefined || event.type !== "change")) return;
       scenario.set(path, input.value === "" ? undefined : Number(input.value), { stamp: event.timeStamp });
     };
@@ -217,6 +221,12 @@ class Inputs {
   /** Input of a key: of the longest key path that contains it, or of the first entry of a list; undefined without. */
   fieldOf(key) {
     return this.names.get(this._nearest(key)) ?? this.names.get([...this.names.keys()].find((path) => path.startsWith(`${key}[`)));
+  }
+
+  /** Name of the empty number field of a key; undefined if it is filled. */
+  emptyAt(key) {
+    const field = this.names.get(key);
+    return field?.input.type === "number" && !field.input.placeholder && field.input.value === "" ? field.text : undefined;
   }
 
   nameOfKey(key) {

@@ -6,7 +6,7 @@ const STATUS_MS = 500, SESSION = "anser live session";
 class LivePage {
   constructor({ colors, recording }) {
     const at = (id) => document.getElementById(id);
-    Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, welcome: null, selection: null, progress: null, message: "", frame: 0 });
+    Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, searching: false, told: false, refit: false, welcome: null, selection: null, progress: null, message: "", frame: 0 });
     this.scenario = new Scenario();
     this.session = recording ? null : sessionStorage.getItem(SESSION); // known to the server after a reload or a cut
     this.latencies = new Latencies();
@@ -42,7 +42,7 @@ class LivePage {
 
   /** Whether the answer belongs to an earlier scenario. */
   get isStale() {
-    return this.invalid;
+    return this.invalid || this.searching;
   }
 
   hueOf(name) {
@@ -71,6 +71,7 @@ class LivePage {
     document.addEventListener("keydown", (event) => this._key(event));
     scenario.on((stamp) => {
       if (!this.fixed) this.requests.ask(stamp);
+      if (this.told) Object.assign(this, { searching: false, invalid: false, told: false, problems: [] });
       this.flights.changed();
       this.draw();
       this.report();
@@ -107,6 +108,7 @@ class LivePage {
     });
     connection.on("welcome", (message) => this._welcome(message));
     connection.on("plan", (message) => this._planned(message));
+    connection.on("preliminary", (message) => this._preliminary(message));
     connection.on("rows", (message) => flights.append(message));
     connection.on("flight", (message) => flights.welcome([{ ...message, name: message.name ?? message.verdict }]));
     connection.on("progress", (message) => {
@@ -143,21 +145,30 @@ class LivePage {
     this.report();
   }
 
+  /** What is known while the search for the answer goes on. */
+  _preliminary({ number, answer }) {
+    if (number !== this.requests.flying) return;
+    Object.assign(this, { problems: answer.problems, invalid: answer.status === "invalid", searching: answer.status === "searching", told: true });
+    this.draw();
+    this.report();
+  }
+
   _take(answer) {
-    this.problems = answer.problems || [];
+    Object.assign(this, { problems: answer.problems || [], searching: false, told: false });
+    answer.drawn = (answer.aircraft || []).filter((one) => one.drawn !== false);
     this.invalid = answer.status === "invalid";
     if (this.invalid && this.answer) return; // the last answer stays, in grey
     this.answer = answer;
     if (this.welcome && answer.sliders) Object.assign(this.welcome, { sliders: answer.sliders, templates: answer.templates });
     if (answer.status === "planned") this.certified = answer;
-    if (!this.map.fitted) this.map.fit();
+    if (!this.map.fitted || (this.refit && !this.map.showsAll())) this.map.fit();
+    this.refit = false;
   }
 
   _failed({ number, problems }) {
     if (this.requests.stamps.has(number)) {
       this.requests.answer(number);
-      this.problems = problems;
-      this.invalid = true;
+      Object.assign(this, { problems, invalid: true, searching: false });
       this.draw();
     }
     this.fail(problems);
@@ -174,7 +185,7 @@ class LivePage {
     if (!this.scenario.table) return;
     this.map.draw();
     this.profile.draw();
-    const shown = [this.answer, this.problems, this.invalid];
+    const shown = [this.answer, this.problems, this.invalid, this.searching];
     if (shown.some((part, k) => part !== this.shown?.[k])) this.panel.draw();
     this.shown = shown;
     this.inputs.draw();
@@ -207,6 +218,8 @@ class LivePage {
     const path = `${list}[${k}]`;
     this.inputs.opened.add(path);
     this.select({ key: list, k });
+    this.refit = true;
+    if (!this.map.showsAll()) this.map.fit();
     this.drawNow();
     this.inputs.jump(path);
     if (told) this.say(told);
@@ -265,7 +278,7 @@ class LivePage {
 
   opened(table, name) {
     this.flights.leave();
-    Object.assign(this, { answer: null, certified: null, problems: [], invalid: false, shown: null });
+    Object.assign(this, { answer: null, certified: null, problems: [], invalid: false, searching: false, shown: null });
     this.map.fitted = false;
     this.scenario.open(table, name);
     this.map.fit();
@@ -310,12 +323,13 @@ class LivePage {
     if (!this.connection.open) return "No connection to the server.";
     if (this.flights.number) return "";
     if (this.invalid) return "The scenario is not valid: the answer says why.";
+    if (this.searching) return "No certified plan so far.";
     if (!this.answer) return "The first plan is being made.";
     return this.answer.status === "planned" ? "" : "No certified plan: the answer says why.";
   }
 
   _wait() {
-    document.body.classList.toggle("late", this.requests.isLate);
+    document.body.classList.toggle("late", this.requests.isLate && !this.told);
     const seconds = this.requests.flying ? (performance.now() - this.requests.since) / 1000 : 0;
     if (seconds > 0.3 && this.connection.open && this.status.textContent === "Ready.") this.report();
     this.waited.textContent = seconds > 1 ? `since ${seconds.toFixed(0)} s` : "";

@@ -96,16 +96,27 @@ class LiveMap {
     for (const type of ["pointerup", "pointercancel"]) this.svg.addEventListener(type, end);
   }
 
-  /** Show everything. */
-  fit() {
+  /** Least and greatest north and east of everything, m. */
+  _extent() {
     const { scenario, answer } = this.page, north = [], east = [];
     const take = (point) => { if (point && Number.isFinite(point.north_m + point.east_m)) { north.push(point.north_m); east.push(point.east_m); } };
     scenario.list("aircraft").forEach((one) => take(one.start));
     scenario.list("goal").forEach((one) => (one.waypoints || [one]).forEach(take));
     for (const one of scenario.list("keep_out")) for (const sign of [-1, 1]) take({ north_m: one.north_m + sign * one.radius_m, east_m: one.east_m + sign * one.radius_m });
-    for (const { track } of answer?.aircraft || []) track.north_m.forEach((value, j) => take({ north_m: value, east_m: track.east_m[j] }));
+    for (const { track } of answer?.drawn || []) track.north_m.forEach((value, j) => take({ north_m: value, east_m: track.east_m[j] }));
     if (!north.length) take({ north_m: 0, east_m: 0 });
-    const range = (values) => [values.reduce((a, b) => Math.min(a, b)), values.reduce((a, b) => Math.max(a, b))], [n0, n1] = range(north), [e0, e1] = range(east);
+    return [north, east].map((values) => [values.reduce((a, b) => Math.min(a, b)), values.reduce((a, b) => Math.max(a, b))]);
+  }
+
+  /** Whether everything lies in the view. */
+  showsAll() {
+    const [[n0, n1], [e0, e1]] = this._extent();
+    return this.x(e0) > 0 && this.x(e1) < this.width && this.y(n1) > 0 && this.y(n0) < this.height;
+  }
+
+  /** Show everything. */
+  fit() {
+    const { answer } = this.page, [[n0, n1], [e0, e1]] = this._extent();
     const scale = Math.min((this.width - 110) / Math.max(e1 - e0, 200), (this.height - 110) / Math.max(n1 - n0, 200));
     Object.assign(this.view, { north: (n0 + n1) / 2, east: (e0 + e1) / 2, scale: Math.max(1e-4, scale) });
     this.fitted = !!answer;
@@ -162,7 +173,7 @@ class LiveMap {
     for (const one of ghost?.aircraft || []) this._line(plan, `ghost ${one.name}`, one.track, { class: "ghost", stroke: page.colorOf(one.name) });
     for (const goal of answer?.goals || []) this._line(plan, `goal ${goal.name}`, goal, { class: "goal-track" });
     const bound = new Set(page.problems.flatMap((problem) => problem.aircraft));
-    for (const one of answer?.aircraft || []) {
+    for (const one of answer?.drawn || []) {
       const stroke = page.colorOf(one.name), proven = one.proven ? "" : " unproven";
       if (bound.has(one.name)) this._line(plan, `halo ${one.name}`, one.track, { class: "halo" });
       if (one.hold) this._line(plan, `hold ${one.name}`, one.hold, { class: "hold", stroke });
@@ -192,7 +203,7 @@ class LiveMap {
   _legend() {
     const { page, legend } = this, { answer } = page, played = page.flight !== null && page.playedTime !== null, rows = [];
     if (answer?.status === "planned" && played) rows.push(["track", "certified plan"]);
-    if (answer?.status === "refused" && answer.aircraft.length) rows.push(["track unproven", "refused: best attempt"]);
+    if (answer?.status === "refused" && answer.drawn.length) rows.push(["track unproven", "refused: best attempt"]);
     if (answer?.status === "refused" && page.certified) rows.push(["ghost", "last certified plan"]);
     if (played) rows.push([page.flights.outdated ? "flown outdated" : "flown", page.flights.outdated ? "flown: the scenario before the change" : "flown"]);
     const key = JSON.stringify(rows);

@@ -33,11 +33,16 @@ class Profile {
     return high - ((y - PROFILE_TOP) / (this.height - PROFILE_TOP - PROFILE_BOTTOM)) * (high - low);
   }
 
+  /** The last certified plan beside a refusal. */
+  get _ghost() {
+    return this.page.answer?.status === "refused" ? this.page.certified : null;
+  }
+
   /** Ranges of time and altitude; they stay during a drag. */
   _scale() {
     if (this.handles.held && this.range) return;
     const { answer, flight, scenario, playedTime } = this.page, altitudes = [0], times = [60];
-    for (const one of answer?.aircraft || []) {
+    for (const one of [...(answer?.drawn || []), ...(this._ghost?.aircraft || [])]) {
       altitudes.push(...one.track.altitude_m, one.rendezvous.altitude_m);
       times.push(one.track.time_s.at(-1) ?? 0);
     }
@@ -60,9 +65,8 @@ class Profile {
     flown.root.classList.toggle("outdated", page.flights.outdated);
     plan.root.classList.toggle("behind", page.flight !== null && page.playedTime !== null);
     const line = (times, altitudes) => linePath(times.map((time) => this.x(time)), altitudes.map((altitude) => this.y(altitude)));
-    const ghost = page.answer?.status === "refused" ? page.certified : null;
-    for (const one of ghost?.aircraft || []) plan.part(`ghost ${one.name}`, "path", { class: "ghost", stroke: page.colorOf(one.name), d: line(one.track.time_s, one.track.altitude_m) });
-    for (const one of page.answer?.aircraft || []) {
+    for (const one of this._ghost?.aircraft || []) plan.part(`ghost ${one.name}`, "path", { class: "ghost", stroke: page.colorOf(one.name), d: line(one.track.time_s, one.track.altitude_m) });
+    for (const one of page.answer?.drawn || []) {
       plan.part(`track ${one.name}`, "path", { class: `track${one.proven ? "" : " unproven"}`, stroke: page.colorOf(one.name), d: line(one.track.time_s, one.track.altitude_m) });
     }
     const { flight, playedTime } = page;

@@ -1,7 +1,7 @@
 /* The report's 3-D scene, fed with the tracks of an answer. */
 "use strict";
 
-const SCENE_PAUSE_MS = 150, SCENE_TIMES = 200, NO_EVENTS = { renewals: [], phases: [], limited: [], outside: [], failed: [] };
+const SCENE_PAUSE_MS = 150, SCENE_STEP_MS = 60, SCENE_TIMES = 200, NO_EVENTS = { renewals: [], phases: [], limited: [], outside: [], failed: [] };
 
 /** Value of a line at a time, between its points; the last value after the end. */
 function interpolated(times, values, time) {
@@ -18,7 +18,8 @@ function quaternionOf(roll, pitch, yaw) {
 }
 
 /** A run, as the report's scene draws it, of the tracks of an answer. */
-function plannedRun(answer, scenario, hueOf) {
+function plannedRun(fleet, scenario, hueOf) {
+  const answer = { aircraft: fleet };
   const end = Math.max(1, ...answer.aircraft.map((one) => one.track.time_s.at(-1) ?? 0)), goals = new Map(scenario.list("goal").map((goal) => [goal.name, goal]));
   const time = Float64Array.from({ length: SCENE_TIMES }, (_, j) => (end * j) / (SCENE_TIMES - 1));
   const names = ["", "reference_", "goal_", "rendezvous_"].flatMap((prefix) => ["north_m", "east_m", "altitude_m"].map((axis) => prefix + axis)).concat([0, 1, 2, 3].map((n) => `quaternion_${n}`));
@@ -48,27 +49,42 @@ function plannedRun(answer, scenario, hueOf) {
   return Object.assign(Object.create(Run.prototype), { aircraft, variables, cache, time, times: SCENE_TIMES, end, keepOuts, events: aircraft.map(() => NO_EVENTS) });
 }
 
+/** The aircraft of an answer with their flown tracks; the bank angles are those of the plan. */
+function flownFleet(fleet, flight) {
+  return fleet.filter(({ name }) => flight.names.includes(name)).map((one) => {
+    const k = flight.names.indexOf(one.name), left = flight.north_m[k].findIndex((value) => !Number.isFinite(value)), count = left < 0 ? flight.time_s.length : left, time_s = flight.time_s.slice(0, count);
+    const axes = Object.fromEntries(["north_m", "east_m", "altitude_m"].map((axis) => [axis, flight[axis][k].slice(0, count)]));
+    return { ...one, track: { ...axes, time_s, bank_deg: time_s.map((time) => (time > one.track.time_s.at(-1) ? 0 : interpolated(one.track.time_s, one.track.bank_deg, time))) } };
+  }).filter(({ track }) => track.time_s.length > 1);
+}
+
 class SceneView {
   constructor(place, page) {
     Object.assign(this, { place, page, timer: 0 });
   }
 
-  /** Draw the answer after a pause without a newer answer. */
+  /** Draw the answer after a pause without a newer answer; a flight that is played moves at once. */
   draw() {
+    const { playedTime } = this.page;
+    if (playedTime !== null && this.state && performance.now() - (this.moved ?? 0) > SCENE_STEP_MS) {
+      this.moved = performance.now();
+      this.state.setTime(Math.min(playedTime, this.state.end));
+    }
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this._draw(), SCENE_PAUSE_MS);
   }
 
   _draw() {
-    const { answer, scenario, playedTime, requests } = this.page;
+    const { answer, scenario, playedTime, requests, flight, flights } = this.page;
     if (requests.flying || requests.due) {
       this.draw(); // the scene would delay the plans of a drag
       return;
     }
-    if (!answer?.aircraft.length || !this.place.clientHeight || this.broken) return;
-    if (answer !== this.shown) {
-      this.shown = answer;
-      const run = plannedRun(answer, scenario, (name) => this.page.hueOf(name)), frame = frameOf([run]), lift = liftOf(frame.box);
+    const whole = flight?.time_s.length && playedTime !== null && !flights.number ? flight : null; // flown to its end
+    if (!answer?.drawn.length || !this.place.clientHeight || this.broken) return;
+    if (answer !== this.shown || whole !== this.flown) {
+      Object.assign(this, { shown: answer, flown: whole });
+      const run = plannedRun(whole ? flownFleet(answer.drawn, whole) : answer.drawn, scenario, (name) => this.page.hueOf(name)), frame = frameOf([run]), lift = liftOf(frame.box);
       if (this.scene) this._replace(run, frame, lift);
       else this._make(run, frame, lift);
     }

@@ -4,7 +4,7 @@ A time is admissible if it meets the necessary conditions, and reachable if the 
 Durations are times from the start of the plan to the arrival.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from typing import Literal
 
 import jax
@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling.options import compiled_by_older_generator, compiled_quickly
+from anser.compiling.program import PreparedProgram
 from anser.environment.environment import AbstractWind
 from anser.numerics.arrays import as_array, take_rows
 from anser.planning.certified.candidates import fleet_candidates
@@ -293,6 +294,14 @@ def reachable(
                 : batch.size
             ]
     return reached
+
+
+def prepare_reachable(tasks: AircraftTask, airspace: Airspace) -> Iterator[PreparedProgram]:
+    """Yield the programs of `reachable`, one at a time."""
+    batch_tasks, times = take_rows(tasks, np.zeros(_BATCH_SIZE, dtype=int)), as_array(np.zeros(_BATCH_SIZE))
+    for candidate_set in (ALONE_STANDARD, ALONE_TURN_LEG_PATHS):
+        count = as_array(1, np.int32)
+        yield _reachable_at.prepare(batch_tasks, airspace, times, count, COARSE_INTERVALS, candidate_set)
 
 
 def _open_times(

@@ -5,7 +5,7 @@ still in conflict choose again, until no conflict is left or the rounds are used
 """
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -404,6 +404,16 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
     yield candidates
     extra = _absent_extra(candidates.shapes, STANDARD.extra)
     yield _choose.prepare(*arguments, *_choice_arguments(candidates.shapes, intervals, STANDARD, extra, None))
+
+
+def prepare_extra_candidates(
+    tasks: AircraftTask, airspace: Airspace, intervals: int, kinds: Sequence[CandidateSet] = EXTRA_SETS
+) -> Iterator[PreparedProgram]:
+    """Yield the programs that `plan_at` needs where the standard candidates fail, one at a time."""
+    durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
+    selected = jax.ShapeDtypeStruct(tasks.active.shape, np.bool_)
+    for kind in kinds:
+        yield _generate.prepare(as_array(0.0), tasks, airspace, durations, intervals, kind, selected)
 
 
 def _profile_count(candidate_set: CandidateSet) -> Array:

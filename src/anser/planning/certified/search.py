@@ -397,6 +397,18 @@ class _Attempt(NamedTuple):
     fails_after_arrival: bool  # whether the paths are proven, and aircraft fail for want of a hold alone
 
 
+class FailedAttempt(str):
+    """Progress message before the search goes on with further candidates, with the attempt that failed."""
+
+    attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
+
+    def __new__(cls, text: str, attempt: CertifiedPlan) -> "FailedAttempt":
+        """Attach an attempt to a message."""
+        message = super().__new__(cls, text)
+        message.attempt = attempt
+        return message
+
+
 @dataclass
 class _Search:
     """Search in progress: the arguments of `search`, the attempts so far, and the results as in `SearchOutcome`."""
@@ -472,6 +484,7 @@ class _Search:
                 self.tried.append(standard._replace(times=times, candidate_set=candidate_set))
                 return None
             extra_for = standard.failed
+            self.on_progress(FailedAttempt("trying further kinds of paths", standard.plan))
         attempt = self._make_plan(times, candidate_set, extra_for)
         for _ in range(_EXTENSIONS):
             # A new path of one aircraft may obstruct other aircraft, which then need extra candidates too.
