@@ -127,6 +127,7 @@ class LivePage {
     if (!this.session) sessionStorage.setItem(SESSION, (this.session = message.session));
     if (before || this.scenario.restore()) this.scenario._tell(performance.now());
     else this.scenario.open(message.scenario, message.name);
+    if (!this.map.fitted) this.map.fit();
     this.flights.welcome(message.flights);
     document.documentElement.dataset.ready ||= "1";
     this.report();
