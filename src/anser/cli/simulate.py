@@ -39,6 +39,7 @@ _SHOWN = (
     *("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "yaw_deg"),
     *("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s", "load_factor"),
 )
+_COLUMNS = ("name", "start", "end", "least", "greatest")
 
 
 @help_epilog(
@@ -107,6 +108,7 @@ def simulate(
     if input_ and controls is not None:
         raise InputError("--controls: arrived with --input; expected one of the two")
     from anser.parts.input_signals import parse_signal
+    from anser.results.dataset import value_range
     from anser.single_aircraft.flight import simulate as fly
     from anser.single_aircraft.model import aircraft as load_model
 
@@ -141,29 +143,10 @@ def simulate(
     if out is not None:
         with open_output_folder(out, force) as folder:
             flight.write_into(folder)
-    figures = [
-        {
-            "name": name,
-            "start": float(dataset[name][0]),
-            "end": float(dataset[name][-1]),
-            "least": float(dataset[name].min()),
-            "greatest": float(dataset[name].max()),
-        }
-        for name in _SHOWN
-    ]
-    print_document(
-        lambda: {
-            "format_version": 1,
-            **model.identity,
-            **condition,
-            "controls": dataset.attrs["controls"],
-            "end": dataset.attrs["end"],
-            "duration_s": float(dataset["time"][-1]),
-            "variables": figures,
-        }
-    )
-    headings = [*columns("variable"), *columns("start", "end", "least", "greatest", justify="right", digits=3)]
-    title = f"{aircraft}: {float(dataset['time'][-1]):g} s, {dataset.attrs['end']}"
-    print_table(title, headings, [tuple(figure.values()) for figure in figures])
+    figures = [dict(zip(_COLUMNS, (name, *value_range(dataset[name])), strict=True)) for name in _SHOWN]
+    told = {"controls": dataset.attrs["controls"], "end": dataset.attrs["end"], "duration_s": float(dataset.time[-1])}
+    print_document(lambda: {"format_version": 1, **model.identity, **condition, **told, "variables": figures})
+    headings = [*columns("variable"), *columns(*_COLUMNS[1:], justify="right", digits=3)]
+    print_table(f"{aircraft}: {told['duration_s']:g} s, {told['end']}", headings, [tuple(f.values()) for f in figures])
     if out is not None:
         print_note(f"{out}: flight.nc, flight.png, report.html")
