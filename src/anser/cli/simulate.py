@@ -96,12 +96,9 @@ def simulate(
     must_be_in_range("--temperature-offset-k", temperature_offset_k, -60.0, 60.0)
     atmosphere = {"temperature_offset_k": temperature_offset_k} if temperature_offset_k else None
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
-    condition: dict[str, Any] = {
-        "speed_m_s": true_airspeed_of(altitude_m, airspeeds, standard_layers(temperature_offset_k)),
-        "altitude_m": altitude_m,
-        "path_angle_deg": path_angle_deg,
-        "turn_rate_deg_s": turn_rate_deg_s,
-    }
+    speed_m_s = true_airspeed_of(altitude_m, airspeeds, standard_layers(temperature_offset_k))
+    condition: dict[str, Any] = {"speed_m_s": speed_m_s, "altitude_m": altitude_m}
+    condition |= {"path_angle_deg": path_angle_deg, "turn_rate_deg_s": turn_rate_deg_s}
     must_be_flight_condition(condition | {"cg": cg})
     must_be_in_range("--duration-s", duration_s, 0.01, 36_000.0)
     must_be_in_range("--step-s", step_s, 1e-4, 1.0)
@@ -144,9 +141,10 @@ def simulate(
         with open_output_folder(out, force) as folder:
             flight.write_into(folder)
     figures = [dict(zip(_COLUMNS, (name, *value_range(dataset[name])), strict=True)) for name in _SHOWN]
-    told = {"controls": dataset.attrs["controls"], "end": dataset.attrs["end"], "duration_s": float(dataset.time[-1])}
-    print_document(lambda: {"format_version": 1, **model.identity, **condition, **told, "variables": figures})
+    end, length_s = dataset.attrs["end"], float(dataset.time[-1])
+    summary = {"controls": dataset.attrs["controls"], "end": end, "duration_s": length_s, "variables": figures}
+    print_document(lambda: {"format_version": 1, **model.identity, **condition, **summary})
     headings = [*columns("variable"), *columns(*_COLUMNS[1:], justify="right", digits=3)]
-    print_table(f"{aircraft}: {told['duration_s']:g} s, {told['end']}", headings, [tuple(f.values()) for f in figures])
+    print_table(f"{aircraft}: {length_s:g} s, {end}", headings, [tuple(row.values()) for row in figures])
     if out is not None:
         print_note(f"{out}: flight.nc, flight.png, report.html")

@@ -6,9 +6,9 @@ A text is parsed by Python's grammar and rebuilt from a list of allowed operatio
 import ast
 import difflib
 import functools
-import math
+import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,10 +94,11 @@ class _Builder:
         if depth > _DEPTH_MAX:
             raise ExpressionError("a nested expression", f"{_DEPTH_MAX} levels at most")
         match node:
-            case ast.Constant(value=bool()):
-                raise self._refused(node)
-            case ast.Constant(value=int() | float()):
-                return False, self._constant(node)
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                if not abs(value) <= sys.float_info.max:
+                    raise ExpressionError(self._source(node), "a finite number")
+                number = float(value)
+                return False, lambda values, xp: number
             case ast.Name(id=name):
                 self.names.append(name)
                 return name in _CONDITIONS, lambda values, xp: values[name]
@@ -128,16 +129,7 @@ class _Builder:
                 operands = [self._operand(operand, depth) for operand in node.args]
                 return False, lambda values, xp: function(xp, *(operand(values, xp) for operand in operands))
             case _:
-                raise self._refused(node)
-
-    def _constant(self, node: ast.Constant) -> _Evaluate:
-        try:
-            number = float(node.value)  # pyright: ignore[reportArgumentType]
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            raise ExpressionError(self._source(node), "a finite number")
-        return lambda values, xp: number
+                raise ExpressionError(self._source(node), f"nothing but {_ALLOWED}")
 
     def _operand(self, node: ast.AST, depth: int, *, is_condition: bool = False) -> _Evaluate:
         """Build an operand, which must be a number, or a condition."""
@@ -152,9 +144,6 @@ class _Builder:
     def _source(self, node: ast.AST) -> str:
         return describe_value(ast.get_source_segment(self.text, node) or self.text)
 
-    def _refused(self, node: ast.AST) -> ExpressionError:
-        return ExpressionError(self._source(node), f"nothing but {_ALLOWED}")
-
 
 def _applied(function: str, operands: list[_Evaluate]) -> _Evaluate:
     return lambda values, xp: getattr(xp, function)(*(operand(values, xp) for operand in operands))
@@ -164,9 +153,8 @@ def _all_of(conditions: list[_Evaluate], function: str) -> _Evaluate:
     return lambda values, xp: functools.reduce(getattr(xp, function), [c(values, xp) for c in conditions])
 
 
-def suggest_variable(name: str, names: Iterable[str]) -> str:
+def suggest_variable(name: str, names: Collection[str]) -> str:
     """Return what is expected in place of an unknown name: the same variable with its unit, or similar names."""
-    names = list(names)
     keys = {variable.name: variable.key for variable in CATALOGUE}
     same = [entry for entry in names if name == keys.get(entry) or name.startswith(f"{keys.get(entry)}_")]
     matches = sorted(same, key=len)[-1:] or difflib.get_close_matches(name, names, n=3)

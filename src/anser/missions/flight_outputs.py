@@ -11,7 +11,7 @@ from pydantic import Field
 
 from anser.config.errors import Problem, describe_value
 from anser.config.expressions import LENGTH_MAX, ExpressionError, parse_expression
-from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, identifier
+from anser.config.tables import Table, expects, identifier, slug
 from anser.numerics.arrays import cast_to_precision
 from anser.parts.perception import Instant
 from anser.results.documents import finite_or_none
@@ -32,12 +32,7 @@ _EXTREMES = ("greatest", "least")
 class FlightOutput(Table):
     """Output of each flight: an expression over the flight's variables, reduced over time to one number."""
 
-    name: str = Field(
-        pattern=SLUG_PATTERN,
-        max_length=64,
-        description="name of the output, also of its column",
-        json_schema_extra=expects(SLUG_EXPECTED),
-    )
+    name: str = slug("name of the output, also of its column")
     expression: str = Field(
         min_length=1,
         max_length=LENGTH_MAX,

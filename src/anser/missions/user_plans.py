@@ -98,13 +98,9 @@ class UserFirstPlan(FirstPlan):
 
 
 def _check_plans(flight: Flight) -> None:
-    """Trace a user-defined planner on shapes alone, and refuse plans that are not stacked over the fleet.
-
-    Raises ScenarioError, with the planner and the method, what arrived and what is right.
-    """
+    """Trace a user-defined planner on shapes alone; raise ScenarioError for plans not stacked over the fleet."""
     planner, fleet = flight.planner, eqx.filter_eval_shape(trimmed_fleet, flight)
-    inputs = jnp.zeros(()), fleet.reports, fleet.performance
-    state = trace_method("planner", planner, "first_plan", *inputs)
+    state = trace_method("planner", planner, "first_plan", jnp.zeros(()), fleet.reports, fleet.performance)
     plans = trace_method("planner", planner, "plans", state)
     if not isinstance(plans, AircraftPlan):
         wrong = [type(plans).__name__]

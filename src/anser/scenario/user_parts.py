@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.config.errors import Problem, ScenarioError, describe_value, problem_error
+from anser.config.errors import Problem, ScenarioError, describe_value, first_line, problem_error
 from anser.environment.environment import Environment
 from anser.environment.gusts import NoGusts
 from anser.numerics.randomness import flight_randomness
@@ -100,10 +100,7 @@ class UserParts:
 
 
 def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
-    """Return a scenario that is flown with user-defined parts, beside or in place of those that its file names.
-
-    The parts stay with the scenario through `Scenario.replace`.
-    """
+    """Return a scenario with user-defined parts beside or in place of its file's, also through `Scenario.replace`."""
     if not parts:
         return scenario
     attached = scenario.model_copy()
@@ -202,7 +199,8 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
         raise part_error("estimator", vehicle.estimator, "estimate", _described(belief), expected)
     trace("guidance", "init", belief, instant)  # its command needs a plan, which exists only in flight
     state = trace("controller", "init", start, jax.ShapeDtypeStruct((3,), float))
-    command = PathCommand(*[jax.ShapeDtypeStruct((), float)] * 6)
+    scalar: Any = jax.ShapeDtypeStruct((), float)
+    command = PathCommand(scalar, scalar, scalar, scalar, scalar, scalar)
     returns = "(controls, signals, state)"
     controls, *_ = trace("controller", "control", state, belief, command, instant.step, returns=returns)
     arrived, count = _described(controls), len(airframe.actuators.names)
@@ -218,14 +216,10 @@ def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: boo
     """
     try:
         return eqx.filter_eval_shape(getattr(part, method), *arguments)
-    except ScenarioError:
-        raise
     except Exception as error:
-        if not is_own:
+        if not is_own or isinstance(error, ScenarioError):
             raise
-        message = (str(error).strip() or type(error).__name__).splitlines()[0]
-        arrived = f"{type(error).__name__}: {message}"
-        raise part_error(kind, part, method, arrived, "a method that JAX can trace") from error
+        raise part_error(kind, part, method, first_line(error), "a method that JAX can trace") from error
 
 
 def part_error(kind: str, part: Any, method: str, arrived: str, expected: str) -> ScenarioError:

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.motion import MotionState, air_data_and_forces, to_local_state
+from anser.config.errors import first_line
 from anser.environment.environment import Environment
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.paths import PathCommand
@@ -67,16 +68,24 @@ class FeedbackControls(_SampledControls):
         """Return the controls that `law` computes from time and state, no signals, and the next sample's number."""
         time, names = controller_state * step, belief.airframe.actuators.names
         values = dataset_variables(belief.airframe, self.environment, time, belief.state, self.reference)
-        requested, inputs = dict(self.law(time, values)), (*names, "throttle")
-        unknown = sorted(set(requested) - set(inputs))
+        try:
+            requested = {name: jnp.asarray(value, dtype=float) for name, value in dict(self.law(time, values)).items()}
+        except Exception as error:
+            raise ValueError(
+                f"controls: the function raised {first_line(error):.160}; expected law(time_s, state) that returns "
+                "controls by name, written in jax.numpy (jnp.where in place of if)"
+            ) from error
+        unknown = sorted(requested.keys() - {*names, "throttle"})
         if unknown:
-            expected = ", ".join(inputs)
+            expected = ", ".join((*names, "throttle"))
             raise ValueError(f"controls: arrived {unknown[0]!r} from the function; expected inputs among {expected}")
+        if any(value.ndim for value in requested.values()):
+            raise ValueError("controls: the function returned arrays; expected one number for each input")
         deflections = [
-            DEG_RAD * jnp.asarray(requested[name], dtype=float) if name in requested else self.reference.surfaces[k]
+            DEG_RAD * requested[name] if name in requested else self.reference.surfaces[k]
             for k, name in enumerate(names)
         ]
-        throttle = jnp.asarray(requested.get("throttle", self.reference.throttle), dtype=float)
+        throttle = requested.get("throttle", self.reference.throttle)
         return Controls(jnp.stack(deflections), throttle), None, controller_state + 1
 
 
@@ -123,12 +132,13 @@ def believed_variables(belief: Belief) -> dict[str, Array]:
 
 
 def _named_variables(belief: Belief, controls: Controls) -> dict[str, Array]:
+    nan = jnp.asarray(jnp.nan)
     sample = AircraftSample(
         truth=Truth(belief.airframe, belief.state, belief.condition, None),
         belief=belief,
         controls=controls,
         signals=None,
-        command=PathCommand(*[jnp.asarray(jnp.nan)] * 6),
+        command=PathCommand(nan, nan, nan, nan, nan, nan),
         reference_n=None,
         approach=None,
         status=jnp.asarray(FLYING, dtype=jnp.int32),

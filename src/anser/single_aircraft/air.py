@@ -76,12 +76,7 @@ def read_air(
 ) -> Air:
     """Validate Earth, wind, turbulence (a table, or its intensity alone), gusts and atmosphere.
 
-    The path of a sounding starts from the working folder.
-
-    Raises
-    ------
-    ScenarioError
-        A table is not valid; the message names the key, what arrived and what would be right.
+    The path of a sounding starts from the working folder. Raises ScenarioError for a table that is not valid.
     """
     if isinstance(turbulence, str):
         turbulence = {"intensity": turbulence}

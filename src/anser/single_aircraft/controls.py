@@ -41,11 +41,11 @@ def sample_inputs(
         if name not in reference:
             raise ValueError(f"{subject}: arrived {name!r}; expected inputs among {', '.join(reference)}")
         column = sampled[:, list(reference).index(name)]
-        is_signal, place = isinstance(value, InputSignal), f"{subject}[{name!r}]"
-        values = value(time_s) if is_signal else _sample(value, time_s, place)
+        place = f"{subject}[{name!r}]"
+        values = value(time_s) if isinstance(value, InputSignal) else _sample(value, time_s, place)
         if not np.all(np.isfinite(values)):
             raise ValueError(f"{place}: arrived values that are not finite; expected numbers throughout")
-        column[:] = column + values if increments or is_signal else values
+        column[:] = column + values if increments or isinstance(value, InputSignal) else values
         low, high = float(np.min(column)), float(np.max(column))
         if name == "throttle" and not -1e-9 <= low <= high <= 1.0 + 1e-9:
             raise ValueError(f"{place}: arrived {low:g} to {high:g}; expected 0 to 1 (not percent)")

@@ -18,7 +18,6 @@ from jaxtyping import Array, Bool, Float
 from anser.aircraft.actuators import without_lag
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.engines import InstantEngine
-from anser.aircraft.motion import air_data_and_forces
 from anser.analysis.trim_points import Inversion
 from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
 from anser.config.errors import quoted_list
@@ -29,10 +28,10 @@ from anser.environment.environment import AbstractWind, Environment
 from anser.environment.gridded_wind import GriddedWind, has_left_field
 from anser.files import result_folder
 from anser.numerics.arrays import as_array, bucket_size
-from anser.numerics.randomness import AbstractRandomness, flight_randomness
+from anser.numerics.randomness import flight_randomness
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.input_signals import InputSignal
-from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
+from anser.parts.perception import AbstractEstimator, AbstractSensors, Instant
 from anser.results.dataset import air_variables, qnh_attributes, value_range
 from anser.results.documents import version_attributes
 from anser.results.faults import dataset_fault, format_fault
@@ -40,7 +39,6 @@ from anser.results.variable_labels import catalogue_attributes, to_dataset_units
 from anser.sensing.adaptation import AdaptiveEstimator, adaptive_estimator
 from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import IdealSensors
-from anser.shapes import Scalar
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.open_loop import CONTROLLER_KEYS, FeedbackControls, PrescribedCommand, PrescribedControls
 from anser.simulation.recorders import AbstractRecorder, History
@@ -59,13 +57,10 @@ from anser.variables import catalogue
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OPEN_LOOP = "none: open loop"
-"""Attribute `controller` of a flight without one."""
-_ROWS = 512
-"""Least number of rows of a compiled flight; longer flights have 2, 4, 8 ... times as many."""
+OPEN_LOOP = "none: open loop"  #: Attribute `controller` of a flight without one.
+_ROWS = 512  # least number of rows of a compiled flight; longer flights have 2, 4, 8 ... times as many
 _INVERSIONS: dict[str, Inversion] = {"inversion": "model", "incremental": "incremental", "adaptive": "incremental"}
 """Autopilots of the package by name; the adaptive one inverts increments with a model that is corrected in flight."""
-_COMMANDS = ("airspeed_m_s", "path_angle_deg", "course_deg")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -106,10 +101,7 @@ class AircraftFlight:
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write `flight.nc`, `flight.png` and `report.html` into a new folder.
 
-        Raises
-        ------
-        FileExistsError
-            If the folder exists and `force` is False.
+        Raises FileExistsError if the folder exists and `force` is False.
         """
         with result_folder(Path(folder), replace=force) as staging:
             self.write_into(staging)
@@ -159,6 +151,9 @@ def simulate(
     engine_lag: bool = True,
 ) -> AircraftFlight:
     """Fly one aircraft under given controls (open loop), or with a controller under given commands.
+
+    Raises ValueError for an argument that is not valid, ScenarioError for a table of the air that is not valid, and
+    ConditionError for a trim without steady flight as the start.
 
     Parameters
     ----------
@@ -210,15 +205,6 @@ def simulate(
     AircraftFlight
         `dataset` ends before the ground is reached, the wind field of a file ends or a value becomes non-finite; its
         attribute `end` tells so.
-
-    Raises
-    ------
-    ValueError
-        An argument is not valid; the message names the argument, what arrived and what would be right.
-    ScenarioError
-        A table of the air is not valid.
-    ConditionError
-        The start is a trim without steady flight.
     """
     enable_compilation_cache()
     model = load_aircraft(aircraft)
@@ -251,8 +237,7 @@ def simulate(
     if isinstance(command, AbstractGuidance):
         guidance = command
     elif controller is not None:
-        reference = dict(zip(_COMMANDS, air_path(environment, point), strict=True))
-        table = sample(command or {}, reference, "command")
+        table = sample(command or {}, air_path(environment, point), "command")
         guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
     elif command is None:
         guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
@@ -275,7 +260,8 @@ def simulate(
         "excitation": test_inputs,
     }
     recorder = AdaptationHistory(stride) if isinstance(estimator, AdaptiveEstimator) else History(stride=stride)
-    history = _fly(parts, environment, point, as_array(step_s), flight_randomness(seed), recorder, count)
+    instant = Instant(environment, as_array(0, np.int32), as_array(step_s), flight_randomness(seed))
+    history = _fly(parts, instant, point, recorder, count)
     columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
     kind = type(controller)
     part_name = controller if isinstance(controller, str) else f"{kind.__module__}.{kind.__qualname__}"
@@ -316,25 +302,17 @@ def _outside_field(
 
 @compiled_by_older_generator(("count",), "flight")
 def _fly(
-    parts: dict[str, Any],
-    environment: Environment,
-    start: TrimPoint,
-    step: Scalar,
-    randomness: AbstractRandomness,
-    recorder: AbstractRecorder,
-    count: int,
+    parts: dict[str, Any], instant: Instant, start: TrimPoint, recorder: AbstractRecorder, count: int
 ) -> dict[str, Array]:
     vehicle = Vehicle(**parts)
-    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step, randomness)
     state = trimmed_vehicle(vehicle, instant, start)
-    return fly_alone(vehicle, environment, state, step, count, recorder, randomness)[2]
+    return fly_alone(vehicle, instant.environment, state, instant.step, count, recorder, instant.randomness)[2]
 
 
 def set_lags(
-    airframe: AbstractAirframe, starts: Sequence[TrimPoint], *, actuator_lag: bool, engine_lag: bool
+    airframe: AbstractAirframe, points: list[TrimPoint], *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
-    """Return an airframe without the lags that are switched off, and the starts with states that fit it."""
-    points = list(starts)
+    """Return an airframe without the lags that are switched off, and starts with states that fit it."""
     lags = (("actuators", "surfaces", without_lag, actuator_lag), ("engine", "power", InstantEngine, engine_lag))
     for name, quantity, instant, is_kept in lags:
         if not is_kept:
@@ -349,31 +327,13 @@ def set_lags(
 def _open_loop(
     airframe: AbstractAirframe, environment: Environment, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
-    """Return the controller that plays controls: a table of samples, or a function that JAX can trace."""
-    if not callable(controls) or isinstance(controls, InputSignal | Mapping):
-        reference, inputs = reference_inputs(airframe, point.controls), {} if controls is None else controls
-        table = sample(inputs, reference, "controls", increments=increments)
-        return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
-    feedback = FeedbackControls(point.controls, environment, controls)
-
-    def first_controls(start: TrimPoint) -> Any:
-        condition = air_data_and_forces(airframe, environment, 0.0, start.state)
-        belief = Belief(airframe, start.state, condition, jnp.zeros(3), sight=None, goal=None)
-        return feedback.control(jnp.asarray(0, dtype=jnp.int32), belief, None, 0.01)[0]
-
-    try:
-        returned = eqx.filter_eval_shape(first_controls, point)
-    except Exception as error:
-        message = (str(error).strip() or type(error).__name__).splitlines()[0]
-        if message.startswith("controls: "):
-            raise ValueError(message) from None
-        raise ValueError(
-            f"controls: the function raised {type(error).__name__}: {message:.160}; expected law(time_s, state) that "
-            "returns controls by name, written in jax.numpy (jnp.where in place of if)"
-        ) from error
-    if (returned.surfaces.shape, returned.throttle.shape) != (point.controls.surfaces.shape, ()):
-        raise ValueError("controls: the function returned arrays; expected one number for each input")
-    return feedback
+    """Return the controller that plays controls: a table of samples, or a function of time and state."""
+    law: Any = controls
+    if callable(controls) and not isinstance(controls, InputSignal | Mapping):
+        return FeedbackControls(point.controls, environment, law)
+    reference, inputs = reference_inputs(airframe, point.controls), {} if controls is None else controls
+    table = sample(inputs, reference, "controls", increments=increments)
+    return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
 
 
 def autopilot(airframe: AbstractAirframe, point: TrimPoint, name: Any) -> InversionAutopilot:

@@ -68,6 +68,8 @@ class LinearFeedback(AbstractController):
     ) -> "LinearFeedback":
         """Return the feedback by a gain matrix.
 
+        Raises ValueError if a name is unknown, a shape does not fit, or the model is of another kind.
+
         Parameters
         ----------
         linear
@@ -80,11 +82,6 @@ class LinearFeedback(AbstractController):
             Names among the aircraft's surfaces and throttle.
         course_gain, bank_max_deg
             See the class.
-
-        Raises
-        ------
-        ValueError
-            A name is unknown, a shape does not fit, or the model is of another kind.
         """
         model = _open_model(linear)
         motion = [name for name in states if name not in _INTEGRALS]
@@ -99,22 +96,18 @@ class LinearFeedback(AbstractController):
             )
         whole = np.zeros((len(model.inputs), len(states)))
         whole[[model.inputs.index(name) for name in inputs]] = matrix
-        return cls(
-            as_array(whole),
-            as_array(np.asarray(model.x)[[model.states.index(name) for name in motion]]),
-            as_array(np.asarray(model.u)),
-            as_array(float(model.y[model.outputs.index("gamma")])),
-            as_array(course_gain),
-            as_array(bank_max_deg * DEG_RAD),
-            tuple(states),
-            tuple(model.surfaces),
-        )
+        trim_state = np.asarray(model.x)[[model.states.index(name) for name in motion]]
+        trim_path_angle = float(model.y[model.outputs.index("gamma")])
+        numbers = (whole, trim_state, np.asarray(model.u), trim_path_angle, course_gain, bank_max_deg * DEG_RAD)
+        return cls(*map(as_array, numbers), states=tuple(states), surfaces=tuple(model.surfaces))
 
     @classmethod
     def from_weights(
         cls, linear: "LinearizationResult", Q: Mapping[str, float], R: Mapping[str, float], **options: float
     ) -> "LinearFeedback":
         """Return the linear-quadratic regulator: K minimizes the integral of x' Q x + u' R u.
+
+        Raises ValueError if a name is unknown, a weight is negative, or no regulator exists for these weights.
 
         Parameters
         ----------
@@ -125,11 +118,6 @@ class LinearFeedback(AbstractController):
             altitude are fed back, with the weight 0 if they are left out.
         R
             Weights of the inputs that are moved.
-
-        Raises
-        ------
-        ValueError
-            A name is unknown, a weight is negative, or no regulator exists for these weights.
         """
         from scipy.linalg import LinAlgError, solve_continuous_are
 

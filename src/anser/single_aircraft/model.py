@@ -31,9 +31,7 @@ _BODY_STATES = (
     *("north_m", "east_m", "altitude_m", "velocity_u_m_s", "velocity_v_m_s", "velocity_w_m_s"),
     *("roll_rad", "pitch_rad", "yaw_rad", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"),
 )
-
-_UPWARDS = np.array([1.0, 1.0, -1.0])
-"""Factors from north, east, down to north, east, altitude, and back."""
+_UPWARDS = np.array([1.0, 1.0, -1.0])  # factors from north, east, down to north, east, altitude, and back
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -99,12 +97,7 @@ class AircraftModel:
     ) -> "LinearizationResult":
         """Linearize the aircraft about a trim, or about a condition given as to `trim`: see `anser.linearize`.
 
-        Raises
-        ------
-        ValueError
-            Neither a trim nor a condition is given, or both.
-        ConditionError
-            The steady flight does not exist.
+        Raises ValueError for neither a trim nor a condition, or both; ConditionError if no such steady flight exists.
         """
         from anser.analysis.linear_models import linearize
 
@@ -114,8 +107,9 @@ class AircraftModel:
         if trim is not None and not isinstance(trim, TrimResult):
             raise ValueError(f"linearize: arrived {type(trim).__name__}; expected a trim of this aircraft")
         values: dict[str, Any] = dict(condition) if trim is None else dict(trim.condition)
-        environment = None if trim is None else _environment_of(trim)
-        result = linearize(self.airframe, actuators=actuators, environment=environment, **values)
+        if trim is not None:
+            values["environment"] = dataclasses.replace(standard_environment(), atmosphere=trim.atmosphere)
+        result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
 
     def performance(self, altitude_m: float = 0.0) -> "PerformanceSheet":
@@ -126,7 +120,7 @@ class AircraftModel:
 
     def start(self, trim: TrimResult) -> dict[str, float]:
         """Return a trim as a start by name, to be changed: `{**f16.start(trim), "alpha_deg": 12.0}`."""
-        environment = _environment_of(trim)
+        environment = dataclasses.replace(standard_environment(), atmosphere=trim.atmosphere)
         return named_state(self.airframe, environment, resolve_start(self.airframe, environment, trim))
 
     def state_names(self, *, lag: bool = True) -> tuple[str, ...]:
@@ -206,12 +200,6 @@ class AircraftModel:
         return np.append(np.radians(inputs[:-1]), inputs[-1])
 
 
-def _environment_of(trim: TrimResult) -> Environment:
-    """Return the environment of a trim in still air."""
-    standard = standard_environment()
-    return Environment(trim.atmosphere, standard.wind, standard.earth)
-
-
 def aircraft(
     what: str | os.PathLike[str] | AbstractAirframe | AircraftModel,
     variant: str = "textbook",
@@ -220,6 +208,9 @@ def aircraft(
 ) -> AircraftModel:
     """Load an aircraft.
 
+    Raises ValueError if no airframe has this name, or its mass properties are impossible; ScenarioError if the aircraft
+    file is not valid.
+
     Parameters
     ----------
     what
@@ -227,13 +218,6 @@ def aircraft(
         file, an airframe of the user's own class, or an `AircraftModel`, which is returned.
     variant, x_cg_over_c
         Variant and centre of gravity of the library's F-16: see `load_airframe`.
-
-    Raises
-    ------
-    ValueError
-        No airframe has this name, or its mass properties are impossible.
-    ScenarioError
-        The aircraft file is not valid.
     """
     if isinstance(what, AircraftModel):
         return what
@@ -248,11 +232,9 @@ def surface_effects(airframe: AbstractAirframe) -> list[str]:
     """Describe by its greatest moment what a positive deflection of each surface does, at 2 deg angle of attack."""
     speed = float(np.mean(valid_airspeed_range(airframe)))
     moments = np.asarray(_surface_moments(airframe, standard_environment(), as_array(speed)))
-    texts = []
-    for moment in moments.T:
-        axis = int(np.argmax(np.abs(moment)))
-        texts.append("no moment" if moment[axis] == 0.0 else _EFFECTS[axis][int(moment[axis] < 0.0)])
-    return texts
+    axes = np.argmax(np.abs(moments), axis=0)
+    signed = zip(axes, np.take_along_axis(moments, axes[None], axis=0)[0], strict=True)
+    return ["no moment" if moment == 0.0 else _EFFECTS[axis][int(moment < 0.0)] for axis, moment in signed]
 
 
 @compiled_quickly

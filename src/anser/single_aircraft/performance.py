@@ -42,8 +42,7 @@ _CHUNK = 64  # points that are trimmed in one call
 _SERVICE_CLIMB_M_S = 0.508  # climb rate that remains at the service ceiling: 100 ft/min
 # least change of the angle of attack (rad) between neighbouring airspeeds that shows the greatest lift
 _STALL_JUMP = 5.0 * DEG_RAD
-# limits of a performance sheet by obstacle of a trim
-_LIMITS = {
+_LIMITS = {  # by obstacle of a trim
     "tables": "end of the data (altitude or Mach number)",
     "no_balance": "no balance of forces and moments",
     "thrust_max": "full power",
@@ -87,7 +86,8 @@ def _trim_points(
             flight = trim_map_point(heavier, environment, target)
             condition = air_data_and_forces(heavier, environment, 0.0, flight.trim.state)
             # accelerations along the path besides that of gravity, which the climb uses up
-            return flight, *(path_acceleration(heavier, condition, p) for p in (power, 100.0))
+            surplus, full = (path_acceleration(heavier, condition, p) for p in (power, 100.0))
+            return flight, surplus, full
 
         def climb(_: Any, path_angle: Scalar) -> Scalar:
             sine = jnp.clip(fly(path_angle)[1] / environment.gravity, -0.98, 0.98)
@@ -177,13 +177,13 @@ def performance_sheet(
     def fly(**columns: Any) -> _Flights:
         values = {"turn_rate": 0.0, "mass": 1.0, "power": np.nan, "altitude": altitude_m} | columns
         arrays = np.broadcast_arrays(*(np.asarray(values[name], dtype=float) for name in _Points._fields))
-        points, count = pad_to_multiple(_Points(*map(np.ravel, arrays)), _CHUNK), arrays[0].size
+        points = pad_to_multiple(_Points(*(as_array(np.ravel(array)) for array in arrays)), _CHUNK)
         climb_steps = as_array(0 if np.isnan(values["power"]) else _CLIMB_STEPS, int)
         parts = [  # of one size, so that one program serves all
             _trim_points(airframe, environment, take_rows(points, slice(first, first + _CHUNK)), climb_steps)
-            for first in range(0, count, _CHUNK)
+            for first in range(0, arrays[0].size, _CHUNK)
         ]
-        return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *parts)
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: arrays[0].size], *parts)
 
     field = fly(speed=speeds[None, :], altitude=altitudes[:, None])
     dataset = _excess_power(field, speeds, altitudes, gravity).assign_attrs(identity, **version_attributes())
@@ -200,10 +200,8 @@ def performance_sheet(
 
 
 def _is_flyable(flights: _Flights, *, except_power: bool = False) -> np.ndarray:
-    obstacles = np.array(flights.trims.obstacles)
-    if except_power:
-        obstacles[:, [TRIM_OBSTACLES.index(name) for name in ("thrust_max", "thrust_idle")]] = False
-    return np.logical_not(obstacles.any(axis=-1))
+    counted = [not (except_power and name in ("thrust_max", "thrust_idle")) for name in TRIM_OBSTACLES]
+    return np.logical_not(np.asarray(flights.trims.obstacles)[:, counted].any(axis=-1))
 
 
 def _limit_of(flights: _Flights, index: int) -> str:
@@ -235,7 +233,7 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
         if not 0 <= outside < grid.size:
             break
         limit = _limit_beyond(flights, int(inside), int(outside))
-        grid = np.linspace(*sorted((grid[inside], grid[outside])), _SPEEDS)
+        grid = np.linspace(min(value, grid[outside]), max(value, grid[outside]), _SPEEDS)
     return value, "m/s", limit
 
 

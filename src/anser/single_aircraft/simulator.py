@@ -27,8 +27,7 @@ from anser.single_aircraft.model import aircraft as load_aircraft
 from anser.single_aircraft.starts import input_names, reference_inputs, resolve_start
 from anser.units import DEG_RAD
 
-_BLOCK_MIN = 64
-"""Least number of aircraft in a block on a core of its own."""
+_BLOCK_MIN = 64  # least number of aircraft in a block on a core of its own
 
 
 class NamedState(Mapping[str, Any]):
@@ -68,13 +67,6 @@ class Simulator:
         Start of `anser.simulate`; or a sequence of starts, one for each of several aircraft.
     step_s
         Period of a step, s: the motion is integrated over a step by the classical Runge-Kutta method.
-
-    Attributes
-    ----------
-    inputs
-        Names of the inputs: surfaces (deg), and `throttle` (0..1).
-    time_s
-        Time since the start, s.
     """
 
     def __init__(
@@ -98,8 +90,7 @@ class Simulator:
             raise ValueError("start: arrived an empty sequence; expected a start for each aircraft")
         points = [resolve_start(airframe, environment, item) for item in starts]
         airframe, points = set_lags(airframe, points, actuator_lag=actuator_lag, engine_lag=engine_lag)
-        self.inputs = input_names(airframe)
-        self._input_indices = {name: index for index, name in enumerate(self.inputs)}
+        self.inputs = input_names(airframe)  #: Names of the inputs: surfaces (deg), and `throttle` (0..1).
         self._count = len(starts) if isinstance(start, Sequence) else None
         self.step_s = float(step_s)
         motions = [_to_motion(environment, point.state) for point in points]
@@ -142,18 +133,15 @@ class Simulator:
     def step(self, controls: Mapping[str, Any] | Float[np.ndarray, "... input"] | None = None) -> NamedState:
         """Advance the motion by one step under constant controls, and return the state at its end.
 
+        Raises ValueError if an input is unknown, a shape does not fit, or the step leads beyond the wind field of a
+        file, unless its boundary values hold; the state then stays as it was.
+
         Parameters
         ----------
         controls
             By name, surfaces in deg and throttle 0..1, a number, or for several aircraft also an array over the
             aircraft; inputs left out keep the value of the step before. Or an array of all inputs in the order of
             `inputs`, for several aircraft with a leading axis over the aircraft.
-
-        Raises
-        ------
-        ValueError
-            An input is unknown, a shape does not fit, or the step leads beyond the wind field of a file, unless its
-            boundary values hold; the state then stays as it was.
         """
         inputs = self._merge(controls)
         packed = self._in_parallel(self._programs.step, self._packed, inputs)
@@ -211,10 +199,10 @@ class Simulator:
         if isinstance(controls, Mapping):
             inputs = self._inputs.copy()
             for name, value in controls.items():
-                if name not in self._input_indices:
+                if name not in self.inputs:
                     raise ValueError(f"controls: arrived {name!r}; expected inputs among {', '.join(self.inputs)}")
                 try:
-                    inputs[..., self._input_indices[name]] = value
+                    inputs[..., self.inputs.index(name)] = value
                 except (TypeError, ValueError):
                     each = "a number" if self._count is None else f"a number or {self._count} numbers"
                     raise ValueError(f"controls[{name!r}]: arrived {value!r:.60}; expected {each}") from None
@@ -261,7 +249,7 @@ class _Programs:
             return jnp.concatenate([packed[: size + 1], *(jnp.asarray(v, dtype=float)[None] for v in named.values())])
 
         def advance_once(constants: Array, packed: Array, inputs: Array) -> Array:
-            moved = advance(*situation(constants, packed, inputs), constants[-1])
+            moved = advance(*situation(constants, packed, inputs), step=constants[-1])
             return jnp.append(ravel_pytree(moved)[0], packed[size] + 1.0)
 
         def advance_and_read(constants: Array, packed: Array, inputs: Array) -> Array:
@@ -281,10 +269,7 @@ class _Programs:
         self.step = jax.jit(jax.vmap(advance_once, in_axes, 1) if batched else as_single_kernel(advance_and_read))
 
 
-_programs: dict[Any, _Programs] = {}
-"""Programs by structure, shared by the simulators of a process."""
-
-
+_programs: dict[Any, _Programs] = {}  # by structure, shared by the simulators of a process
 _to_motion = compiled_quickly(to_motion_state)
 
 

@@ -137,10 +137,7 @@ def _named_start(airframe: AbstractAirframe, environment: Environment, values: V
 
 @compiled_quickly
 def _in_wind(environment: Environment, trim: TrimPoint) -> TrimPoint:
-    """Return a trim point with the velocity over ground in the environment's wind, and the same airspeed.
-
-    The trim is one in still air, as `anser.trim` computes it.
-    """
+    """Return a trim in still air with the same airspeed in the environment's wind, by its velocity over ground."""
     state = trim.state
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_b = state.velocity_b + rotate(rotation_from_quaternion(state.quaternion), wind_n)
@@ -164,10 +161,10 @@ def named_state(airframe: AbstractAirframe, environment: Environment, point: Tri
     return {name: variables[name] for name in start_names(airframe)}
 
 
-def air_path(environment: Environment, point: TrimPoint) -> tuple[float, float, float]:
-    """Return airspeed (m/s), path angle and course through the air (deg) of a start."""
+def air_path(environment: Environment, point: TrimPoint) -> dict[str, float]:
+    """Return airspeed, path angle and course through the air of a start, by the names of a dataset."""
     V, gamma, chi = (float(value) for value in _air_path(environment, point.state))
-    return V, gamma * RAD_DEG, chi * RAD_DEG
+    return {"airspeed_m_s": V, "path_angle_deg": gamma * RAD_DEG, "course_deg": chi * RAD_DEG}
 
 
 @compiled_quickly
