@@ -9,7 +9,7 @@ import numpy as np
 
 import anser
 from anser.parts import AbstractController
-from anser.single_aircraft.flight import inversion_autopilot
+from anser.single_aircraft.flight import autopilot
 
 STEPS, ROUNDS = 2000, 5
 
@@ -63,8 +63,7 @@ def test_a_step_of_a_thousand_aircraft(benchmark):
 def test_a_controller_from_outside_costs_no_more_than_the_built_in_one(benchmark):
     f16 = anser.aircraft("f16")
     trim = f16.trim(150, 1000)
-    environment = anser.environment.standard_environment()
-    built_in = inversion_autopilot(f16.airframe, environment, trim.point, 0.01)
+    built_in = autopilot(f16.airframe, trim.point, "inversion")
     command = {"course_deg": anser.step_input(20)}
 
     def fly(controller):

@@ -86,7 +86,9 @@ def test_small_steps_approach_the_linear_model_with_the_square_of_the_step():
 
 def test_the_regulator_follows_commands_and_gives_a_report(tmp_path):
     command = {"course_deg": anser.step_input(30), "airspeed_m_s": anser.step_input(10, 15)}
-    flight = anser.simulate(f16(), level(), controller=regulator(), command=command, duration_s=DURATION_S * 4)
+    # with four times the step, the flight has the rows of the others and shares their program
+    options = {"command": command, "duration_s": 4 * DURATION_S, "step_s": 4 * STEP_S}
+    flight = anser.simulate(f16(), level(), controller=regulator(), **options)
     assert float(flight.dataset.course_deg[-1]) == pytest.approx(30.0, abs=0.1)
     assert float(flight.dataset.airspeed_m_s[-1]) == pytest.approx(160.0, abs=0.3)
     assert float(flight.dataset.roll_deg.max()) < 42.0  # the limit of the reference is 40 deg
@@ -98,9 +100,11 @@ def test_a_gain_matrix_is_the_regulator_by_its_own_gain():
     order = [*linear().model.inputs]
     same = anser.LinearFeedback.from_gain(linear(), np.asarray(law.gain), law.states, order)
     np.testing.assert_array_equal(same.gain, law.gain)
-    elevator = anser.LinearFeedback.from_gain(linear(), [[-0.3, -0.5]], ["alpha", "Q"], ["elevator"])
+    damped = {"alpha": -0.3, "Q": -0.5}  # with the states of the regulator, the flight shares its program
+    gain = [[damped.get(name, 0.0) for name in law.states]]
+    elevator = anser.LinearFeedback.from_gain(linear(), gain, law.states, ["elevator"])
     upset = {**f16().start(level()), "pitch_rate_deg_s": 8.0}
-    flight = anser.simulate(f16(), upset, controller=elevator, duration_s=1.0).dataset
+    flight = anser.simulate(f16(), upset, controller=elevator, duration_s=DURATION_S).dataset
     pitch_rate, alpha = (np.radians(flight[name].values) for name in ("pitch_rate_deg_s", "alpha_deg"))
     expected = float(linear().model.u[1]) + 0.3 * (alpha - alpha[0]) + 0.5 * pitch_rate
     np.testing.assert_allclose(np.radians(flight.elevator_command_deg), expected, rtol=0, atol=1e-9)

@@ -28,7 +28,7 @@ from anser.aircraft_files.schema_tables import (
 )
 from anser.airframe_data import COEFFICIENTS, DERIVATIVE_ARGUMENTS, derivative_index
 from anser.config.errors import Problem, describe_value, format_number
-from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, tables
+from anser.config.tables import Table, expects, slug, tables
 from anser.config.tables import table as part
 
 
@@ -38,12 +38,7 @@ class AnyAirframeFile(Table):
     format: Literal[1] = Field(
         description="version of the file format", json_schema_extra=expects("1, the format that this anser reads")
     )
-    name: str = Field(
-        pattern=SLUG_PATTERN,
-        max_length=64,
-        description="name of the aircraft",
-        json_schema_extra=expects(SLUG_EXPECTED),
-    )
+    name: str = slug("name of the aircraft")
     description: str = text_field("short description", "")
     source: str = Field(
         min_length=1, description="source of the numbers", json_schema_extra=expects("a text in quotes")

@@ -12,17 +12,7 @@ from pydantic import Field, ValidationError
 
 from anser.campaigns.distributions import Dispersion
 from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value, format_number, quoted_list
-from anser.config.tables import (
-    SLUG_EXPECTED,
-    SLUG_PATTERN,
-    Table,
-    content_hash,
-    expects,
-    number,
-    table,
-    tables,
-    whole_number,
-)
+from anser.config.tables import Table, content_hash, expects, number, slug, table, tables, whole_number
 from anser.config.toml_text import attach_line_numbers, read_text
 from anser.config.validation_messages import validation_problems
 from anser.files import MIB
@@ -329,12 +319,7 @@ class Study(Table):
     """A study file; read with :func:`anser.campaigns.load_study`, which gives clear messages."""
 
     format: Literal[1] = Field(description="version of the file format", json_schema_extra=expects("1"))
-    name: str = Field(
-        pattern=SLUG_PATTERN,
-        max_length=64,
-        description="name of the study, also of its output",
-        json_schema_extra=expects(SLUG_EXPECTED),
-    )
+    name: str = slug("name of the study, also of its output")
     description: str = Field("", description="purpose of the study", json_schema_extra=expects("a text in quotes"))
     scenario: str = Field(
         min_length=1,

@@ -39,6 +39,7 @@ _SHOWN = (
     *("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "yaw_deg"),
     *("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s", "load_factor"),
 )
+_COLUMNS = ("name", "start", "end", "least", "greatest")
 
 
 @help_epilog(
@@ -95,18 +96,16 @@ def simulate(
     must_be_in_range("--temperature-offset-k", temperature_offset_k, -60.0, 60.0)
     atmosphere = {"temperature_offset_k": temperature_offset_k} if temperature_offset_k else None
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
-    condition: dict[str, Any] = {
-        "speed_m_s": true_airspeed_of(altitude_m, airspeeds, standard_layers(temperature_offset_k)),
-        "altitude_m": altitude_m,
-        "path_angle_deg": path_angle_deg,
-        "turn_rate_deg_s": turn_rate_deg_s,
-    }
+    speed_m_s = true_airspeed_of(altitude_m, airspeeds, standard_layers(temperature_offset_k))
+    condition: dict[str, Any] = {"speed_m_s": speed_m_s, "altitude_m": altitude_m}
+    condition |= {"path_angle_deg": path_angle_deg, "turn_rate_deg_s": turn_rate_deg_s}
     must_be_flight_condition(condition | {"cg": cg})
     must_be_in_range("--duration-s", duration_s, 0.01, 36_000.0)
     must_be_in_range("--step-s", step_s, 1e-4, 1.0)
     if input_ and controls is not None:
         raise InputError("--controls: arrived with --input; expected one of the two")
     from anser.parts.input_signals import parse_signal
+    from anser.results.dataset import value_range
     from anser.single_aircraft.flight import simulate as fly
     from anser.single_aircraft.model import aircraft as load_model
 
@@ -141,29 +140,11 @@ def simulate(
     if out is not None:
         with open_output_folder(out, force) as folder:
             flight.write_into(folder)
-    figures = [
-        {
-            "name": name,
-            "start": float(dataset[name][0]),
-            "end": float(dataset[name][-1]),
-            "least": float(dataset[name].min()),
-            "greatest": float(dataset[name].max()),
-        }
-        for name in _SHOWN
-    ]
-    print_document(
-        lambda: {
-            "format_version": 1,
-            **model.identity,
-            **condition,
-            "controls": dataset.attrs["controls"],
-            "end": dataset.attrs["end"],
-            "duration_s": float(dataset["time"][-1]),
-            "variables": figures,
-        }
-    )
-    headings = [*columns("variable"), *columns("start", "end", "least", "greatest", justify="right", digits=3)]
-    title = f"{aircraft}: {float(dataset['time'][-1]):g} s, {dataset.attrs['end']}"
-    print_table(title, headings, [tuple(figure.values()) for figure in figures])
+    figures = [dict(zip(_COLUMNS, (name, *value_range(dataset[name])), strict=True)) for name in _SHOWN]
+    end, length_s = dataset.attrs["end"], float(dataset.time[-1])
+    summary = {"controls": dataset.attrs["controls"], "end": end, "duration_s": length_s, "variables": figures}
+    print_document(lambda: {"format_version": 1, **model.identity, **condition, **summary})
+    headings = [*columns("variable"), *columns(*_COLUMNS[1:], justify="right", digits=3)]
+    print_table(f"{aircraft}: {length_s:g} s, {end}", headings, [tuple(row.values()) for row in figures])
     if out is not None:
         print_note(f"{out}: flight.nc, flight.png, report.html")

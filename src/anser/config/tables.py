@@ -163,6 +163,11 @@ def whole_number(description: str, low: int, high: int, default: object = Pydant
     return Field(default, ge=low, le=high, description=description, json_schema_extra=expects(expected))
 
 
+def slug(description: str) -> Any:
+    """Declare a required field for a name in small letters, digits and single hyphens."""
+    return Field(pattern=SLUG_PATTERN, max_length=64, description=description, json_schema_extra=expects(SLUG_EXPECTED))
+
+
 def identifier(description: str, expected: str = NAME_EXPECTED, default: object = PydanticUndefined) -> Any:
     """Declare a field for the name of an aircraft or a goal; without a default the key is required."""
     return Field(default, pattern=NAME_PATTERN, description=description, json_schema_extra=expects(expected))

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from anser.config.errors import Problem, describe_value
 from anser.config.expressions import LENGTH_MAX, ExpressionError, parse_expression
-from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, identifier
+from anser.config.tables import Table, expects, identifier, slug
 from anser.numerics.arrays import cast_to_precision
 from anser.parts.perception import Instant
 from anser.results.documents import finite_or_none
@@ -32,12 +32,7 @@ _EXTREMES = ("greatest", "least")
 class FlightOutput(Table):
     """Output of each flight: an expression over the flight's variables, reduced over time to one number."""
 
-    name: str = Field(
-        pattern=SLUG_PATTERN,
-        max_length=64,
-        description="name of the output, also of its column",
-        json_schema_extra=expects(SLUG_EXPECTED),
-    )
+    name: str = slug("name of the output, also of its column")
     expression: str = Field(
         min_length=1,
         max_length=LENGTH_MAX,
@@ -108,16 +103,13 @@ class OutputFormula(NamedTuple):
         expression = parse_expression(self.expression)
         if any(name not in values for name in expression.names):
             return xp.asarray(np.nan), xp.asarray(0.0)
-        result = expression.evaluate(values, xp)
+        result = expression.evaluate(values, xp) * 1.0  # a condition counts as 1 where it holds
         included = values["phase"] != HOLD if self.until_arrival else xp.ones(result.shape, dtype=bool)
         if self.aircraft is not None:
             result, included = (array[:, self.aircraft, None] for array in (result, included))
-        if self.reduction == "time":
-            seconds = xp.sum(xp.where(included & result, weights[:, None], 0.0))
-            return seconds, seconds
         if self.reduction == "final":  # of one aircraft: the last sample that is included
             last = included.shape[0] - 1 - xp.argmax(included[::-1, 0])
-            return result[last, 0] * 1.0, xp.any(included) * 1.0
+            return result[last, 0], xp.any(included) * 1.0
         included = included & ~xp.isnan(result)
         if self.reduction in _EXTREMES:
             sign = 1.0 if self.reduction == "greatest" else -1.0
@@ -143,9 +135,7 @@ class OutputFormula(NamedTuple):
         """Return the output from the running value and weight of a whole flight; None if it has no value."""
         if self.reduction in _EXTREMES:
             return finite_or_none(value if self.reduction == "greatest" else -value)
-        if self.reduction == "time":
-            return finite_or_none(value)
-        if weight <= 0.0:
+        if weight <= 0.0 and self.reduction != "time":
             return None
         return finite_or_none(value / weight if self.reduction == "mean" else value)
 
@@ -158,13 +148,13 @@ class OutputRecording(eqx.Module):
     @classmethod
     def of_study(cls, outputs: Sequence[FlightOutput], scenario: Scenario) -> "OutputRecording | None":
         """Return the outputs of a study for the fleet of a scenario; None without outputs."""
-        indices: dict[str | None, int | None] = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}
-        indices[None] = None
-        formulas = (
-            (o.name, OutputFormula(o.expression, o.reduction, indices[o.aircraft], o.until == "arrival"))
-            for o in outputs
-        )
-        return cls(tuple(formulas)) if outputs else None
+        names = [aircraft.name for aircraft in scenario.aircraft]
+
+        def formula(o: FlightOutput) -> OutputFormula:
+            index = None if o.aircraft is None else names.index(o.aircraft)
+            return OutputFormula(o.expression, o.reduction, index, o.until == "arrival")
+
+        return cls(tuple((o.name, formula(o)) for o in outputs)) if outputs else None
 
     def recorder(self, inner: AbstractRecorder, last_sample: Integer | None) -> "OutputRecorder":
         """Return the recorder of the outputs in addition to an inner recorder."""
@@ -208,29 +198,24 @@ class OutputRecorder(AbstractRecorder):
         inner_state, running = recorder_state
 
         def extended() -> tuple[Any, ...]:
-            variables = _sample_variables(sample)
-            step = cast_to_precision(instant.step, float)
+            rows = cast_to_precision(sample.rows(record), float)
+            surfaces = all_surface_names(group.truth.airframe.actuators.names for group in sample.groups)
+            variables = {
+                v.name: to_dataset_units(v, rows[v.key], jnp)[None] for v in catalogue(surfaces) if v.key in rows
+            }
             is_last = False if self.last_sample is None else instant.number == self.last_sample
-            weights = jnp.where(is_last, 0.0, step)[None]
+            weights = jnp.where(is_last, 0.0, cast_to_precision(instant.step, float))[None]
             return tuple(
                 formula.combine(state, formula.partial(variables, weights, jnp))
                 for formula, state in zip(self.formulas, running, strict=True)
             )
 
-        extended_values = (
-            extended()
-            if self.last_sample is None
-            else jax.lax.cond(instant.number <= self.last_sample, extended, lambda: running)
-        )
-        return self.inner.update(inner_state, sample, instant), extended_values
+        if self.last_sample is None:
+            next_running = extended()
+        else:
+            next_running = jax.lax.cond(instant.number <= self.last_sample, extended, lambda: running)
+        return self.inner.update(inner_state, sample, instant), next_running
 
     def output(self, sample: FleetSample, instant: Instant) -> Any:
         """Return the row that the inner recorder stores for a sample; the outputs store no rows."""
         return self.inner.output(sample, instant)
-
-
-def _sample_variables(sample: FleetSample) -> dict[str, Any]:
-    """Return the variables of one sample by dataset name, in dataset units; shape (1, aircraft)."""
-    rows = cast_to_precision(sample.rows(record), float)
-    surfaces = all_surface_names(group.truth.airframe.actuators.names for group in sample.groups)
-    return {v.name: to_dataset_units(v, rows[v.key], jnp)[None] for v in catalogue(surfaces) if v.key in rows}

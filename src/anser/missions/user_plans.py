@@ -9,14 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.config.errors import problem_error
 from anser.environment.environment import AbstractWind
 from anser.missions.first_plan import FirstPlan, OnProgress, PrepareNext, trim_and_plan
 from anser.numerics.arrays import first_rows
 from anser.parts.paths import AbstractReference, PathPoint
 from anser.parts.planners import AircraftPlan
 from anser.scenario.schema import Scenario
-from anser.scenario.user_parts import trace_method
+from anser.scenario.user_parts import part_error, trace_method
 from anser.shapes import ScalarLike, Vector3
 from anser.simulation.closed_loop import STATUS_MESSAGES
 from anser.simulation.flight import Flight, statuses
@@ -73,16 +72,12 @@ class UserFirstPlan(FirstPlan):
 
     def problems(self) -> tuple[str, ...]:
         """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
-        duration_s, problems = self.scenario.timing.duration_s, []
-        if self.arrival_s >= duration_s:
-            problems.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
-        codes, _ = (np.asarray(values) for values in statuses(self.flight, self.initial_state()))
-        problems += [
-            f'aircraft "{aircraft.name}": {STATUS_MESSAGES[int(code)]}'
-            for aircraft, code in zip(self.scenario.aircraft, codes, strict=False)
-            if code
-        ]
-        return tuple(problems)
+        duration_s = self.scenario.timing.duration_s
+        late = f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s"
+        codes = np.asarray(statuses(self.flight, self.initial_state())[0])
+        named = zip(self.scenario.aircraft, codes, strict=False)
+        problems = [f'aircraft "{aircraft.name}": {STATUS_MESSAGES[int(code)]}' for aircraft, code in named if code]
+        return (*([late] if self.arrival_s >= duration_s else []), *problems)
 
     def path_descriptions(self) -> tuple[str, ...]:
         """Name of the planner, for every aircraft."""
@@ -103,24 +98,18 @@ class UserFirstPlan(FirstPlan):
 
 
 def _check_plans(flight: Flight) -> None:
-    """Trace a user-defined planner on shapes alone, and refuse plans that are not stacked over the fleet.
-
-    Raises ScenarioError, with the planner and the method, what arrived and what is right.
-    """
-    planner, name = flight.planner, type(flight.planner).__qualname__
-    fleet = eqx.filter_eval_shape(trimmed_fleet, flight)
-
-    inputs = jnp.zeros(()), fleet.reports, fleet.performance
-    state = trace_method("planner", planner, "first_plan", planner.first_plan, *inputs)
-    plans = trace_method("planner", planner, "plans", planner.plans, state)
-    wrong = None
+    """Trace a user-defined planner on shapes alone; raise ScenarioError for plans not stacked over the fleet."""
+    planner, fleet = flight.planner, eqx.filter_eval_shape(trimmed_fleet, flight)
+    state = trace_method("planner", planner, "first_plan", jnp.zeros(()), fleet.reports, fleet.performance)
+    plans = trace_method("planner", planner, "plans", state)
     if not isinstance(plans, AircraftPlan):
-        wrong = type(plans).__name__
+        wrong = [type(plans).__name__]
     else:
-        for key_path, leaf in jax.tree_util.tree_leaves_with_path(plans):
-            if leaf.shape[:1] != (flight.count,):
-                wrong = f"{jax.tree_util.keystr(key_path, simple=True, separator='.')} of shape {leaf.shape}"
-                break
-    if wrong is not None:
+        wrong = [
+            f"{jax.tree_util.keystr(path, simple=True, separator='.')} of shape {leaf.shape}"
+            for path, leaf in jax.tree_util.tree_leaves_with_path(plans)
+            if leaf.shape[:1] != (flight.count,)
+        ]
+    if wrong:
         expected = f"an AircraftPlan with a leading axis of {flight.count} aircraft throughout, as jax.vmap makes it"
-        raise problem_error("user-defined parts", wrong, expected, f"planner {name}.plans")
+        raise part_error("planner", planner, "plans", wrong[0], expected)

@@ -113,18 +113,11 @@ _ROUNDINGS = 16
 
 @dataclass(frozen=True)
 class InputSignal:
-    """Increment of one control input over time; signals can be added, and multiplied by a number.
+    """Increment of one control input over time; signals can be added, and multiplied by a number."""
 
-    Attributes
-    ----------
-    signal
-        The increment as a function of time, in the unit of the input: degrees for a surface, 0..1 for the throttle.
-    description
-        Text for labels and provenance.
-    """
-
+    #: The increment as a function of time, in the unit of the input: degrees for a surface, 0..1 for the throttle.
     signal: AbstractSignal
-    description: str
+    description: str  #: Text for labels and provenance.
 
     def __call__(self, time_s: Sequence[float] | TimeHistory) -> TimeHistory:
         """Return the increments at times, s."""
@@ -151,14 +144,13 @@ class InputSignal:
 
 def step_input(amplitude: float, start_s: float = 1.0) -> InputSignal:
     """Return a step by `amplitude` at `start_s`."""
-    _require_finite("amplitude", amplitude)
-    _require_finite("start_s", start_s)
+    _require_numbers(amplitude=amplitude, start_s=start_s)
     return _pulses((amplitude,), (np.inf,), start_s, f"step of {amplitude:g} at {start_s:g} s")
 
 
 def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> InputSignal:
     """Return a doublet: a pulse by `amplitude`, then by minus `amplitude`, each `width_s` long."""
-    _require_pulse(amplitude, start_s, width_s)
+    _require_numbers(amplitude=amplitude, start_s=start_s, width_s=width_s)
     description = f"doublet of {amplitude:g} at {start_s:g} s, pulses of {width_s:g} s"
     return _pulses((amplitude, -amplitude), (width_s, width_s), start_s, description)
 
@@ -168,16 +160,10 @@ def three_two_one_one(amplitude: float, start_s: float = 1.0, width_s: float = 0
 
     Source: Klein and Morelli, Aircraft System Identification (2006), chapter 9.
     """
-    _require_pulse(amplitude, start_s, width_s)
+    _require_numbers(amplitude=amplitude, start_s=start_s, width_s=width_s)
     description = f"3-2-1-1 of {amplitude:g} at {start_s:g} s, unit of {width_s:g} s"
     widths = (3.0 * width_s, 2.0 * width_s, width_s, width_s)
     return _pulses((amplitude, -amplitude, amplitude, -amplitude), widths, start_s, description)
-
-
-def _require_pulse(amplitude: float, start_s: float, width_s: float) -> None:
-    _require_finite("amplitude", amplitude)
-    _require_finite("start_s", start_s)
-    _require_positive("width_s", width_s)
 
 
 def _pulses(amplitudes: Sequence[float], widths_s: Sequence[float], start_s: float, description: str) -> InputSignal:
@@ -188,18 +174,14 @@ def _pulses(amplitudes: Sequence[float], widths_s: Sequence[float], start_s: flo
 
 
 def sine_sweep(
-    amplitude: float,
-    frequencies_hz: tuple[float, float],
-    duration_s: float,
-    start_s: float = 1.0,
+    amplitude: float, frequencies_hz: tuple[float, float], duration_s: float, start_s: float = 1.0
 ) -> InputSignal:
     """Return a sine whose frequency rises exponentially from the first to the second of `frequencies_hz`.
 
     Equal time is spent in each octave. The signal is zero before `start_s` and after `duration_s` more.
     """
     low, high = _frequencies(frequencies_hz)
-    _require_finite("amplitude", amplitude)
-    _require_positive("duration_s", duration_s)
+    _require_numbers(amplitude=amplitude, duration_s=duration_s)
     numbers = np.array([amplitude, low, np.log(high / low) / duration_s, start_s, duration_s], dtype=float)
     signal = SweepSignal(*numbers)
     return InputSignal(signal, f"sweep of {amplitude:g} from {low:g} to {high:g} Hz in {duration_s:g} s")
@@ -238,9 +220,7 @@ def multisine(
         in each octave.
     """
     low, high = _frequencies(frequencies_hz)
-    _require_finite("amplitude", amplitude)
-    _require_finite("power_exponent", power_exponent)
-    _require_positive("duration_s", duration_s)
+    _require_numbers(amplitude=amplitude, power_exponent=power_exponent, duration_s=duration_s)
     if not 0 <= channel < channels:
         raise ValueError(f"channel: arrived {channel} of {channels} channels; expected 0 to {channels - 1}")
     harmonics = multisine_harmonics((low, high), duration_s)[channel::channels]
@@ -287,40 +267,28 @@ def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
-def _require_positive(name: str, value: float) -> None:
-    if not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
-        raise ValueError(f"{name}: arrived {value!r}; expected a positive number")
-
-
-def _require_finite(name: str, value: float) -> None:
-    if not isinstance(value, int | float | np.number) or not np.isfinite(value):
-        raise ValueError(f"{name}: arrived {value!r}; expected a finite number")
-
-
-_SIGNALS: dict[str, Callable[..., InputSignal]] = {
-    "step": step_input,
-    "doublet": doublet,
-    "3211": three_two_one_one,
-}
+def _require_numbers(**numbers: float) -> None:
+    """Raise ValueError, with the argument, for a number that is not finite, or a duration or width not positive."""
+    for name, value in numbers.items():
+        low, kind = (0.0, "positive") if name in ("duration_s", "width_s") else (-np.inf, "finite")
+        if not isinstance(value, int | float | np.number) or not low < value < np.inf:
+            raise ValueError(f"{name}: arrived {value!r}; expected a {kind} number")
 
 
 def parse_signal(text: str) -> InputSignal:
     """Return the signal of a text SIGNAL:AMPLITUDE[:START_S[:WIDTH_S]], such as `doublet:1:2`.
 
-    Raises
-    ------
-    ValueError
-        The signal is unknown, or a number is missing or wrong.
+    Raises ValueError if the signal is unknown, or a number is missing or wrong.
     """
+    signals: dict[str, tuple[Callable[..., InputSignal], int]]  # function and greatest number of arguments
+    signals = {"step": (step_input, 2), "doublet": (doublet, 3), "3211": (three_two_one_one, 3)}
     name, *texts = text.split(":")
+    function, count_max = signals.get(name, (step_input, 0))
     try:
         numbers = [float(number) for number in texts]
     except ValueError:
         numbers = []
-    count_max = 2 if name == "step" else 3
-    if name not in _SIGNALS or not 1 <= len(numbers) <= count_max or len(numbers) != len(texts):
-        expected = (
-            "step:AMPLITUDE[:START_S], doublet:AMPLITUDE[:START_S[:WIDTH_S]] or 3211:AMPLITUDE[:START_S[:WIDTH_S]]"
-        )
-        raise ValueError(f"arrived {text!r} as the signal; expected {expected}")
-    return _SIGNALS[name](*numbers)
+    if not 1 <= len(numbers) == len(texts) <= count_max:
+        pulses = "doublet:AMPLITUDE[:START_S[:WIDTH_S]] or 3211:AMPLITUDE[:START_S[:WIDTH_S]]"
+        raise ValueError(f"arrived {text!r} as the signal; expected step:AMPLITUDE[:START_S], {pulses}")
+    return function(*numbers)

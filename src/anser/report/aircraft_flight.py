@@ -10,10 +10,10 @@ import xarray as xr
 from anser.files import write_file
 from anser.report.adaptation_figures import draw_band, draw_fault, estimate_label, set_visible_range
 from anser.report.estimates import EFFECTIVENESS, recorded_changes, recorded_estimates, true_effectiveness
-from anser.report.labels import math_symbol
-from anser.report.page_templates import format_number, render_page
+from anser.report.labels import display_unit, math_symbol
+from anser.report.page_templates import format_number, render_page, svg_markup
 from anser.report.style import LARGE, PRINT_STYLE, color_of, draw_for_print, new_figure, series_style
-from anser.results.dataset import surface_names
+from anser.results.dataset import surface_names, value_range
 from anser.results.faults import dataset_fault, format_fault
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _ESTIMATES = (*((name,) for name in EFFECTIVENESS), ("cz_alpha",), ("cm_alpha",)
 _COLUMNS = 3
 _RANGE_MIN = {"m s-1": 1.0, "m": 10.0, "degree": 0.2, "degree s-1": 0.2, "1": 0.02, "percent": 2.0}
 """Least range of a panel's axis by unit, so that a constant variable looks constant."""
-_UNITS = {"m s-1": "m/s", "degree": "deg", "degree s-1": "deg/s", "1": "", "percent": "%"}
+_TITLE_MAX = 110
 
 
 def aircraft_flight_figure(dataset: xr.Dataset) -> "Figure":
@@ -67,24 +67,19 @@ def _draw_flight(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_panel(axes: Any, dataset: xr.Dataset, names: Sequence[str]) -> None:
-    time = dataset["time"].values
-    lowest, highest = np.inf, -np.inf
+    drawn = []
     for index, name in enumerate(names):
         values = dataset[name]
         numbers = np.degrees(np.unwrap(np.radians(values.values))) if values.units == "degree" else values.values
-        axes.plot(time, numbers, **series_style(index), label=math_symbol(values))
-        lowest, highest = min(lowest, float(np.min(numbers))), max(highest, float(np.max(numbers)))
-    unit = dataset[names[0]].attrs["units"]
-    shown_unit = _UNITS.get(unit, unit)
-    label = (
-        str(dataset[names[0]].attrs["long_name"])
-        if len(names) == 1
-        else ", ".join(math_symbol(dataset[name]) for name in names)
-    )
-    axes.set_ylabel(f"{label} ({shown_unit})" if shown_unit else label)
+        axes.plot(dataset["time"].values, numbers, **series_style(index), label=math_symbol(values))
+        drawn.append(numbers)
+    first, unit = dataset[names[0]], display_unit(dataset[names[0]])
+    label = str(first.attrs["long_name"]) if len(names) == 1 else ", ".join(math_symbol(dataset[n]) for n in names)
+    axes.set_ylabel(f"{label} ({unit})" if unit else label)
     if len(names) > 1:
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(names), borderaxespad=0.2)
-    shortage = _RANGE_MIN.get(unit, 0.0) - (highest - lowest)
+    lowest, highest = float(np.min(drawn)), float(np.max(drawn))
+    shortage = _RANGE_MIN.get(first.attrs["units"], 0.0) - (highest - lowest)
     if shortage > 0.0:
         axes.set_ylim(lowest - 0.6 * shortage, highest + 0.6 * shortage)
 
@@ -113,36 +108,19 @@ def _title(dataset: xr.Dataset) -> str:
     return f"{attributes['aircraft']}: {text}"
 
 
-_TITLE_MAX = 110
-
-
 def write_aircraft_report(
     dataset: xr.Dataset, path: Path, figure: "Figure | None" = None, *, overwrite: bool = False
 ) -> None:
     """Write the page of one aircraft's flight: figure, conditions, and start, end, least and greatest values.
 
-    `figure` is the flight's `aircraft_flight_figure` if already drawn.
-
-    Raises
-    ------
-    FileExistsError
-        If `path` exists and `overwrite` is false.
+    `figure` is the flight's `aircraft_flight_figure` if already drawn. Raises FileExistsError if `path` exists and
+    `overwrite` is false.
     """
-    import io
-
-    from markupsafe import Markup
-
-    content = io.StringIO()
-    (figure or aircraft_flight_figure(dataset)).savefig(content, format="svg", metadata={"Date": None})
-    svg = content.getvalue()
     rows = [
         {
             "label": str(values.attrs["long_name"]),
-            "unit": _UNITS.get(values.attrs["units"], values.attrs["units"]),
-            "numbers": [
-                format_number(float(number), 3)
-                for number in (values.values[0], values.values[-1], values.values.min(), values.values.max())
-            ],
+            "unit": display_unit(values),
+            "numbers": [format_number(number, 3) for number in value_range(values)],
         }
         for values in dataset.data_vars.values()
         if values.dims == ("time",) and values.dtype.kind == "f" and np.all(np.isfinite(values.values))
@@ -152,8 +130,7 @@ def write_aircraft_report(
     fault = dataset_fault(dataset)
     if fault is not None:
         conditions["fault found"] = format_fault(fault.as_dict())
-    attributes = {str(key): value for key, value in dataset.attrs.items()}
-    versions = {key.removeprefix("version_"): value for key, value in attributes.items() if key.startswith("version_")}
+    versions = {key.removeprefix("version_"): dataset.attrs[key] for key in dataset.attrs if key.startswith("version_")}
     page = render_page(
         "aircraft_flight.html",
         body_class="aircraft-flight",
@@ -161,7 +138,7 @@ def write_aircraft_report(
         scripts=[],
         data=("conditions", {key: str(value) for key, value in conditions.items()}),
         title=_title(dataset),
-        figure=Markup(svg[svg.index("<svg") :]),
+        figure=svg_markup(figure or aircraft_flight_figure(dataset)),
         rows=rows,
         conditions={key.replace("step_s", "step (s)"): str(value) for key, value in conditions.items() if value != ""},
         versions=versions,
@@ -174,17 +151,16 @@ def excess_power_figure(dataset: xr.Dataset, title: str) -> "Figure":
     mpl, figure = new_figure((6.4, 4.6))
     with mpl.rc_context(PRINT_STYLE):
         axes = figure.subplots()
-        excess = dataset["specific_excess_power_m_s"]
-        mach, altitude = dataset["mach"].values, np.broadcast_to(dataset["altitude"].values[:, None], excess.shape)
-        values = np.ma.masked_invalid(excess.values)
-        if values.count():
-            filled = axes.contourf(mach, altitude, values, levels=16, cmap="cividis")
+        mach, excess = dataset["mach"].values, np.ma.masked_invalid(dataset["specific_excess_power_m_s"].values)
+        altitude = np.broadcast_to(dataset["altitude"].values[:, None], excess.shape)
+        if excess.count():
+            filled = axes.contourf(mach, altitude, excess, levels=16, cmap="cividis")
             figure.colorbar(filled, label="Specific excess power (m/s)")
-            if values.min() < 0.0 < values.max():
-                axes.contour(mach, altitude, values, levels=[0.0], colors="white", linewidths=1.6)
+            if excess.min() < 0.0 < excess.max():
+                axes.contour(mach, altitude, excess, levels=[0.0], colors="white", linewidths=1.6)
                 axes.plot([], [], color="white", label="0: level flight at full power")
                 axes.legend(loc="best", facecolor="#8a8a8a")
-            shown = ~np.ma.getmaskarray(values)
+            shown = ~np.ma.getmaskarray(excess)
             axes.set_xlim(mach[shown].min(), mach[shown].max())
             axes.set_ylim(altitude[shown].min(), altitude[shown].max())
         axes.set_xlabel("Mach number")

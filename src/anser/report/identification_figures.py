@@ -1,6 +1,5 @@
 """Figures and page of an identification: responses, residuals, and the correlation of the parameters."""
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,11 +8,10 @@ import numpy as np
 import xarray as xr
 
 from anser.files import write_file
-from anser.report.page_templates import render_page
+from anser.report.page_templates import render_page, svg_markup
 from anser.report.style import LARGE, SMALL, color_of, draw_for_print, new_figure, save_figure, series_style
 
 if TYPE_CHECKING:
-    from markupsafe import Markup
     from matplotlib.figure import Figure
 
 _SYMBOLS = {"alpha": r"$\alpha$ (rad)", "beta": r"$\beta$ (rad)", **{k: f"${k.upper()}$ (rad/s)" for k in "pqr"}}
@@ -120,7 +118,7 @@ def write_identification_report(dataset: xr.Dataset, fits: Sequence[Mapping[str,
         scripts=[],
         data=("conditions", {"model": dataset.attrs["model"], "method": dataset.attrs["method"]}),
         title=str(dataset.attrs["title"]),
-        figures=[_svg(figure) for figure in figures.values()],
+        figures=[svg_markup(figure) for figure in figures.values()],
         rows=rows,
         fits=fit_rows,
         notes=[note for note in str(dataset.attrs["notes"]).split("\n") if note],
@@ -131,12 +129,3 @@ def write_identification_report(dataset: xr.Dataset, fits: Sequence[Mapping[str,
 
 def _shown(value: float | None) -> str:
     return "–" if value is None else f"{value:.4f}"
-
-
-def _svg(figure: "Figure") -> "Markup":
-    from markupsafe import Markup
-
-    content = io.StringIO()
-    figure.savefig(content, format="svg", metadata={"Date": None})
-    text = content.getvalue()
-    return Markup(text[text.index("<svg") :])

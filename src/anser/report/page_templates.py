@@ -3,6 +3,7 @@
 import base64
 import functools
 import hashlib
+import io
 import json
 from collections.abc import Sequence
 from importlib.resources import files
@@ -16,6 +17,7 @@ from anser.results.arrival import format_duration
 if TYPE_CHECKING:
     import jinja2
     from markupsafe import Markup
+    from matplotlib.figure import Figure
 
 
 MISSING = "–"
@@ -37,6 +39,16 @@ def render(template: str, *, package: str = "anser.report", **values: Any) -> "M
     from markupsafe import Markup
 
     return Markup(_environment(package).get_template(template).render(values))
+
+
+def svg_markup(figure: "Figure") -> "Markup":
+    """Return a figure as an SVG element for a page."""
+    from markupsafe import Markup
+
+    content = io.StringIO()
+    figure.savefig(content, format="svg", metadata={"Date": None})
+    text = content.getvalue()
+    return Markup(text[text.index("<svg") :])
 
 
 @functools.cache

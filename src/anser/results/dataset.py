@@ -144,6 +144,12 @@ def surface_names(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(str(dataset.attrs.get("surfaces", " ".join(STANDARD_SURFACES))).split())
 
 
+def value_range(values: xr.DataArray) -> tuple[float, float, float, float]:
+    """Return the first, the last, the least and the greatest value of a variable over time."""
+    numbers = values.values
+    return float(numbers[0]), float(numbers[-1]), float(numbers.min()), float(numbers.max())
+
+
 def _check_keys(history: Mapping[str, np.ndarray], surfaces: Sequence[str]) -> None:
     required = set(recorded_keys(surfaces))
     unknown = sorted(set(history) - required - OPTIONAL_KEYS)

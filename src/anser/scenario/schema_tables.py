@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
+from anser.config.tables import Table, expects, slug, table, tables
 from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, Arrival, Event, KeepOut, Separation
 from anser.scenario.schema_environment import Atmosphere, DiscreteGust, Earth, EarthField, Turbulence, Wind
@@ -24,12 +24,7 @@ class ScenarioTables(Table):
     """Tables of a scenario, each valid alone; `anser.scenario.schema.Scenario` adds the checks between them."""
 
     format: Literal[1, 2] = Field(description="version of the file format", json_schema_extra=expects(FORMATS_EXPECTED))
-    name: str = Field(
-        pattern=SLUG_PATTERN,
-        max_length=64,
-        description="name of the scenario, also of its output",
-        json_schema_extra=expects(SLUG_EXPECTED),
-    )
+    name: str = slug("name of the scenario, also of its output")
     description: str = Field("", description="purpose of the scenario", json_schema_extra=expects("a text in quotes"))
     seed: int = Field(
         0,

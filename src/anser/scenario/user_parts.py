@@ -4,7 +4,7 @@ import importlib
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.config.errors import Problem, ScenarioError, describe_value
+from anser.config.errors import Problem, ScenarioError, describe_value, first_line, problem_error
 from anser.environment.environment import Environment
 from anser.environment.gusts import NoGusts
 from anser.numerics.randomness import flight_randomness
@@ -22,7 +22,6 @@ from anser.parts.paths import PathCommand
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant, Truth
 from anser.parts.planners import AbstractPlanner
 from anser.scenario.schema import Scenario
-from anser.shapes import Vector3
 from anser.simulation.closed_loop import air_flow, true_situation
 from anser.simulation.vehicle import Vehicle
 
@@ -34,6 +33,7 @@ _INTERFACES: dict[str, type] = {
     "planner": AbstractPlanner,
 }
 _VEHICLE_PARTS = ("sensors", "estimator", "guidance", "controller")
+_SOURCE = "user-defined parts"
 _BY_NAME = 'text "my_package:MyClass", with a class without arguments or an object'
 
 
@@ -51,40 +51,34 @@ class UserParts:
     planner: Any = None
 
     def __bool__(self) -> bool:
-        return any(getattr(self, field.name) is not None for field in fields(self))
+        return any(part is not None for part in vars(self).values())
 
     def resolved(self, scenario: Scenario) -> "UserParts":
         """Return the parts as objects.
 
-        Raises
-        ------
-        ScenarioError
-            A name cannot be imported, an object is no such part, an aircraft is unknown, or a planner meets events.
+        Raises ScenarioError if a name cannot be imported, an object is no such part, an aircraft is unknown, or a
+        planner meets events.
         """
         if not self:
             return self
         problems: list[Problem] = []
-        aircraft_names = [aircraft.name for aircraft in scenario.aircraft]
+        names = [aircraft.name for aircraft in scenario.aircraft]
         if self.planner is not None and scenario.planned_events:
             arrived = f"a user-defined planner with {len(scenario.planned_events)} events"
             expected = "no events, or no user-defined planner: only the package's planners plan on after events"
             problems.append(Problem("parts.planner", arrived, expected))
-
-        def resolve(kind: str) -> Any:
-            given = getattr(self, kind)
-            if not isinstance(given, Mapping) or kind == "planner":
-                return _resolve_part(given, kind, f"parts.{kind}", problems)
-            unknown = [name for name in given if name not in aircraft_names]
-            problems.extend(
-                Problem(f"parts.{kind}", describe_value(name), f"the name of an aircraft: {', '.join(aircraft_names)}")
-                for name in unknown
-            )
-            return {name: _resolve_part(part, kind, f"parts.{kind}.{name}", problems) for name, part in given.items()}
-
-        parts = UserParts(*(resolve(field.name) for field in fields(self)))
+        resolved: dict[str, Any] = {}
+        for kind, given in vars(self).items():
+            path = f"parts.{kind}"
+            if isinstance(given, Mapping) and kind != "planner":
+                expected = f"the name of an aircraft: {', '.join(names)}"
+                problems += [Problem(path, describe_value(name), expected) for name in given if name not in names]
+                resolved[kind] = {n: _resolve_part(part, kind, f"{path}.{n}", problems) for n, part in given.items()}
+            else:
+                resolved[kind] = _resolve_part(given, kind, path, problems)
         if problems:
-            raise ScenarioError("user-defined parts", problems)
-        return parts
+            raise ScenarioError(_SOURCE, problems)
+        return UserParts(**resolved)
 
     def part_of(self, kind: str, aircraft: str) -> Any:
         """Return an aircraft's user-defined part of a kind; None if the scenario's part stays."""
@@ -98,21 +92,15 @@ class UserParts:
 
     def describe(self) -> dict[str, Any]:
         """Return the parts by name, for the provenance of results."""
-        described = {}
-        for field in fields(self):
-            part = getattr(self, field.name)
-            if isinstance(part, Mapping):
-                described[field.name] = {name: _name_of(item) for name, item in part.items()}
-            elif part is not None:
-                described[field.name] = _name_of(part)
-        return described
+        return {
+            kind: {name: _name_of(item) for name, item in part.items()} if isinstance(part, Mapping) else _name_of(part)
+            for kind, part in vars(self).items()
+            if part is not None
+        }
 
 
 def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
-    """Return a scenario that is flown with user-defined parts, beside or in place of those that its file names.
-
-    The parts stay with the scenario through `Scenario.replace`.
-    """
+    """Return a scenario with user-defined parts beside or in place of its file's, also through `Scenario.replace`."""
     if not parts:
         return scenario
     attached = scenario.model_copy()
@@ -122,14 +110,9 @@ def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
 
 def user_parts(scenario: Scenario) -> UserParts:
     """Return the user-defined parts of a scenario: attached objects, or else the names in its file."""
-    attached = scenario._attached_parts or UserParts()
-    named = scenario.parts
-    return UserParts(
-        *(
-            value if (value := getattr(attached, field.name)) is not None else getattr(named, field.name, None)
-            for field in fields(UserParts)
-        )
-    )
+    attached, named = scenario._attached_parts or UserParts(), scenario.parts
+    parts = {kind: getattr(named, kind, None) if part is None else part for kind, part in vars(attached).items()}
+    return UserParts(**parts)
 
 
 def _name_of(part: Any) -> str:
@@ -172,120 +155,84 @@ def _import(module: str) -> Any:
 
 
 def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: UserParts) -> None:
-    """Trace one sample with user-defined parts on shapes alone, and refuse wrong returns by part and method.
+    """Trace one sample with user-defined parts on shapes alone.
 
-    Raises
-    ------
-    ScenarioError
-        A method raises, or returns another structure, shape or type than its interface says.
+    Raises ScenarioError, with part and method, if a method raises, or returns another structure, shape or type than its
+    interface says.
     """
-    kinds = [
-        kind for kind in ("sensors", "estimator", "guidance", "controller") if own.part_of(kind, aircraft) is not None
-    ]
+    kinds = [kind for kind in _VEHICLE_PARTS if own.part_of(kind, aircraft) is not None]
     if not kinds:
         return
-    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(step_s), flight_randomness(0))
 
-    def trace(kind: str, method: str, function: Any, *arguments: Any) -> Any:
-        part = getattr(vehicle, kind) if kind in kinds else None
-        return trace_method(kind, part, method, function, *arguments)
-
-    def pair(kind: str, method: str, result: Any, size: int, expected: str) -> Any:
-        if kind in kinds and (not isinstance(result, tuple) or len(result) != size):
-            raise _part_error(vehicle, kind, method, _described(result), expected)
+    def trace(kind: str, method: str, *arguments: Any, returns: str = "") -> Any:
+        """Trace a method; `returns`: the tuple that it returns, with the new state of the part as the last item."""
+        part, is_own = getattr(vehicle, kind), kind in kinds
+        result = trace_method(kind, part, method, *arguments, is_own=is_own)
+        if is_own and returns:
+            if not isinstance(result, tuple) or len(result) != returns.count(",") + 1:
+                raise part_error(kind, part, method, _described(result), returns)
+            before, after = _signature(arguments[0]), _signature(result[-1])
+            if before != after:
+                expected = f"the state in the structure of init: {before}"
+                raise part_error(kind, part, method, f"the state {after}", expected)
         return result
 
-    def same(kind: str, method: str, before: Any, after: Any) -> None:
-        if kind in kinds and _signature(before) != _signature(after):
-            expected = f"the state in the structure of init: {_signature(before)}"
-            raise _part_error(vehicle, kind, method, f"the state {_signature(after)}", expected)
-
-    state = eqx.filter_eval_shape(_start_state, vehicle.airframe)
-    attitude = jax.ShapeDtypeStruct((3,), float)
-    calm = replace(vehicle, gusts=NoGusts())
+    def start_state(airframe: AbstractAirframe) -> AircraftState:
+        zero, surfaces = jnp.zeros(3), jnp.zeros(len(airframe.actuators.names))
+        actuators, engine = airframe.actuators.steady_state(surfaces), airframe.engine.steady_state(jnp.zeros(()))
+        return AircraftState(zero, zero, jnp.zeros(4), zero, actuators, engine)
 
     def situation(state: AircraftState) -> Truth:
         flow = air_flow(state, instant)
         return true_situation(calm, state, instant, calm.gusts.init(jnp.zeros(0), flow), flow)
 
-    truth = eqx.filter_eval_shape(situation, state)
-    sensors = trace("sensors", "init", lambda t: vehicle.sensors.init(t, instant), truth)
-    read = trace("sensors", "read", lambda s, t: vehicle.sensors.read(s, t, instant), sensors, truth)
-    reading, next_sensors = pair("sensors", "read", read, 2, "(reading, state)")
-    same("sensors", "read", sensors, next_sensors)
-    airframe = vehicle.airframe
-    estimator = trace("estimator", "init", lambda r: vehicle.estimator.init(r, airframe, instant), reading)
-    estimate = trace(
-        "estimator", "estimate", lambda s, r: vehicle.estimator.estimate(s, r, airframe, instant), estimator, reading
-    )
-    belief, next_estimator = pair("estimator", "estimate", estimate, 2, "(belief, state)")
-    same("estimator", "estimate", estimator, next_estimator)
+    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(step_s), flight_randomness(0))
+    airframe, calm = vehicle.airframe, replace(vehicle, gusts=NoGusts())
+    start = eqx.filter_eval_shape(start_state, airframe)
+    truth = eqx.filter_eval_shape(situation, start)
+    state = trace("sensors", "init", truth, instant)
+    reading, _ = trace("sensors", "read", state, truth, instant, returns="(reading, state)")
+    state = trace("estimator", "init", reading, airframe, instant)
+    belief, _ = trace("estimator", "estimate", state, reading, airframe, instant, returns="(belief, state)")
     if "estimator" in kinds and not isinstance(belief, Belief):
-        raise _part_error(vehicle, "estimator", "estimate", _described(belief), "an anser.parts.Belief first")
-    guidance = trace("guidance", "init", lambda b: vehicle.guidance.init(b, instant), belief)
-    del guidance  # its command needs a plan, which exists only in flight
-    controller = trace("controller", "init", vehicle.controller.init, state, attitude)
-    zero = jnp.zeros(())
-    command = jax.tree.map(lambda _: jax.ShapeDtypeStruct((), float), PathCommand(zero, zero, zero, zero, zero, zero))
-    control = trace(
-        "controller",
-        "control",
-        lambda s, b, c: vehicle.controller.control(s, b, c, instant.step),
-        controller,
-        belief,
-        command,
-    )
-    controls, _, next_controller = pair("controller", "control", control, 3, "(controls, signals, state)")
-    same("controller", "control", controller, next_controller)
-    count = len(airframe.actuators.names)
-    if "controller" in kinds and (
-        not isinstance(controls, Controls)
-        or (np.shape(controls.surfaces), np.shape(controls.throttle)) != ((count,), ())
-    ):
-        expected = f"anser.aircraft.Controls with surfaces of shape ({count},) and a throttle of shape ()"
-        raise _part_error(vehicle, "controller", "control", _described(controls), expected)
+        expected = "an anser.parts.Belief first"
+        raise part_error("estimator", vehicle.estimator, "estimate", _described(belief), expected)
+    trace("guidance", "init", belief, instant)  # its command needs a plan, which exists only in flight
+    state = trace("controller", "init", start, jax.ShapeDtypeStruct((3,), float))
+    scalar: Any = jax.ShapeDtypeStruct((), float)
+    command = PathCommand(scalar, scalar, scalar, scalar, scalar, scalar)
+    returns = "(controls, signals, state)"
+    controls, *_ = trace("controller", "control", state, belief, command, instant.step, returns=returns)
+    arrived, count = _described(controls), len(airframe.actuators.names)
+    expected = f"Controls with surfaces of shape ({count},) and a throttle of shape ()"
+    if "controller" in kinds and arrived != expected:
+        raise part_error("controller", vehicle.controller, "control", arrived, f"anser.aircraft.{expected}")
 
 
-def trace_method(kind: str, part: Any, method: str, function: Any, *arguments: Any) -> Any:
-    """Trace a method of a user-defined part on shapes alone; `part` None: one of the package's.
+def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: bool = True) -> Any:
+    """Trace a method of a part on shapes alone.
 
-    Raises ScenarioError, with part and method, for an error of the user's code.
+    An error in the code of a user-defined part (`is_own`) becomes a ScenarioError with part and method.
     """
     try:
-        return eqx.filter_eval_shape(function, *arguments)
-    except ScenarioError:
-        raise
+        return eqx.filter_eval_shape(getattr(part, method), *arguments)
     except Exception as error:
-        if part is None:
+        if not is_own or isinstance(error, ScenarioError):
             raise
-        message = (str(error).strip() or type(error).__name__).splitlines()[0]
-        problem = Problem(
-            f"{kind} {type(part).__qualname__}.{method}",
-            f"{type(error).__name__}: {message}",
-            "a method that JAX can trace",
-        )
-        raise ScenarioError("user-defined parts", [problem]) from error
+        raise part_error(kind, part, method, first_line(error), "a method that JAX can trace") from error
 
 
-def _start_state(airframe: AbstractAirframe) -> AircraftState:
-    zero: Vector3 = jnp.zeros(3)
-    surfaces = jnp.zeros(len(airframe.actuators.names))
-    quaternion = jnp.array([1.0, 0.0, 0.0, 0.0])
-    actuators, engine = airframe.actuators.steady_state(surfaces), airframe.engine.steady_state(jnp.zeros(()))
-    return AircraftState(zero, zero.at[0].set(100.0), quaternion, zero, actuators, engine)
-
-
-def _part_error(vehicle: Vehicle, kind: str, method: str, arrived: str, expected: str) -> ScenarioError:
-    name = type(getattr(vehicle, kind)).__qualname__
-    return ScenarioError("user-defined parts", [Problem(f"{kind} {name}.{method}", arrived, expected)])
+def part_error(kind: str, part: Any, method: str, arrived: str, expected: str) -> ScenarioError:
+    """Return the error of a user-defined part by its kind, class and method."""
+    return problem_error(_SOURCE, arrived, expected, f"{kind} {type(part).__qualname__}.{method}")
 
 
 def _described(value: Any) -> str:
     if isinstance(value, tuple):
         return f"a tuple of {len(value)}: {', '.join(type(item).__name__ for item in value)}"
     if isinstance(value, Controls):
-        shapes = np.shape(value.surfaces), np.shape(value.throttle)
-        return f"Controls with surfaces of shape {shapes[0]} and a throttle of shape {shapes[1]}"
+        surfaces, throttle = np.shape(value.surfaces), np.shape(value.throttle)
+        return f"Controls with surfaces of shape {surfaces} and a throttle of shape {throttle}"
     return f"{type(value).__name__} of shape {np.shape(value)}" if hasattr(value, "shape") else type(value).__name__
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.motion import MotionState, air_data_and_forces, to_local_state
+from anser.config.errors import first_line
 from anser.environment.environment import Environment
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.paths import PathCommand
@@ -31,91 +32,74 @@ StateFeedback = Callable[[Any, Mapping[str, Any]], Mapping[str, Any]]
 """Function from the time, s, and the variables by dataset name, to controls by name: deg, and throttle 0..1."""
 
 
-class PrescribedControls(AbstractController):
-    """Controls from a table, a row per sample.
-
-    Attributes
-    ----------
-    surfaces
-        Commanded deflections, rad.
-    throttle
-        Throttle, 0..1.
-    """
-
-    surfaces: Float[Array, "sample surface"]
-    throttle: Float[Array, " sample"]
+class _SampledControls(AbstractController):
+    """Controller in open loop; its state is the number of the sample."""
 
     def init(self, state: AircraftState, attitude: Vector3) -> Integer:
         """Return the number of the first sample."""
         return jnp.asarray(0, dtype=jnp.int32)
+
+
+class PrescribedControls(_SampledControls):
+    """Controls from a table, a row per sample."""
+
+    surfaces: Float[Array, "sample surface"]  #: Commanded deflections, rad.
+    throttle: Float[Array, " sample"]  #: Throttle, 0..1.
 
     def control(
         self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, None, Integer]:
         """Return the controls in the table's row of the present sample, no signals, and the next sample's number."""
-        number = controller_state
-        return Controls(self.surfaces[number], self.throttle[number]), None, number + 1
+        controls = Controls(self.surfaces[controller_state], self.throttle[controller_state])
+        return controls, None, controller_state + 1
 
 
-class FeedbackControls(AbstractController):
-    """Controls from a function of time and state; controls that the function leaves out keep their reference values.
+class FeedbackControls(_SampledControls):
+    """Controls from a function of time and state; controls that the function leaves out keep their reference values."""
 
-    Attributes
-    ----------
-    reference
-        Controls at the start.
-    environment
-        Environment from which the variables of the state are computed.
-    law
-        The function; it is traced, so that its arithmetic must be that of `jax.numpy`.
-    """
-
-    reference: Controls
-    environment: Environment
+    reference: Controls  #: Controls at the start.
+    environment: Environment  #: Environment from which the variables of the state are computed.
+    #: The function; it is traced, so that its arithmetic must be that of `jax.numpy`.
     law: StateFeedback = eqx.field(static=True)
-
-    def init(self, state: AircraftState, attitude: Vector3) -> Integer:
-        """Return the number of the first sample."""
-        return jnp.asarray(0, dtype=jnp.int32)
 
     def control(
         self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, None, Integer]:
         """Return the controls that `law` computes from time and state, no signals, and the next sample's number."""
-        time = controller_state * step
-        names = belief.airframe.actuators.names
+        time, names = controller_state * step, belief.airframe.actuators.names
         values = dataset_variables(belief.airframe, self.environment, time, belief.state, self.reference)
-        requested = dict(self.law(time, values))
-        unknown = sorted(set(requested) - {*names, "throttle"})
+        try:
+            requested = {name: jnp.asarray(value, dtype=float) for name, value in dict(self.law(time, values)).items()}
+        except Exception as error:
+            raise ValueError(
+                f"controls: the function raised {first_line(error):.160}; expected law(time_s, state) that returns "
+                "controls by name, written in jax.numpy (jnp.where in place of if)"
+            ) from error
+        unknown = sorted(requested.keys() - {*names, "throttle"})
         if unknown:
             expected = ", ".join((*names, "throttle"))
             raise ValueError(f"controls: arrived {unknown[0]!r} from the function; expected inputs among {expected}")
+        if any(value.ndim for value in requested.values()):
+            raise ValueError("controls: the function returned arrays; expected one number for each input")
         deflections = [
-            DEG_RAD * jnp.asarray(requested[name], dtype=float) if name in requested else self.reference.surfaces[k]
+            DEG_RAD * requested[name] if name in requested else self.reference.surfaces[k]
             for k, name in enumerate(names)
         ]
-        throttle = jnp.asarray(requested.get("throttle", self.reference.throttle), dtype=float)
+        throttle = requested.get("throttle", self.reference.throttle)
         return Controls(jnp.stack(deflections), throttle), None, controller_state + 1
 
 
 class PrescribedCommand(AbstractGuidance):
-    """Guidance that commands airspeed, path angle and course from a table, a row per sample.
+    """Guidance that commands airspeed, path angle and course from a table, a row per sample."""
 
-    Attributes
-    ----------
-    values
-        Airspeed (m/s), path angle and course (rad); NaN in open loop.
-    """
-
-    values: Float[Array, "sample 3"]
+    values: Float[Array, "sample 3"]  #: Airspeed (m/s), path angle and course (rad); NaN in open loop.
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
         """Return the command in the table's row of the present sample; the reference position is the aircraft's own."""
-        zero = jnp.zeros(())
-        V, gamma, chi = self.values[instant.number]
-        return PathCommand(V, gamma, chi, zero, zero, zero), belief.state.position_n, None
+        command = PathCommand(*self.values[instant.number], *[jnp.zeros(())] * 3)
+        return command, belief.state.position_n, None
 
 
 def start_point(
@@ -124,17 +108,9 @@ def start_point(
     """Return any state and controls in the form of a trim point, from which a flight starts; no trim is solved."""
     condition = air_data_and_forces(airframe, environment, 0.0, state)
     data = condition.air_data
-    return TrimPoint(
-        state=state,
-        controls=controls,
-        mu=bank_about_velocity(condition.R_bn, data.alpha, data.beta),
-        alpha=data.alpha,
-        beta=data.beta,
-        power=jnp.asarray(state.power),
-        converged=jnp.asarray(False),
-        residual=jnp.asarray(jnp.inf),
-        excess=jnp.asarray(0.0),
-    )
+    mu, power = bank_about_velocity(condition.R_bn, data.alpha, data.beta), jnp.asarray(state.power)
+    unsolved = {"converged": jnp.asarray(False), "residual": jnp.asarray(jnp.inf), "excess": jnp.asarray(0.0)}
+    return TrimPoint(state, controls, mu, data.alpha, data.beta, power, **unsolved)
 
 
 def dataset_variables(

@@ -5,6 +5,8 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft_files.library import span_of
 from anser.config.errors import ScenarioError
 from anser.config.tables import Table, table, tables, whole_number
 from anser.config.validation_messages import validation_problems
@@ -14,7 +16,6 @@ from anser.scenario.build_environment import build_atmosphere, build_environment
 from anser.scenario.schema import Scenario, insert_sounding
 from anser.scenario.schema_environment import Atmosphere, DiscreteGust, Earth, EarthField, Turbulence, Wind
 from anser.scenario.schema_tables import SEED_MAX
-from anser.shapes import ScalarLike
 
 
 class Air(Table):
@@ -59,8 +60,9 @@ class Air(Table):
             return Environment(build_atmosphere(self.atmosphere), build_wind(cast(Scenario, self)), standard.earth)
         return build_environment(cast(Scenario, self))
 
-    def gusts(self, span_m: ScalarLike) -> AbstractGusts:
-        """Build the gusts at an aircraft with a wing span."""
+    def gusts(self, airframe: AbstractAirframe) -> AbstractGusts:
+        """Build the gusts at an aircraft; turbulence depends on its span."""
+        span_m = span_of(airframe) if self.is_random else 0.0
         return build_gusts(cast(Scenario, self), cast(Any, self), span_m)
 
 
@@ -74,12 +76,7 @@ def read_air(
 ) -> Air:
     """Validate Earth, wind, turbulence (a table, or its intensity alone), gusts and atmosphere.
 
-    The path of a sounding starts from the working folder.
-
-    Raises
-    ------
-    ScenarioError
-        A table is not valid; the message names the key, what arrived and what would be right.
+    The path of a sounding starts from the working folder. Raises ScenarioError for a table that is not valid.
     """
     if isinstance(turbulence, str):
         turbulence = {"intensity": turbulence}

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import os
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,46 +17,38 @@ from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.actuators import without_lag
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.changes import AirframeChanges
 from anser.aircraft.engines import InstantEngine
-from anser.aircraft.motion import air_data_and_forces
-from anser.analysis.trim_points import Inversion, resolve_airframe
+from anser.analysis.trim_points import Inversion
 from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
+from anser.config.errors import quoted_list
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.air import STANDARD_LAYERS, Layers
 from anser.environment.atmosphere import atmosphere_layers
 from anser.environment.environment import AbstractWind, Environment
 from anser.environment.gridded_wind import GriddedWind, has_left_field
-from anser.environment.gusts import AbstractGusts, NoGusts
 from anser.files import result_folder
 from anser.numerics.arrays import as_array, bucket_size
-from anser.numerics.randomness import AbstractRandomness, flight_randomness
+from anser.numerics.randomness import flight_randomness
 from anser.parts.controllers import AbstractController, AbstractGuidance
-from anser.parts.excitation import Excitation
 from anser.parts.input_signals import InputSignal
-from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
-from anser.results.dataset import air_variables, qnh_attributes
+from anser.parts.perception import AbstractEstimator, AbstractSensors, Instant
+from anser.results.dataset import air_variables, qnh_attributes, value_range
 from anser.results.documents import version_attributes
 from anser.results.faults import dataset_fault, format_fault
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
 from anser.sensing.adaptation import AdaptiveEstimator, adaptive_estimator
 from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import IdealSensors
-from anser.shapes import Scalar
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
-from anser.simulation.open_loop import (
-    CONTROLLER_KEYS,
-    FeedbackControls,
-    PrescribedCommand,
-    PrescribedControls,
-)
+from anser.simulation.open_loop import CONTROLLER_KEYS, FeedbackControls, PrescribedCommand, PrescribedControls
 from anser.simulation.recorders import AbstractRecorder, History
 from anser.simulation.vehicle import Vehicle
-from anser.single_aircraft.air import Air, read_air
+from anser.single_aircraft.air import read_air
 from anser.single_aircraft.changes import read_changes
-from anser.single_aircraft.controls import check_function, describe_inputs, sample_inputs, sample_times
+from anser.single_aircraft.controls import describe_inputs, sample_inputs, sample_times
 from anser.single_aircraft.excitation import read_excitation
 from anser.single_aircraft.frozen_adaptation import AdaptationHistory, frozen_margins, increment_variables
+from anser.single_aircraft.model import aircraft as load_aircraft
 from anser.single_aircraft.starts import air_path, reference_inputs, resolve_start
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
@@ -64,30 +57,20 @@ from anser.variables import catalogue
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OPEN_LOOP = "none: open loop"
-"""Attribute `controller` of a flight without one."""
-_ROWS = 512
-"""Least number of rows of a compiled flight; longer flights have 2, 4, 8 ... times as many."""
+OPEN_LOOP = "none: open loop"  #: Attribute `controller` of a flight without one.
+_ROWS = 512  # least number of rows of a compiled flight; longer flights have 2, 4, 8 ... times as many
 _INVERSIONS: dict[str, Inversion] = {"inversion": "model", "incremental": "incremental", "adaptive": "incremental"}
 """Autopilots of the package by name; the adaptive one inverts increments with a model that is corrected in flight."""
-_COMMANDS = ("airspeed_m_s", "path_angle_deg", "course_deg")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class AircraftFlight:
-    """Flight of one aircraft.
+    """Flight of one aircraft."""
 
-    Attributes
-    ----------
-    dataset
-        Variables of the catalogue over `time`, one aircraft.
-    """
-
-    dataset: xr.Dataset
+    dataset: xr.Dataset  #: Variables of the catalogue over `time`, one aircraft.
 
     def __repr__(self) -> str:
-        first, last = self.dataset.isel(time=0), self.dataset.isel(time=-1)
-        lines = [f"{self.dataset.attrs['aircraft']}: {float(last.time):g} s, {self.dataset.attrs['end']}"]
+        lines = [f"{self.dataset.attrs['aircraft']}: {float(self.dataset.time[-1]):g} s, {self.dataset.attrs['end']}"]
         outside = int(self.dataset["outside_tables"].sum())
         if outside:
             lines.append(f"  outside the aircraft's data in {outside} of {self.dataset.sizes['time']} samples")
@@ -95,11 +78,8 @@ class AircraftFlight:
         if fault is not None:
             lines.append(f"  fault: {format_fault(fault.as_dict())}")
         for name in ("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "load_factor"):
-            values = self.dataset[name]
-            lines.append(
-                f"  {name:<14} {float(first[name]):10.4g} to {float(last[name]):10.4g}"
-                f"   (least {float(values.min()):.4g}, greatest {float(values.max()):.4g})"
-            )
+            first, last, least, greatest = value_range(self.dataset[name])
+            lines.append(f"  {name:<14} {first:10.4g} to {last:10.4g}   (least {least:.4g}, greatest {greatest:.4g})")
         return "\n".join(lines)
 
     def plot(self) -> "Figure":
@@ -121,15 +101,11 @@ class AircraftFlight:
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write `flight.nc`, `flight.png` and `report.html` into a new folder.
 
-        Raises
-        ------
-        FileExistsError
-            If the folder exists and `force` is False.
+        Raises FileExistsError if the folder exists and `force` is False.
         """
-        target = Path(folder)
-        with result_folder(target, replace=force) as staging:
+        with result_folder(Path(folder), replace=force) as staging:
             self.write_into(staging)
-        return target
+        return Path(folder)
 
     def write_into(self, folder: Path) -> None:
         """Write the three files into an existing folder; raises FileExistsError if one of the files exists."""
@@ -175,6 +151,9 @@ def simulate(
     engine_lag: bool = True,
 ) -> AircraftFlight:
     """Fly one aircraft under given controls (open loop), or with a controller under given commands.
+
+    Raises ValueError for an argument that is not valid, ScenarioError for a table of the air that is not valid, and
+    ConditionError for a trim without steady flight as the start.
 
     Parameters
     ----------
@@ -226,58 +205,70 @@ def simulate(
     AircraftFlight
         `dataset` ends before the ground is reached, the wind field of a file ends or a value becomes non-finite; its
         attribute `end` tells so.
-
-    Raises
-    ------
-    ValueError
-        An argument is not valid; the message names the argument, what arrived and what would be right.
-    ScenarioError
-        A table of the air is not valid.
-    ConditionError
-        The start is a trim without steady flight.
     """
     enable_compilation_cache()
-    airframe, identity = resolve_aircraft(aircraft)
+    model = load_aircraft(aircraft)
     air = read_air(earth, wind, turbulence, gust, seed, atmosphere)
     environment = air.environment()
-    point = resolve_start(airframe, environment, start)
-    airframe, (point,) = set_lags(airframe, [point], actuator_lag=actuator_lag, engine_lag=engine_lag)
+    points = [resolve_start(model.airframe, environment, start)]
+    airframe, (point,) = set_lags(model.airframe, points, actuator_lag=actuator_lag, engine_lag=engine_lag)
     time_s = sample_times(duration_s, step_s)
-    stride = _stride(record_period_s, step_s)
+    stride = 1 if record_period_s is None else round(record_period_s / step_s)
+    if record_period_s is not None and (stride < 1 or abs(stride * step_s / record_period_s - 1.0) > 1e-9):
+        raise ValueError(
+            f"record_period_s: arrived {record_period_s:g} s; expected a multiple of the step, {step_s:g} s"
+        )
     rows = (time_s.size - 1) // stride + 1
     count = bucket_size(rows, _ROWS) * stride  # few lengths are compiled; what is flown after the end is cut off
-    flight_controller = _controller(
-        airframe, environment, point, controls, time_s, count, controller, step_s, increments
-    )
-    guidance = _guidance(environment, point, command, time_s, count, controller)
-    gusts = _gusts(air, airframe)
+
+    def sample(inputs: Any, reference: Mapping[str, float], subject: str, **options: bool) -> np.ndarray:
+        table = sample_inputs(inputs, reference, time_s, subject=subject, **options)
+        return np.pad(table, ((0, count - len(table)), (0, 0)), mode="edge")
+
+    if controller is None:
+        flight_controller = _open_loop(airframe, environment, point, controls, increments, sample)
+    elif controls is None:
+        is_own = isinstance(controller, AbstractController)
+        flight_controller = controller if is_own else autopilot(airframe, point, controller)
+    else:
+        raise ValueError(
+            "controls: arrived beside a controller; expected one of the two (a controller takes `command`)"
+        )
+    if isinstance(command, AbstractGuidance):
+        guidance = command
+    elif controller is not None:
+        table = sample(command or {}, air_path(environment, point), "command")
+        guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
+    elif command is None:
+        guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
+    else:
+        raise ValueError("command: arrived without a controller; expected a controller that follows it")
     test_inputs = read_excitation(airframe.actuators, excitation, flight_controller)
     changes = read_changes(airframe, change)
     is_adaptive = controller == "adaptive"
     if estimator is None:
         estimator = DirectEstimator() if changes is None and not is_adaptive else DirectEstimator(model=airframe)
         estimator = adaptive_estimator(estimator, airframe) if is_adaptive else estimator
-    history = _fly(
-        airframe,
-        environment,
-        gusts,
-        IdealSensors() if sensors is None else sensors,
-        estimator,
-        guidance,
-        flight_controller,
-        point,
-        as_array(step_s),
-        flight_randomness(seed),
-        AdaptationHistory(stride) if isinstance(estimator, AdaptiveEstimator) else History(stride=stride),
-        count,
-        changes,
-        test_inputs,
-    )
+    parts = {
+        "airframe": airframe,
+        "sensors": IdealSensors() if sensors is None else sensors,
+        "estimator": estimator,
+        "guidance": guidance,
+        "controller": flight_controller,
+        "gusts": air.gusts(airframe),
+        "changes": changes,
+        "excitation": test_inputs,
+    }
+    recorder = AdaptationHistory(stride) if isinstance(estimator, AdaptiveEstimator) else History(stride=stride)
+    instant = Instant(environment, as_array(0, np.int32), as_array(step_s), flight_randomness(seed))
+    history = _fly(parts, instant, point, recorder, count)
     columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
+    kind = type(controller)
+    part_name = controller if isinstance(controller, str) else f"{kind.__module__}.{kind.__qualname__}"
     attributes = {
-        **identity,
+        **model.identity,
         "controls": (describe_inputs(controls or {}) or "controls of the start") if controller is None else "",
-        "controller": OPEN_LOOP if controller is None else _part_name(controller),
+        "controller": OPEN_LOOP if controller is None else part_name,
         "command": describe_inputs(command or {}) if controller is not None else "",
         "step_s": step_s,
         "seed": seed,
@@ -311,178 +302,50 @@ def _outside_field(
 
 @compiled_by_older_generator(("count",), "flight")
 def _fly(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gusts: AbstractGusts,
-    sensors: AbstractSensors,
-    estimator: AbstractEstimator,
-    guidance: AbstractGuidance,
-    controller: AbstractController,
-    start: TrimPoint,
-    step: Scalar,
-    randomness: AbstractRandomness,
-    recorder: AbstractRecorder,
-    count: int,
-    changes: AirframeChanges | None = None,
-    excitation: Excitation | None = None,
+    parts: dict[str, Any], instant: Instant, start: TrimPoint, recorder: AbstractRecorder, count: int
 ) -> dict[str, Array]:
-    vehicle = Vehicle(
-        airframe, sensors, estimator, guidance, controller, gusts=gusts, changes=changes, excitation=excitation
-    )
-    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step, randomness)
+    vehicle = Vehicle(**parts)
     state = trimmed_vehicle(vehicle, instant, start)
-    return fly_alone(vehicle, environment, state, step, count, recorder, randomness)[2]
-
-
-def resolve_aircraft(aircraft: Any) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
-    """Return the airframe that the argument means, and its identity (name, variant, ...) for attributes of datasets.
-
-    `aircraft`: an `AircraftModel`, the name of an airframe, the path of an aircraft file, or an airframe.
-    """
-    if hasattr(aircraft, "airframe") and hasattr(aircraft, "identity"):
-        return aircraft.airframe, dict(aircraft.identity)
-    if not isinstance(aircraft, str | os.PathLike | AbstractAirframe):
-        raise ValueError(
-            f"aircraft: arrived {type(aircraft).__name__}; expected anser.aircraft(...), the name of an airframe, the "
-            "path of an aircraft file, or an anser.aircraft.airframe.AbstractAirframe"
-        )
-    return resolve_airframe(os.fspath(aircraft) if isinstance(aircraft, os.PathLike) else aircraft)
+    return fly_alone(vehicle, instant.environment, state, instant.step, count, recorder, instant.randomness)[2]
 
 
 def set_lags(
-    airframe: AbstractAirframe, starts: Sequence[TrimPoint], *, actuator_lag: bool, engine_lag: bool
+    airframe: AbstractAirframe, points: list[TrimPoint], *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
-    """Return an airframe without the lags that are switched off, and the starts with states that fit it."""
-    points = list(starts)
-    if not actuator_lag:
-        actuators = without_lag(airframe.actuators)
-        airframe = eqx.tree_at(lambda a: a.actuators, airframe, actuators)
-        states = [actuators.steady_state(point.state.surfaces) for point in points]
-        points = [eqx.tree_at(lambda p: p.state.actuators, p, s) for p, s in zip(points, states, strict=True)]
-    if not engine_lag:
-        engine = InstantEngine(airframe.engine)
-        airframe = eqx.tree_at(lambda a: a.engine, airframe, engine)
-        states = [engine.steady_state(point.state.power) for point in points]
-        points = [eqx.tree_at(lambda p: p.state.engine, p, s) for p, s in zip(points, states, strict=True)]
+    """Return an airframe without the lags that are switched off, and starts with states that fit it."""
+    lags = (("actuators", "surfaces", without_lag, actuator_lag), ("engine", "power", InstantEngine, engine_lag))
+    for name, quantity, instant, is_kept in lags:
+        if not is_kept:
+            part: Any = instant(getattr(airframe, name))
+            airframe = eqx.tree_at(attrgetter(name), airframe, part)
+            states = [part.steady_state(getattr(point.state, quantity)) for point in points]
+            where = attrgetter(f"state.{name}")
+            points = [eqx.tree_at(where, point, state) for point, state in zip(points, states, strict=True)]
     return airframe, points
 
 
-def _stride(record_period_s: float | None, step_s: float) -> int:
-    if record_period_s is None:
-        return 1
-    stride = round(record_period_s / step_s)
-    if stride < 1 or abs(stride * step_s - record_period_s) > 1e-9 * record_period_s:
-        raise ValueError(
-            f"record_period_s: arrived {record_period_s:g} s; expected a multiple of the step, {step_s:g} s"
-        )
-    return stride
-
-
-def _controller(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    point: TrimPoint,
-    controls: Any,
-    time_s: Float[np.ndarray, " sample"],
-    count: int,
-    controller: AbstractController | str | None,
-    step_s: float,
-    increments: bool,
+def _open_loop(
+    airframe: AbstractAirframe, environment: Environment, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
-    if controller is None:
-        law = check_function(controls)
-        if law is not None:
-            feedback = FeedbackControls(point.controls, environment, law)
-            _check_law(airframe, feedback, point)
-            return feedback
-        reference = reference_inputs(airframe, point.controls)
-        table = sample_inputs({} if controls is None else controls, reference, time_s, increments=increments)
-        table = _padded(table, count)
-        return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
-    if controls is not None:
-        raise ValueError(
-            "controls: arrived beside a controller; expected one of the two (a controller takes `command`)"
-        )
-    if isinstance(controller, AbstractController):
-        return controller
-    if controller not in _INVERSIONS:
-        names = ", ".join(f'"{name}"' for name in _INVERSIONS)
-        raise ValueError(
-            f"controller: arrived {controller!r}; expected an anser.parts.AbstractController, {names}, or None"
-        )
-    return inversion_autopilot(airframe, environment, point, step_s, _INVERSIONS[controller])
+    """Return the controller that plays controls: a table of samples, or a function of time and state."""
+    law: Any = controls
+    if callable(controls) and not isinstance(controls, InputSignal | Mapping):
+        return FeedbackControls(point.controls, environment, law)
+    reference, inputs = reference_inputs(airframe, point.controls), {} if controls is None else controls
+    table = sample(inputs, reference, "controls", increments=increments)
+    return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
 
 
-def _check_law(airframe: AbstractAirframe, feedback: FeedbackControls, point: TrimPoint) -> None:
-    """Trace a law on shapes alone, and refuse one that JAX cannot trace, with the error of its own code."""
-
-    def trace(start: TrimPoint) -> Any:
-        condition = air_data_and_forces(airframe, feedback.environment, 0.0, start.state)
-        belief = Belief(airframe, start.state, condition, jnp.zeros(3), sight=None, goal=None)
-        return feedback.control(jnp.asarray(0, dtype=jnp.int32), belief, None, 0.01)[0]
-
-    try:
-        controls = eqx.filter_eval_shape(trace, point)
-    except Exception as error:
-        message = (str(error).strip() or type(error).__name__).splitlines()[0]
-        if message.startswith("controls: "):
-            raise ValueError(message) from None
-        raise ValueError(
-            f"controls: the function raised {type(error).__name__}: {message:.160}; expected law(time_s, state) that "
-            "returns controls by name, written in jax.numpy (jnp.where in place of if)"
-        ) from error
-    count = len(airframe.actuators.names)
-    if (controls.surfaces.shape, controls.throttle.shape) != ((count,), ()):
-        raise ValueError("controls: the function returned arrays; expected one number for each input")
-
-
-def inversion_autopilot(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    point: TrimPoint,
-    step_s: float,
-    inversion: Inversion = "model",
-) -> InversionAutopilot:
-    """Return the package's autopilot for an aircraft, with the gains and limits of step tests at a flight point."""
+def autopilot(airframe: AbstractAirframe, point: TrimPoint, name: Any) -> InversionAutopilot:
+    """Return an autopilot of the package by name, with the gains and limits of step tests at a flight point."""
     from anser.analysis.step_flights import step_case
 
+    if name not in _INVERSIONS:
+        names = quoted_list(_INVERSIONS)
+        raise ValueError(f"controller: arrived {name!r}; expected an anser.parts.AbstractController, {names}, or None")
     speed = float(np.linalg.norm(np.asarray(point.state.velocity_b)))
-    case = step_case(airframe, speed, -float(point.state.position_n[2]), inversion)
+    case = step_case(airframe, speed, -float(point.state.position_n[2]), _INVERSIONS[name])
     return InversionAutopilot(case.gains, case.limits)
-
-
-def _guidance(
-    environment: Environment,
-    point: TrimPoint,
-    command: Mapping[str, Any] | AbstractGuidance | None,
-    time_s: Float[np.ndarray, " sample"],
-    count: int,
-    controller: Any,
-) -> AbstractGuidance:
-    if isinstance(command, AbstractGuidance):
-        return command
-    if controller is None:
-        if command is not None:
-            raise ValueError("command: arrived without a controller; expected a controller that follows it")
-        return PrescribedCommand(jnp.full((count, 3), jnp.nan))
-    reference: dict[str, float] = dict(zip(_COMMANDS, air_path(environment, point), strict=True))
-    table = sample_inputs(command or {}, reference, time_s, subject="command")
-    return PrescribedCommand(as_array(_padded(table, count) * np.array([1.0, DEG_RAD, DEG_RAD])))
-
-
-def _padded(table: Float[np.ndarray, "sample column"], count: int) -> Float[np.ndarray, "count column"]:
-    """Repeat the last row of a table up to `count` rows."""
-    return np.pad(table, ((0, count - len(table)), (0, 0)), mode="edge")
-
-
-def _gusts(air: Air, airframe: AbstractAirframe) -> AbstractGusts:
-    from anser.aircraft_files.library import span_of
-
-    return air.gusts(span_of(airframe)) if air.is_random else air.gusts(0.0) if air.gust else NoGusts()
-
-
-def _part_name(part: Any) -> str:
-    return part if isinstance(part, str) else f"{type(part).__module__}.{type(part).__qualname__}"
 
 
 def flight_dataset(
@@ -499,18 +362,17 @@ def flight_dataset(
     The flight ends before the first sample on the ground, beyond the wind field or with a non-finite motion; the
     attribute `end` says which.
     """
-    motion = np.stack(
-        [history[key] for key in ("airspeed", "alpha", "altitude", "roll_rate", "pitch_rate", "yaw_rate")]
-    )
-    is_lost = ~np.all(np.isfinite(motion), axis=0)
-    is_grounded = history["altitude"] <= 0.0
-    is_outside = np.zeros_like(is_lost) if is_outside is None else is_outside
-    over = np.flatnonzero(is_lost | is_grounded | is_outside)
+    motion = [history[key] for key in ("airspeed", "alpha", "altitude", "roll_rate", "pitch_rate", "yaw_rate")]
+    endings = {
+        "the motion became non-finite": ~np.all(np.isfinite(motion), axis=0),
+        "the ground was reached": history["altitude"] <= 0.0,
+        "the wind field of the file ended": np.zeros(time_s.size, bool) if is_outside is None else is_outside,
+    }
+    over = np.flatnonzero(np.any(list(endings.values()), axis=0))
     rows, end = time_s.size, "flown to the end"
     if over.size:
         rows = int(over[0])
-        reason = "the ground was reached" if is_grounded[rows] else "the wind field of the file ended"
-        reason = "the motion became non-finite" if is_lost[rows] else reason
+        reason = next(reason for reason, flags in endings.items() if flags[rows])
         end = f"{reason} at {time_s[rows]:g} s"
     if rows == 0:
         raise ValueError(
@@ -518,16 +380,11 @@ def flight_dataset(
         )
     left_out = {"status", *(CONTROLLER_KEYS if attributes["controller"] == OPEN_LOOP else ())}
     history = {**history, **air_variables(history["airspeed"], history["altitude"], air_layers)}
-    data: dict[str, Any] = {
-        variable.name: (
-            "time",
-            to_dataset_units(variable, history[variable.key][:rows]),
-            catalogue_attributes(variable),
-        )
-        for variable in catalogue(surfaces)
-        if variable.key in history and variable.key not in left_out
+    data = {
+        v.name: ("time", to_dataset_units(v, history[v.key][:rows]), catalogue_attributes(v))
+        for v in catalogue(surfaces)
+        if v.key in history and v.key not in left_out
     }
     coordinates = {"time": ("time", time_s[:rows], {"units": "s", "long_name": "Time", "symbol": "t"})}
-    return xr.Dataset(
-        data, coordinates, {**attributes, **qnh_attributes(air_layers), "surfaces": " ".join(surfaces), "end": end}
-    )
+    attributes = {**attributes, **qnh_attributes(air_layers), "surfaces": " ".join(surfaces), "end": end}
+    return xr.Dataset(data, coordinates, attributes)

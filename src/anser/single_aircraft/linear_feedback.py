@@ -44,29 +44,16 @@ class LinearFeedback(AbstractController):
     Commands move the reference x0: the airspeed that of V, the path angle that of theta, and the course that of phi, by
     the bank of the commanded turn plus `course_gain` times the error of the course. The last columns of K may be those
     of the integrals of the errors of airspeed and path angle. Inputs without feedback keep their trim.
-
-    Attributes
-    ----------
-    gain
-        K: a row for each input of the linear model, the throttle first; columns as in `states`.
-    trim_state, trim_input, trim_path_angle
-        x0 without integrals, u0, and the path angle of the trim.
-    course_gain
-        Commanded rate of the course for an error of the course, 1/s.
-    bank_max
-        Limit of the reference of phi, rad.
-    states, surfaces
-        Names of the states, integrals included, and of the aircraft's surfaces.
     """
 
-    gain: Float[Array, "input state"]
-    trim_state: Vector
-    trim_input: Vector
-    trim_path_angle: Scalar
-    course_gain: Scalar
-    bank_max: Scalar
-    states: tuple[str, ...] = eqx.field(static=True)
-    surfaces: tuple[str, ...] = eqx.field(static=True)
+    gain: Float[Array, "input state"]  #: K: a row for each input of the linear model, the throttle first.
+    trim_state: Vector  #: x0 without integrals.
+    trim_input: Vector  #: u0.
+    trim_path_angle: Scalar  #: Path angle of the trim, rad.
+    course_gain: Scalar  #: Commanded rate of the course for an error of the course, 1/s.
+    bank_max: Scalar  #: Limit of the reference of phi, rad.
+    states: tuple[str, ...] = eqx.field(static=True)  #: Names of the columns of K, integrals last.
+    surfaces: tuple[str, ...] = eqx.field(static=True)  #: Names of the aircraft's surfaces.
 
     @classmethod
     def from_gain(
@@ -81,6 +68,8 @@ class LinearFeedback(AbstractController):
     ) -> "LinearFeedback":
         """Return the feedback by a gain matrix.
 
+        Raises ValueError if a name is unknown, a shape does not fit, or the model is of another kind.
+
         Parameters
         ----------
         linear
@@ -93,11 +82,6 @@ class LinearFeedback(AbstractController):
             Names among the aircraft's surfaces and throttle.
         course_gain, bank_max_deg
             See the class.
-
-        Raises
-        ------
-        ValueError
-            A name is unknown, a shape does not fit, or the model is of another kind.
         """
         model = _open_model(linear)
         motion = [name for name in states if name not in _INTEGRALS]
@@ -112,22 +96,18 @@ class LinearFeedback(AbstractController):
             )
         whole = np.zeros((len(model.inputs), len(states)))
         whole[[model.inputs.index(name) for name in inputs]] = matrix
-        return cls(
-            as_array(whole),
-            as_array(np.asarray(model.x)[[model.states.index(name) for name in motion]]),
-            as_array(np.asarray(model.u)),
-            as_array(float(model.y[model.outputs.index("gamma")])),
-            as_array(course_gain),
-            as_array(bank_max_deg * DEG_RAD),
-            tuple(states),
-            tuple(model.surfaces),
-        )
+        trim_state = np.asarray(model.x)[[model.states.index(name) for name in motion]]
+        trim_path_angle = float(model.y[model.outputs.index("gamma")])
+        numbers = (whole, trim_state, np.asarray(model.u), trim_path_angle, course_gain, bank_max_deg * DEG_RAD)
+        return cls(*map(as_array, numbers), states=tuple(states), surfaces=tuple(model.surfaces))
 
     @classmethod
     def from_weights(
         cls, linear: "LinearizationResult", Q: Mapping[str, float], R: Mapping[str, float], **options: float
     ) -> "LinearFeedback":
         """Return the linear-quadratic regulator: K minimizes the integral of x' Q x + u' R u.
+
+        Raises ValueError if a name is unknown, a weight is negative, or no regulator exists for these weights.
 
         Parameters
         ----------
@@ -138,11 +118,6 @@ class LinearFeedback(AbstractController):
             altitude are fed back, with the weight 0 if they are left out.
         R
             Weights of the inputs that are moved.
-
-        Raises
-        ------
-        ValueError
-            A name is unknown, a weight is negative, or no regulator exists for these weights.
         """
         from scipy.linalg import LinAlgError, solve_continuous_are
 
@@ -182,10 +157,8 @@ class LinearFeedback(AbstractController):
             arrived = ", ".join(belief.airframe.actuators.names)
             raise ValueError(f"linear feedback: arrived {arrived}; expected the surfaces {', '.join(self.surfaces)}")
         variables = believed_variables(belief)
-        V, gamma, chi = (
-            variables[name] * factor
-            for name, factor in (("airspeed_m_s", 1.0), ("path_angle_deg", DEG_RAD), ("course_deg", DEG_RAD))
-        )
+        V, gamma, chi = (variables[name] for name in ("airspeed_m_s", "path_angle_deg", "course_deg"))
+        gamma, chi = gamma * DEG_RAD, chi * DEG_RAD
         turn_rate = command.chi_dot + self.course_gain * wrap_angle(command.chi - chi)
         bank = jnp.clip(V * turn_rate / belief.condition.earth.gravity, -self.bank_max, self.bank_max)
         reference = dict(zip(self.states, self.trim_state, strict=False)) | {"V": command.V, "phi": bank}
@@ -196,7 +169,7 @@ class LinearFeedback(AbstractController):
         throttle, *surfaces = self.trim_input - self.gain @ jnp.concatenate([jnp.stack(measured), controller_state])
         errors = {"V_integral": V - command.V, "gamma_integral": gamma - command.gamma}
         next_state = controller_state
-        for k, name in enumerate(self.states[self.trim_state.size :]):
+        for k, name in enumerate(self.states[len(motion) :]):
             integral = controller_state[k] + step * errors[name]
             next_state = next_state.at[k].set(jnp.clip(integral, -_INTEGRALS[name], _INTEGRALS[name]))
         return Controls(jnp.stack(surfaces), jnp.clip(throttle, 0.0, 1.0)), None, next_state

@@ -31,22 +31,15 @@ _BODY_STATES = (
     *("north_m", "east_m", "altitude_m", "velocity_u_m_s", "velocity_v_m_s", "velocity_w_m_s"),
     *("roll_rad", "pitch_rad", "yaw_rad", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"),
 )
+_UPWARDS = np.array([1.0, 1.0, -1.0])  # factors from north, east, down to north, east, altitude, and back
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class AircraftModel:
-    """An aircraft: printed, it tells mass, size, surfaces with their stops, engine, and the range of its data.
+    """An aircraft: printed, it tells mass, size, surfaces with their stops, engine, and the range of its data."""
 
-    Attributes
-    ----------
-    airframe
-        The airframe, for the kernels of the package.
-    identity
-        Name, and variant if any, for labels and provenance.
-    """
-
-    airframe: AbstractAirframe
-    identity: Mapping[str, str | int | float]
+    airframe: AbstractAirframe  #: The airframe, for the kernels of the package.
+    identity: Mapping[str, str | int | float]  #: Name, and variant if any, for labels and provenance.
 
     def __repr__(self) -> str:
         effects = dict(zip(self.airframe.actuators.names, surface_effects(self.airframe), strict=True))
@@ -104,12 +97,7 @@ class AircraftModel:
     ) -> "LinearizationResult":
         """Linearize the aircraft about a trim, or about a condition given as to `trim`: see `anser.linearize`.
 
-        Raises
-        ------
-        ValueError
-            Neither a trim nor a condition is given, or both.
-        ConditionError
-            The steady flight does not exist.
+        Raises ValueError for neither a trim nor a condition, or both; ConditionError if no such steady flight exists.
         """
         from anser.analysis.linear_models import linearize
 
@@ -119,8 +107,9 @@ class AircraftModel:
         if trim is not None and not isinstance(trim, TrimResult):
             raise ValueError(f"linearize: arrived {type(trim).__name__}; expected a trim of this aircraft")
         values: dict[str, Any] = dict(condition) if trim is None else dict(trim.condition)
-        environment = None if trim is None else _environment_of(trim)
-        result = linearize(self.airframe, actuators=actuators, environment=environment, **values)
+        if trim is not None:
+            values["environment"] = dataclasses.replace(standard_environment(), atmosphere=trim.atmosphere)
+        result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
 
     def performance(self, altitude_m: float = 0.0) -> "PerformanceSheet":
@@ -131,7 +120,7 @@ class AircraftModel:
 
     def start(self, trim: TrimResult) -> dict[str, float]:
         """Return a trim as a start by name, to be changed: `{**f16.start(trim), "alpha_deg": 12.0}`."""
-        environment = _environment_of(trim)
+        environment = dataclasses.replace(standard_environment(), atmosphere=trim.atmosphere)
         return named_state(self.airframe, environment, resolve_start(self.airframe, environment, trim))
 
     def state_names(self, *, lag: bool = True) -> tuple[str, ...]:
@@ -171,15 +160,37 @@ class AircraftModel:
                     f"derivatives: arrived {name} of shape {jnp.shape(array)}; expected ({len(names)},): "
                     f"{', '.join(names)}; jax.vmap adds further axes"
                 )
-        return _derivatives(self.airframe, environment or standard_environment(), state, controls, lag=lag)
+        airframe, x, u = self.airframe, jnp.asarray(state), jnp.asarray(controls)
+        roll, pitch, yaw = x[6:9]
+        surfaces, throttle = u[:-1], u[-1]
+        if lag:
+            pattern = airframe.actuators.steady_state(surfaces), airframe.engine.steady_state(jnp.zeros_like(throttle))
+            leaves, structure = jax.tree.flatten(pattern)
+            ends = np.cumsum([12, *(leaf.size for leaf in leaves)])
+            parts = [x[a:b].reshape(leaf.shape) for a, b, leaf in zip(ends[:-1], ends[1:], leaves, strict=True)]
+            actuators, engine = structure.unflatten(parts)
+        else:
+            actuators = airframe.actuators.steady_state(airframe.actuators.limit_command(surfaces))
+            engine = airframe.engine.steady_state(airframe.engine.steady_power(throttle))
+        quaternion = quaternion_from_euler(roll, pitch, yaw)
+        motion = AircraftState(x[:3] * _UPWARDS, x[3:6], quaternion, x[9:12], actuators, engine)
+        environment = environment or standard_environment()
+        rate = flat_earth_derivative(airframe, environment, 0.0, motion, Controls(surfaces, throttle))
+        P, Q, R = x[9:12]
+        turning = Q * jnp.sin(roll) + R * jnp.cos(roll)
+        euler_rates = jnp.stack(
+            [P + jnp.tan(pitch) * turning, Q * jnp.cos(roll) - R * jnp.sin(roll), turning / jnp.cos(pitch)]
+        )
+        lags = [jnp.ravel(leaf) for leaf in jax.tree.leaves((rate.actuators, rate.engine))] if lag else []
+        return jnp.concatenate([rate.position_n * _UPWARDS, rate.velocity_b, euler_rates, rate.rates_b, *lags])
 
     def state_vector(self, start: Any, *, lag: bool = True) -> np.ndarray:
         """Return a start (a trim, or a state by name) as the state of `derivatives`."""
         point = resolve_start(self.airframe, standard_environment(), start)
         state = point.state
         euler = np.asarray(euler_from_quaternion(state.quaternion))
-        body = [state.position_n * jnp.array([1.0, 1.0, -1.0]), state.velocity_b, euler, state.rates_b]
-        lags = [*_leaves(state.actuators), *_leaves(state.engine)] if lag else []
+        body = [state.position_n * _UPWARDS, state.velocity_b, euler, state.rates_b]
+        lags = jax.tree.leaves((state.actuators, state.engine)) if lag else []
         return np.concatenate([np.atleast_1d(np.asarray(part)) for part in (*body, *lags)])
 
     def input_vector(self, start: Any) -> np.ndarray:
@@ -189,69 +200,29 @@ class AircraftModel:
         return np.append(np.radians(inputs[:-1]), inputs[-1])
 
 
-def _leaves(state: Any) -> list[Any]:
-    return jax.tree.leaves(state)
-
-
-def _derivatives(
-    airframe: AbstractAirframe, environment: Environment, x: Array, u: Array, *, lag: bool
-) -> Float[Array, " state"]:
-    x, u = jnp.asarray(x), jnp.asarray(u)
-    roll, pitch, yaw = x[6:9]
-    surfaces, throttle = u[:-1], u[-1]
-    if lag:
-        pattern = airframe.actuators.steady_state(surfaces), airframe.engine.steady_state(jnp.zeros_like(throttle))
-        leaves, structure = jax.tree.flatten(pattern)
-        ends = np.cumsum([12, *(leaf.size for leaf in leaves)])
-        parts = [x[a:b].reshape(leaf.shape) for a, b, leaf in zip(ends[:-1], ends[1:], leaves, strict=True)]
-        actuators, engine = structure.unflatten(parts)
-    else:
-        actuators = airframe.actuators.steady_state(airframe.actuators.limit_command(surfaces))
-        engine = airframe.engine.steady_state(airframe.engine.steady_power(throttle))
-    position_n = x[:3] * jnp.array([1.0, 1.0, -1.0])
-    quaternion = quaternion_from_euler(roll, pitch, yaw)
-    state = AircraftState(position_n, x[3:6], quaternion, x[9:12], actuators, engine)
-    rate = flat_earth_derivative(airframe, environment, 0.0, state, Controls(surfaces, throttle))
-    P, Q, R = x[9:12]
-    turning = Q * jnp.sin(roll) + R * jnp.cos(roll)
-    euler_rates = jnp.stack(
-        [P + jnp.tan(pitch) * turning, Q * jnp.cos(roll) - R * jnp.sin(roll), turning / jnp.cos(pitch)]
-    )
-    body = [rate.position_n * jnp.array([1.0, 1.0, -1.0]), rate.velocity_b, euler_rates, rate.rates_b]
-    lags = [jnp.ravel(leaf) for leaf in jax.tree.leaves((rate.actuators, rate.engine))] if lag else []
-    return jnp.concatenate([*body, *lags])
-
-
-def _environment_of(trim: TrimResult) -> Environment:
-    """Return the environment of a trim in still air."""
-    standard = standard_environment()
-    return Environment(trim.atmosphere, standard.wind, standard.earth)
-
-
 def aircraft(
-    what: str | os.PathLike[str] | AbstractAirframe, variant: str = "textbook", *, x_cg_over_c: float | None = None
+    what: str | os.PathLike[str] | AbstractAirframe | AircraftModel,
+    variant: str = "textbook",
+    *,
+    x_cg_over_c: float | None = None,
 ) -> AircraftModel:
     """Load an aircraft.
+
+    Raises ValueError if no airframe has this name, or its mass properties are impossible; ScenarioError if the aircraft
+    file is not valid.
 
     Parameters
     ----------
     what
         Name of an airframe of the library or of an entry point (`anser aircraft list` lists them), path of an aircraft
-        file, or an airframe of the user's own class.
+        file, an airframe of the user's own class, or an `AircraftModel`, which is returned.
     variant, x_cg_over_c
         Variant and centre of gravity of the library's F-16: see `load_airframe`.
-
-    Raises
-    ------
-    ValueError
-        No airframe has this name, or its mass properties are impossible.
-    ScenarioError
-        The aircraft file is not valid.
     """
-    airframe, identity = resolve_airframe(
-        os.fspath(what) if isinstance(what, os.PathLike) else what, variant, x_cg_over_c
-    )
-    return AircraftModel(airframe, identity)
+    if isinstance(what, AircraftModel):
+        return what
+    what = os.fspath(what) if isinstance(what, os.PathLike) else what
+    return AircraftModel(*resolve_airframe(what, variant, x_cg_over_c))
 
 
 _EFFECTS = (("rolls right", "rolls left"), ("nose up", "nose down"), ("nose right", "nose left"))
@@ -261,22 +232,16 @@ def surface_effects(airframe: AbstractAirframe) -> list[str]:
     """Describe by its greatest moment what a positive deflection of each surface does, at 2 deg angle of attack."""
     speed = float(np.mean(valid_airspeed_range(airframe)))
     moments = np.asarray(_surface_moments(airframe, standard_environment(), as_array(speed)))
-    texts = []
-    for moment in moments.T:
-        axis = int(np.argmax(np.abs(moment)))
-        texts.append("no moment" if moment[axis] == 0.0 else _EFFECTS[axis][int(moment[axis] < 0.0)])
-    return texts
+    axes = np.argmax(np.abs(moments), axis=0)
+    signed = zip(axes, np.take_along_axis(moments, axes[None], axis=0)[0], strict=True)
+    return ["no moment" if moment == 0.0 else _EFFECTS[axis][int(moment < 0.0)] for axis, moment in signed]
 
 
 @compiled_quickly
 def _surface_moments(airframe: AbstractAirframe, environment: Environment, speed: Scalar) -> Float[Array, "3 surface"]:
     """Return the derivatives of the moment (N m) by the deflections (rad), in neutral position."""
-    alpha = jnp.asarray(_ALPHA_OF_EFFECTS)
+    alpha = jnp.asarray(0.035)
     velocity_b = speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
     data = air_data(velocity_b, 0.0, environment.atmosphere.at(0.0))
     neutral = airframe.actuators.scheduled_position(jnp.zeros(len(airframe.actuators.names)), data)
     return jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(neutral)
-
-
-_ALPHA_OF_EFFECTS = 0.035
-"""Angle of attack at which the effects of the surfaces are described, rad."""

@@ -21,8 +21,8 @@ from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.trim_points import airframe_label
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.environment.environment import Environment, standard_environment
-from anser.numerics.arrays import as_array
-from anser.results.documents import notebook_table, version_attributes
+from anser.numerics.arrays import as_array, pad_to_multiple, take_rows
+from anser.results.documents import finite_or_none, notebook_table, version_attributes
 from anser.results.variable_labels import unit_attributes
 from anser.shapes import Integer, Scalar
 from anser.steady.performance import path_acceleration
@@ -36,46 +36,31 @@ _SPEEDS, _ALTITUDES = 41, 21
 _ALTITUDE_MAX_M = 20_000.0
 _F16_SPEEDS_M_S = (40.0, 400.0)
 _LOAD_FACTOR_MAX, _TURN_GRID, _TURN_PASSES = 9.0, 9, 4
-_MASS_SHARES = (0.8, 0.9, 1.0, 1.1, 1.2)
+_STALLS = {"least level airspeed": 1.0} | {f"least level airspeed, mass {m:.0%}": m for m in (0.8, 0.9, 1.1, 1.2)}
 _CLIMB_STEPS = 8
-_CHUNK = 64
-"""Points that are trimmed in one call."""
-_SERVICE_CLIMB_M_S = 0.508
-"""Climb rate that remains at the service ceiling: 100 ft/min."""
+_CHUNK = 64  # points that are trimmed in one call
+_SERVICE_CLIMB_M_S = 0.508  # climb rate that remains at the service ceiling: 100 ft/min
+# least change of the angle of attack (rad) between neighbouring airspeeds that shows the greatest lift
 _STALL_JUMP = 5.0 * DEG_RAD
-"""Least change of the angle of attack (rad) between neighbouring airspeeds that shows the greatest lift."""
-_LIMITS = dict(
-    zip(
-        TRIM_OBSTACLES,
-        (
-            "end of the data (altitude or Mach number)",
-            "no balance of forces and moments",
-            "full power",
-            "idle power",
-            "stop of a surface",
-            "angle of attack: end of the data",
-            "sideslip: end of the data",
-        ),
-        strict=True,
-    )
-)
+_LIMITS = {  # by obstacle of a trim
+    "tables": "end of the data (altitude or Mach number)",
+    "no_balance": "no balance of forces and moments",
+    "thrust_max": "full power",
+    "thrust_idle": "idle power",
+    "surfaces": "stop of a surface",
+    "alpha": "angle of attack: end of the data",
+    "beta": "sideslip: end of the data",
+}
 
 
 class _Points(NamedTuple):
-    """Steady flights to trim, a row each.
+    """Steady flights to trim, a row each."""
 
-    Attributes
-    ----------
-    speed, altitude, turn_rate, mass
-        Airspeed (m/s), altitude (m), rate of the course (rad/s), and mass relative to that of the airframe.
-    power
-        Power (percent) at which the path climbs or descends; NaN: level flight at the power that it needs.
-    """
-
-    speed: Float[Array, " point"]
-    altitude: Float[Array, " point"]
-    turn_rate: Float[Array, " point"]
-    mass: Float[Array, " point"]
+    speed: Float[Array, " point"]  # airspeed, m/s
+    altitude: Float[Array, " point"]  # m
+    turn_rate: Float[Array, " point"]  # rate of the course, rad/s
+    mass: Float[Array, " point"]  # relative to that of the airframe
+    # power at which the path climbs or descends, percent; NaN: level flight at the power that it needs
     power: Float[Array, " point"]
 
 
@@ -100,13 +85,12 @@ def _trim_points(
             target = trim_target(point.speed, point.altitude, path_angle, 0.0, point.turn_rate)
             flight = trim_map_point(heavier, environment, target)
             condition = air_data_and_forces(heavier, environment, 0.0, flight.trim.state)
+            # accelerations along the path besides that of gravity, which the climb uses up
             surplus, full = (path_acceleration(heavier, condition, p) for p in (power, 100.0))
-            # The acceleration along the path besides that of gravity, which the climb uses up.
             return flight, surplus, full
 
         def climb(_: Any, path_angle: Scalar) -> Scalar:
-            _, surplus, _ = fly(path_angle)
-            sine = jnp.clip(surplus / environment.gravity, -0.98, 0.98)
+            sine = jnp.clip(fly(path_angle)[1] / environment.gravity, -0.98, 0.98)
             return jnp.where(is_level, 0.0, jnp.arcsin(sine))
 
         path_angle = jax.lax.fori_loop(0, climb_steps, climb, jnp.zeros_like(point.speed))
@@ -128,31 +112,23 @@ class PerformanceFigure:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class PerformanceSheet:
-    """Performance of an aircraft in still standard air; printed as a table.
+    """Performance of an aircraft in still standard air; printed as a table."""
 
-    Attributes
-    ----------
-    figures
-        Figures at the sheet's altitude: stall speed (least airspeed of level flight) by mass, least and greatest level
-        airspeed, best climb, best glide, turns; and the ceilings.
-    dataset
-        Specific excess power (m/s) at full power in level flight over altitude and airspeed, with the Mach number; NaN
-        where level flight is beyond another limit than the power.
-    identity, altitude_m
-        Aircraft and altitude.
-    """
-
+    #: Figures at the sheet's altitude: stall speed (least airspeed of level flight) by mass, least and greatest level
+    #: airspeed, best climb, best glide, turns; and the ceilings.
     figures: tuple[PerformanceFigure, ...]
+    #: Specific excess power (m/s) at full power in level flight over altitude and airspeed, with the Mach number; NaN
+    #: where level flight is beyond another limit than the power.
     dataset: xr.Dataset
-    identity: Mapping[str, str | int | float]
+    identity: Mapping[str, str | int | float]  #: Name of the aircraft, and variant if any.
     altitude_m: float
 
     def __getitem__(self, name: str) -> PerformanceFigure:
         """Return a figure by its name."""
-        for figure in self.figures:
-            if figure.name == name:
-                return figure
-        raise KeyError(f"{name!r} is not on the sheet; the names are {', '.join(f.name for f in self.figures)}")
+        by_name = {figure.name: figure for figure in self.figures}
+        if name not in by_name:
+            raise KeyError(f"{name!r} is not on the sheet; the names are {', '.join(by_name)}")
+        return by_name[name]
 
     @property
     def title(self) -> str:
@@ -174,75 +150,58 @@ class PerformanceSheet:
             "format_version": 1,
             "aircraft": dict(self.identity),
             "altitude_m": self.altitude_m,
-            "figures": [
-                dataclasses.asdict(figure) | {"value": figure.value if np.isfinite(figure.value) else None}
-                for figure in self.figures
-            ],
+            "figures": [dataclasses.asdict(f) | {"value": finite_or_none(f.value)} for f in self.figures],
         }
 
     def plot(self) -> "Figure":
         """Draw the specific excess power over Mach number and altitude."""
         from anser.report.aircraft_flight import excess_power_figure
 
-        return excess_power_figure(
-            self.dataset, f"{airframe_label(self.identity)}: specific excess power at full power"
-        )
+        title = f"{airframe_label(self.identity)}: specific excess power at full power"
+        return excess_power_figure(self.dataset, title)
 
 
 def performance_sheet(
     airframe: AbstractAirframe, identity: Mapping[str, str | int | float], altitude_m: float = 0.0
 ) -> PerformanceSheet:
-    """Compute the performance of an aircraft at an altitude, and its ceilings, in still standard air.
-
-    Raises
-    ------
-    ValueError
-        The altitude is not a number from 0 to 20,000 m.
-    """
+    """Compute the performance of an aircraft at an altitude (0 to 20 km), and its ceilings, in still standard air."""
     if not isinstance(altitude_m, int | float | np.number) or not 0.0 <= altitude_m <= _ALTITUDE_MAX_M:
         raise ValueError(f"altitude_m: arrived {altitude_m!r}; expected a number from 0 to {_ALTITUDE_MAX_M:g}")
     enable_compilation_cache()
     environment = standard_environment()
-    speeds = np.geomspace(*_airspeed_range(airframe), _SPEEDS)
+    gravity = float(environment.gravity)
+    # for the F-16, whose data have no limits of the airspeed, more than it can fly
+    airspeeds = _F16_SPEEDS_M_S if isinstance(airframe, AbstractF16) else valid_airspeed_range(airframe)
+    speeds, altitudes = np.geomspace(*airspeeds, _SPEEDS), np.linspace(0.0, _ALTITUDE_MAX_M, _ALTITUDES)
 
     def fly(**columns: Any) -> _Flights:
         values = {"turn_rate": 0.0, "mass": 1.0, "power": np.nan, "altitude": altitude_m} | columns
         arrays = np.broadcast_arrays(*(np.asarray(values[name], dtype=float) for name in _Points._fields))
-        climb_steps = 0 if np.isnan(values["power"]) else _CLIMB_STEPS
-        columns_flat = [np.ravel(array) for array in arrays]
-        count = columns_flat[0].size
-        chunks = []
-        for first in range(0, count, _CHUNK):  # one shape, so that one program serves all
-            rows = np.minimum(np.arange(first, first + _CHUNK), count - 1)
-            points = _Points(*(as_array(column[rows]) for column in columns_flat))
-            flights = _trim_points(airframe, environment, points, as_array(climb_steps, int))
-            chunks.append(jax.tree.map(np.asarray, flights))
-        return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
+        points = pad_to_multiple(_Points(*(as_array(np.ravel(array)) for array in arrays)), _CHUNK)
+        climb_steps = as_array(0 if np.isnan(values["power"]) else _CLIMB_STEPS, int)
+        parts = [  # of one size, so that one program serves all
+            _trim_points(airframe, environment, take_rows(points, slice(first, first + _CHUNK)), climb_steps)
+            for first in range(0, arrays[0].size, _CHUNK)
+        ]
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: arrays[0].size], *parts)
 
-    figures = [
-        *_stall_figures(fly, speeds),
+    field = fly(speed=speeds[None, :], altitude=altitudes[:, None])
+    dataset = _excess_power(field, speeds, altitudes, gravity).assign_attrs(identity, **version_attributes())
+    figures = (
+        *(PerformanceFigure(name, *_edge(fly, speeds, mass, lowest=True)) for name, mass in _STALLS.items()),
         PerformanceFigure("greatest level airspeed", *_edge(fly, speeds, 1.0, lowest=False)),
         *_path_figures(fly, speeds, 100.0, "best climb rate", "m/s"),
         *_path_figures(fly, speeds, 0.0, "best glide ratio", "1"),
-        *_turn_figures(fly, speeds, float(environment.gravity)),
-    ]
-    altitudes = np.linspace(0.0, _ALTITUDE_MAX_M, _ALTITUDES)
-    field = fly(speed=speeds[None, :], altitude=altitudes[:, None])
-    dataset = _excess_power(field, speeds, altitudes, float(environment.gravity), identity)
-    figures += _ceilings(dataset)
-    return PerformanceSheet(tuple(figures), dataset, dict(identity), float(altitude_m))
-
-
-def _airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
-    """Return the airspeeds (m/s) that are tried: those of the data, or for the F-16 more than it can fly."""
-    return _F16_SPEEDS_M_S if isinstance(airframe, AbstractF16) else valid_airspeed_range(airframe)
+        *_turn_figures(fly, speeds, gravity),
+        PerformanceFigure("absolute ceiling", *_ceiling(dataset, 0.0)),
+        PerformanceFigure("service ceiling", *_ceiling(dataset, _SERVICE_CLIMB_M_S)),
+    )
+    return PerformanceSheet(figures, dataset, dict(identity), float(altitude_m))
 
 
 def _is_flyable(flights: _Flights, *, except_power: bool = False) -> np.ndarray:
-    obstacles = np.array(flights.trims.obstacles)
-    if except_power:
-        obstacles[:, [TRIM_OBSTACLES.index(name) for name in ("thrust_max", "thrust_idle")]] = False
-    return np.logical_not(obstacles.any(axis=-1))
+    counted = [not (except_power and name in ("thrust_max", "thrust_idle")) for name in TRIM_OBSTACLES]
+    return np.logical_not(np.asarray(flights.trims.obstacles)[:, counted].any(axis=-1))
 
 
 def _limit_of(flights: _Flights, index: int) -> str:
@@ -263,34 +222,19 @@ def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
 
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight, its unit, and the limit beyond it."""
-    value, grid, name = np.nan, speeds, "end of the data (airspeed)"
+    value, grid, limit = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
         flights = fly(speed=grid, mass=mass)
         flyable = np.flatnonzero(_is_flyable(flights))
         if flyable.size == 0:
             return np.nan, "m/s", "no level flight"
-        inside = flyable[0] if lowest else flyable[-1]
-        outside = inside - 1 if lowest else inside + 1
+        inside, outside = (flyable[0], flyable[0] - 1) if lowest else (flyable[-1], flyable[-1] + 1)
+        value = float(grid[inside])
         if not 0 <= outside < grid.size:
-            return float(grid[inside]), "m/s", name
-        name = _limit_beyond(flights, int(inside), int(outside))
-        value, grid = (
-            float(grid[inside]),
-            np.linspace(min(grid[inside], grid[outside]), max(grid[inside], grid[outside]), _SPEEDS),
-        )
-    return value, "m/s", name
-
-
-def _stall_figures(fly: Any, speeds: np.ndarray) -> list[PerformanceFigure]:
-    edges = {share: _edge(fly, speeds, share, lowest=True) for share in _MASS_SHARES}
-    return [
-        PerformanceFigure("least level airspeed", *edges[1.0]),
-        *(
-            PerformanceFigure(f"least level airspeed, mass {share:.0%}", *edges[share])
-            for share in _MASS_SHARES
-            if share != 1.0
-        ),
-    ]
+            break
+        limit = _limit_beyond(flights, int(inside), int(outside))
+        grid = np.linspace(min(value, grid[outside]), max(value, grid[outside]), _SPEEDS)
+    return value, "m/s", limit
 
 
 def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
@@ -303,22 +247,18 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
     if not np.any(np.isfinite(values)) or (power == 0.0 and np.nanmax(angle) >= 0.0):
         return [PerformanceFigure(name, np.nan, unit, "no such flight")]
     best = int(np.argmax(values))
-    peak, value = _parabola_peak(speeds, values, best)
-    limit = "" if 0 < best < speeds.size - 1 and np.isfinite(values[[best - 1, best + 1]]).all() else "end of the range"
+    airspeed, value, limit = speeds[best], values[best], "end of the range"
+    around = slice(best - 1, best + 2)
+    if 0 < best < speeds.size - 1 and np.isfinite(values[around]).all():
+        # the top of the parabola through the greatest value and its neighbours
+        a, b, c = np.polyfit(speeds[around] - speeds[best], values[around], 2)
+        shift = -0.5 * b / a if a < 0.0 else 0.0
+        airspeed, value, limit = speeds[best] + shift, c + b * shift + a * shift**2, ""
     at = f"airspeed of the {name.removesuffix(' ratio').removesuffix(' rate')}"
     return [
-        PerformanceFigure(name, value, unit, "full power" if power > 0.0 else "idle power"),
-        PerformanceFigure(at, peak, "m/s", limit),
+        PerformanceFigure(name, float(value), unit, "full power" if power > 0.0 else "idle power"),
+        PerformanceFigure(at, float(airspeed), "m/s", limit),
     ]
-
-
-def _parabola_peak(speeds: np.ndarray, values: np.ndarray, best: int) -> tuple[float, float]:
-    """Return position and height of the parabola through the greatest value and its neighbours."""
-    if not 0 < best < speeds.size - 1 or not np.isfinite(values[best - 1 : best + 2]).all():
-        return float(speeds[best]), float(values[best])
-    a, b, c = np.polyfit(speeds[best - 1 : best + 2] - speeds[best], values[best - 1 : best + 2], 2)
-    shift = -0.5 * b / a if a < 0.0 else 0.0
-    return float(speeds[best] + shift), float(c + b * shift + a * shift**2)
 
 
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
@@ -328,21 +268,17 @@ def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[Performa
     if not _is_flyable(fly(speed=speeds)).any():
         return [PerformanceFigure("greatest sustained turn rate", np.nan, "deg/s", "no level turn")]
     for _ in range(_TURN_PASSES):  # each pass narrows the load factor of every airspeed to a part of the range
-        shares = np.linspace(0.0, 1.0, _TURN_GRID)
-        factors = low[:, None] + shares * (high - low)[:, None]
+        factors = np.linspace(low, high, _TURN_GRID, axis=1)
         rates = gravity * np.sqrt(factors**2 - 1.0) / speeds[:, None]
         flights = fly(speed=speeds[:, None], turn_rate=rates)
         # A tighter turn counts only if each wider one can be flown too.
         flyable = np.logical_and.accumulate(_is_flyable(flights).reshape(factors.shape), axis=1)
-        counts = flyable.sum(axis=1)
-        for k, count in enumerate(counts):
+        for k, count in enumerate(flyable.sum(axis=1)):
             if 0 < count < _TURN_GRID:
-                low[k], high[k] = factors[k, count - 1], factors[k, count]
+                low[k], high[k] = factors[k, count - 1 : count + 1]
                 limits[k] = _limit_of(flights, k * _TURN_GRID + int(count))
-            elif count == 0:
-                low[k] = high[k] = np.nan
-            else:
-                low[k] = high[k]
+            else:  # every turn of the search, or not even level flight
+                low[k] = high[k] = high[k] if count else np.nan
     rates = gravity * np.sqrt(low**2 - 1.0) / speeds
     is_turning = np.isfinite(low) & (low > 1.0)
     figures = []
@@ -356,49 +292,26 @@ def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[Performa
     return figures
 
 
-def _excess_power(
-    field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gravity: float, identity: Mapping[str, Any]
-) -> xr.Dataset:
-    shape = altitudes.size, speeds.size
-    excess = np.asarray(field.acceleration).reshape(shape) * speeds / gravity
-    flyable = _is_flyable(field, except_power=True).reshape(shape)
+def _excess_power(field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gravity: float) -> xr.Dataset:
+    flyable = _is_flyable(field, except_power=True)
+    excess = np.where(flyable, field.acceleration, np.nan).reshape(altitudes.size, -1) * speeds / gravity
+    axes, mach = ("altitude", "airspeed"), np.reshape(field.trims.mach, excess.shape)
+    power = unit_attributes("m s-1", "Specific excess power at full power")
     return xr.Dataset(
-        {
-            "specific_excess_power_m_s": (
-                ("altitude", "airspeed"),
-                np.where(flyable, excess, np.nan),
-                unit_attributes("m s-1", "Specific excess power at full power"),
-            ),
-            "mach": (
-                ("altitude", "airspeed"),
-                np.asarray(field.trims.mach).reshape(shape),
-                unit_attributes("1", "Mach number"),
-            ),
-        },
+        {"specific_excess_power_m_s": (axes, excess, power), "mach": (axes, mach, unit_attributes("1", "Mach number"))},
         {
             "altitude": ("altitude", altitudes, unit_attributes("m", "Altitude")),
             "airspeed": ("airspeed", speeds, unit_attributes("m s-1", "True airspeed")),
         },
-        {**identity, **version_attributes()},
     )
 
 
-def _ceilings(dataset: xr.Dataset) -> list[PerformanceFigure]:
-    """Return the altitudes at which the greatest specific excess power falls to 0 and to 100 ft/min."""
-    excess = dataset["specific_excess_power_m_s"].values
-    altitudes = dataset["altitude"].values
-    best = np.array([np.nanmax(row) if np.isfinite(row).any() else np.nan for row in excess])
-    return [
-        PerformanceFigure(name, *_falls_to(altitudes, best, threshold))
-        for name, threshold in (("absolute ceiling", 0.0), ("service ceiling", _SERVICE_CLIMB_M_S))
-    ]
-
-
-def _falls_to(altitudes: np.ndarray, best: np.ndarray, threshold: float) -> tuple[float, str, str]:
-    usable = np.isfinite(best)
-    if not usable[0] or best[0] <= threshold:
+def _ceiling(dataset: xr.Dataset, threshold: float) -> tuple[float, str, str]:
+    """Return the altitude at which the greatest specific excess power falls to a threshold (m/s), unit and limit."""
+    best, altitudes = dataset["specific_excess_power_m_s"].max("airspeed").values, dataset["altitude"].values
+    if not best[0] > threshold:
         return np.nan, "m", "no climb at sea level"
-    count = int(np.argmin(usable)) if not usable.all() else usable.size
+    count = int(np.argmin([*np.isfinite(best), False]))
     below = np.flatnonzero(best[:count] <= threshold)
     if below.size == 0:
         return float(altitudes[count - 1]), "m", "end of the data or of the grid, still climbing"

@@ -5,13 +5,14 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.airframe import AbstractAirframe, Controls
 from anser.aircraft.motion import MotionState, to_local_state, to_motion_state
 from anser.compiling.options import blocks_on_cores, call_on_cores, compiled_quickly, enable_compilation_cache
 from anser.compiling.single_kernel import as_single_kernel
@@ -20,12 +21,13 @@ from anser.environment.gridded_wind import GriddedWind, has_left_field
 from anser.simulation.open_loop import dataset_variables
 from anser.simulation.vehicle import advance
 from anser.single_aircraft.air import read_air
-from anser.single_aircraft.flight import resolve_aircraft, set_lags
+from anser.single_aircraft.controls import require_seconds
+from anser.single_aircraft.flight import set_lags
+from anser.single_aircraft.model import aircraft as load_aircraft
 from anser.single_aircraft.starts import input_names, reference_inputs, resolve_start
 from anser.units import DEG_RAD
 
-_BLOCK_MIN = 64
-"""Least number of aircraft in a block on a core of its own."""
+_BLOCK_MIN = 64  # least number of aircraft in a block on a core of its own
 
 
 class NamedState(Mapping[str, Any]):
@@ -59,28 +61,12 @@ class Simulator:
 
     Parameters
     ----------
-    aircraft
-        `AircraftModel` from `anser.aircraft`, name of an airframe, path of an aircraft file, or an airframe.
+    aircraft, wind, earth, atmosphere, actuator_lag, engine_lag
+        See `anser.simulate`.
     start
         Start of `anser.simulate`; or a sequence of starts, one for each of several aircraft.
     step_s
         Period of a step, s: the motion is integrated over a step by the classical Runge-Kutta method.
-    wind, earth, atmosphere
-        Tables as in a scenario.
-    actuator_lag, engine_lag
-        False: the surfaces, or the power, jump to the command at each step.
-
-    Attributes
-    ----------
-    inputs
-        Names of the inputs: surfaces (deg), and `throttle` (0..1).
-    time_s
-        Time since the start, s.
-
-    Raises
-    ------
-    ValueError
-        An argument is not valid.
     """
 
     def __init__(
@@ -96,45 +82,36 @@ class Simulator:
         engine_lag: bool = True,
     ) -> None:
         enable_compilation_cache()
-        if not isinstance(step_s, int | float | np.number) or not 0.0 < step_s < np.inf:
-            raise ValueError(f"step_s: arrived {step_s}; expected a positive number of seconds")
-        airframe, _ = resolve_aircraft(aircraft)
+        require_seconds("step_s", step_s)
+        airframe = load_aircraft(aircraft).airframe
         environment = read_air(earth, wind, atmosphere=atmosphere).environment()
         starts = list(start) if isinstance(start, Sequence) else [start]
         if not starts:
             raise ValueError("start: arrived an empty sequence; expected a start for each aircraft")
-        airframe, points = set_lags(
-            airframe,
-            [resolve_start(airframe, environment, item) for item in starts],
-            actuator_lag=actuator_lag,
-            engine_lag=engine_lag,
-        )
-        self.inputs = input_names(airframe)
-        self._input_indices = {name: index for index, name in enumerate(self.inputs)}
+        points = [resolve_start(airframe, environment, item) for item in starts]
+        airframe, points = set_lags(airframe, points, actuator_lag=actuator_lag, engine_lag=engine_lag)
+        self.inputs = input_names(airframe)  #: Names of the inputs: surfaces (deg), and `throttle` (0..1).
         self._count = len(starts) if isinstance(start, Sequence) else None
         self.step_s = float(step_s)
         motions = [_to_motion(environment, point.state) for point in points]
-        self._constants, self._programs = _prepare(
-            airframe, environment, motions[0], self.step_s, batched=self._count is not None
-        )
+        batched = self._count is not None
+        self._constants, self._programs = _prepare(airframe, environment, motions[0], self.step_s, batched=batched)
         # motion, number of the sample and, for one aircraft, its variables, which the first step computes
-        blank = np.zeros(1 if self._count is not None else 1 + len(self._programs.indices))
+        blank = np.zeros(1 if batched else 1 + len(self._programs.indices))
         states = [np.append(np.asarray(ravel_pytree(motion)[0]), blank) for motion in motions]
         inputs = [np.array(list(reference_inputs(airframe, point.controls).values())) for point in points]
-        self._start_state = states[0] if self._count is None else np.stack(states, axis=1)
-        self._start_inputs = inputs[0] if self._count is None else np.stack(inputs)
         self._blocks = blocks_on_cores(len(starts), _BLOCK_MIN)
         self._wind = environment.wind
+        self._start: dict[str, Any] = {
+            "motion": np.stack(states, axis=1) if batched else states[0],
+            "inputs": np.stack(inputs) if batched else inputs[0],
+            "number": 0,
+        }
         self.reset()
 
     def reset(self) -> NamedState:
         """Return to the start."""
-        self._set_packed(self._start_state)
-        self._inputs, self._number = self._start_inputs, 0
-        return self.state
-
-    def _set_packed(self, packed: np.ndarray) -> None:
-        self._packed = [packed] if self._count is None else [packed[:, block] for block in self._blocks]
+        return self.restore(self._start)
 
     @property
     def time_s(self) -> float:
@@ -156,18 +133,15 @@ class Simulator:
     def step(self, controls: Mapping[str, Any] | Float[np.ndarray, "... input"] | None = None) -> NamedState:
         """Advance the motion by one step under constant controls, and return the state at its end.
 
+        Raises ValueError if an input is unknown, a shape does not fit, or the step leads beyond the wind field of a
+        file, unless its boundary values hold; the state then stays as it was.
+
         Parameters
         ----------
         controls
             By name, surfaces in deg and throttle 0..1, a number, or for several aircraft also an array over the
             aircraft; inputs left out keep the value of the step before. Or an array of all inputs in the order of
             `inputs`, for several aircraft with a leading axis over the aircraft.
-
-        Raises
-        ------
-        ValueError
-            An input is unknown, a shape does not fit, or the step leads beyond the wind field of a file, unless its
-            boundary values hold; the state then stays as it was.
         """
         inputs = self._merge(controls)
         packed = self._in_parallel(self._programs.step, self._packed, inputs)
@@ -182,12 +156,8 @@ class Simulator:
         """Call a program for the blocks of aircraft, each on a core of its own."""
         if self._count is None:
             return [program(self._constants, packed[0], inputs)]
-        return call_on_cores(
-            [
-                functools.partial(program, self._constants, part, inputs[block].T)
-                for part, block in zip(packed, self._blocks, strict=True)
-            ]
-        )
+        parts = zip(packed, self._blocks, strict=True)
+        return call_on_cores([functools.partial(program, self._constants, p, inputs[block].T) for p, block in parts])
 
     def _check_field(self, packed: Array) -> None:
         time_s = self.time_s + self.step_s
@@ -203,53 +173,46 @@ class Simulator:
 
     def save(self) -> dict[str, Any]:
         """Return a checkpoint, from which `restore` continues bit by bit as without it; it can be pickled or copied."""
-        return {
-            "motion": np.concatenate(self._packed, axis=-1),
-            "inputs": np.array(self._inputs),
-            "number": self._number,
-        }
+        motion = np.concatenate(self._packed, axis=-1)
+        return {"motion": motion, "inputs": np.array(self._inputs), "number": self._number}
 
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
         """Return to a checkpoint of `save`, of this simulator or of an equal one.
 
-        Raises
-        ------
-        ValueError
-            The checkpoint belongs to another aircraft or another number of aircraft.
+        Raises ValueError for a checkpoint of another aircraft or another number of aircraft.
         """
         packed, inputs = np.asarray(checkpoint["motion"]), np.asarray(checkpoint["inputs"])
-        if packed.shape != self._start_state.shape or inputs.shape != self._start_inputs.shape:
+        shape = self._start["motion"].shape
+        if packed.shape != shape or inputs.shape != self._start["inputs"].shape:
             raise ValueError(
-                f"checkpoint: arrived states of shape {packed.shape}; expected {self._start_state.shape}: one of "
-                "the same aircraft, and of as many of them"
+                f"checkpoint: arrived states of shape {packed.shape}; expected {shape}: one of the same aircraft, and "
+                "of as many of them"
             )
-        self._set_packed(packed)
+        self._packed = [packed] if self._count is None else [packed[:, block] for block in self._blocks]
         self._inputs, self._number = inputs, int(checkpoint["number"])
         return self.state
 
     def _merge(self, controls: Any) -> np.ndarray:
+        """Return all inputs of a step; raises ValueError for controls that do not fit."""
         if controls is None:
             return self._inputs
         if isinstance(controls, Mapping):
             inputs = self._inputs.copy()
             for name, value in controls.items():
-                if name not in self._input_indices:
+                if name not in self.inputs:
                     raise ValueError(f"controls: arrived {name!r}; expected inputs among {', '.join(self.inputs)}")
                 try:
-                    inputs[..., self._input_indices[name]] = value
+                    inputs[..., self.inputs.index(name)] = value
                 except (TypeError, ValueError):
                     each = "a number" if self._count is None else f"a number or {self._count} numbers"
                     raise ValueError(f"controls[{name!r}]: arrived {value!r:.60}; expected {each}") from None
-            return self._checked(inputs)
-        inputs = np.array(controls, dtype=float)  # a copy: the caller may reuse the array before the state is read
-        if inputs.shape != self._inputs.shape:
-            raise ValueError(
-                f"controls: arrived an array of shape {inputs.shape}; expected {self._inputs.shape}, in the order "
-                f"{', '.join(self.inputs)}"
-            )
-        return self._checked(inputs)
-
-    def _checked(self, inputs: np.ndarray) -> np.ndarray:
+        else:
+            inputs = np.array(controls, dtype=float)  # a copy: the caller may reuse the array before the state is read
+            if inputs.shape != self._inputs.shape:
+                raise ValueError(
+                    f"controls: arrived an array of shape {inputs.shape}; expected {self._inputs.shape}, in the order "
+                    f"{', '.join(self.inputs)}"
+                )
         if self._count is None:  # in Python, which takes a tenth of the time for few numbers
             values = inputs.tolist()
             is_valid = all(map(math.isfinite, values)) and 0.0 <= values[-1] <= 1.0
@@ -276,17 +239,17 @@ class _Programs:
     ) -> None:
         self.indices: dict[str, int] = {}
 
-        def read(constants: Array, packed: Array, inputs: Array) -> Array:
-            airframe, environment = unpack(constants[:-1])
+        def situation(constants: Array, packed: Array, inputs: Array) -> tuple[Any, ...]:
             time, state = packed[size] * constants[-1], unravel(packed[:size])
-            named = dataset_variables(airframe, environment, time, state, _controls(inputs))
+            return *unpack(constants[:-1]), time, state, Controls(DEG_RAD * inputs[:-1], inputs[-1])
+
+        def read(constants: Array, packed: Array, inputs: Array) -> Array:
+            named = dataset_variables(*situation(constants, packed, inputs))
             self.indices.update({name: index for index, name in enumerate(named, start=size + 1)})
             return jnp.concatenate([packed[: size + 1], *(jnp.asarray(v, dtype=float)[None] for v in named.values())])
 
         def advance_once(constants: Array, packed: Array, inputs: Array) -> Array:
-            airframe, environment = unpack(constants[:-1])
-            time, state = packed[size] * constants[-1], unravel(packed[:size])
-            moved = advance(airframe, environment, time, state, _controls(inputs), constants[-1])
+            moved = advance(*situation(constants, packed, inputs), step=constants[-1])
             return jnp.append(ravel_pytree(moved)[0], packed[size] + 1.0)
 
         def advance_and_read(constants: Array, packed: Array, inputs: Array) -> Array:
@@ -306,46 +269,32 @@ class _Programs:
         self.step = jax.jit(jax.vmap(advance_once, in_axes, 1) if batched else as_single_kernel(advance_and_read))
 
 
-def _controls(inputs: Array) -> Controls:
-    return Controls(DEG_RAD * inputs[:-1], inputs[-1])
-
-
-_programs: dict[Any, _Programs] = {}
-"""Programs by structure, shared by the simulators of a process."""
-
-
-@compiled_quickly
-def _to_motion(environment: Environment, state: AircraftState) -> MotionState:
-    return to_motion_state(environment, state)
+_programs: dict[Any, _Programs] = {}  # by structure, shared by the simulators of a process
+_to_motion = compiled_quickly(to_motion_state)
 
 
 def _prepare(
     airframe: AbstractAirframe, environment: Environment, motion: MotionState, step: float, *, batched: bool
 ) -> tuple[Array, _Programs]:
     """Return the numbers of aircraft, air and step as one array, and the programs of their structure."""
-    leaves, structure = jax.tree.flatten((airframe, environment))
-    is_number = [isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype == float for leaf in leaves]
-    rest = [leaf for leaf, flag in zip(leaves, is_number, strict=True) if not flag]
-    constants, unravel_constants = ravel_pytree([leaf for leaf, flag in zip(leaves, is_number, strict=True) if flag])
-    shapes = tuple(leaf.shape for leaf, flag in zip(leaves, is_number, strict=True) if flag)
+    numbers, rest = eqx.partition((airframe, environment), lambda leaf: getattr(leaf, "dtype", None) == np.float64)
+    constants, unravel_constants = ravel_pytree(numbers)
     state, unravel = ravel_pytree(motion)
-    key = (structure, shapes, tuple(map(_static_key, rest)), jax.tree.structure(motion), state.size, batched)
+
+    def static_key(leaf: Any) -> Any:
+        return (leaf.shape, str(leaf.dtype), np.asarray(leaf).tobytes()) if hasattr(leaf, "dtype") else leaf
 
     def unpack(packed: Array) -> Any:
-        numbers, others = iter(unravel_constants(packed)), iter(rest)
-        return structure.unflatten([next(numbers if flag else others) for flag in is_number])
+        return eqx.combine(unravel_constants(packed), rest)
 
+    shapes = tuple(leaf.shape for leaf in jax.tree.leaves(numbers))
+    structures = jax.tree.structure((numbers, rest, motion))
+    key = (structures, shapes, tuple(map(static_key, jax.tree.leaves(rest))), state.size, batched)
     constants = jnp.append(constants, step)
     programs = _programs.get(key)
     if programs is None:
         programs = _programs[key] = _Programs(unpack, unravel, state.size, batched)
         # The names of the variables are known from a trace.
-        inputs = np.zeros(len(airframe.actuators.names) + 1)
-        motion_row = jnp.append(state, 0.0)
-        columns = (motion_row[:, None], inputs[:, None]) if batched else (motion_row, inputs)
-        jax.eval_shape(programs.read, constants, *columns)
+        row, inputs = jnp.append(state, 0.0), np.zeros(len(airframe.actuators.names) + 1)
+        jax.eval_shape(programs.read, constants, *((row[:, None], inputs[:, None]) if batched else (row, inputs)))
     return constants, programs
-
-
-def _static_key(leaf: Any) -> Any:
-    return (leaf.shape, str(leaf.dtype), np.asarray(leaf).tobytes()) if hasattr(leaf, "dtype") else leaf

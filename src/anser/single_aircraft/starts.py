@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -45,21 +46,9 @@ def input_names(airframe: AbstractAirframe) -> tuple[str, ...]:
 def resolve_start(airframe: AbstractAirframe, environment: Environment, start: Any) -> TrimPoint:
     """Return the start of a flight in the form of a trim point.
 
-    Parameters
-    ----------
-    airframe, environment
-        The aircraft, and the air at the start. The airspeed of a start is kept in any wind.
-    start
-        Trim from `anser.trim` or `AircraftModel.trim`, a `TrimPoint`, or a mapping with the names of `start_names`.
-        Further names of a dataset's variables are accepted where their value follows from these, so that the last
-        sample of a flight is a start.
-
-    Raises
-    ------
-    ConditionError
-        The trim is not a steady flight.
-    ValueError
-        A name is unknown or missing, or a value is not a finite number.
+    `start` is a trim, a `TrimPoint`, or a mapping with the names of `start_names`; its airspeed is kept in any wind.
+    Raises ConditionError for a trim that is no steady flight, ValueError for a trim of another aircraft or atmosphere,
+    and for a name that is unknown or missing or a value out of range.
     """
     if isinstance(start, TrimResult):
         if start.diagnosis is not None:
@@ -140,31 +129,19 @@ def _named_start(airframe: AbstractAirframe, environment: Environment, values: V
     velocity_air_b = V * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
     position_n = jnp.stack([north, east, -altitude])
     wind_b = rotate(rotation_from_quaternion(quaternion), environment.wind.at(position_n, 0.0))
-    power = airframe.engine.steady_power(throttle)
-    state = AircraftState(
-        position_n,
-        velocity_air_b + wind_b,
-        quaternion,
-        rates_b,
-        airframe.actuators.steady_state(surfaces),
-        airframe.engine.steady_state(power),
-    )
+    actuators = airframe.actuators.steady_state(surfaces)
+    engine = airframe.engine.steady_state(airframe.engine.steady_power(throttle))
+    state = AircraftState(position_n, velocity_air_b + wind_b, quaternion, rates_b, actuators, engine)
     return start_point(airframe, environment, state, Controls(surfaces, throttle))
 
 
 @compiled_quickly
 def _in_wind(environment: Environment, trim: TrimPoint) -> TrimPoint:
-    """Return a trim point with the velocity over ground in the environment's wind, and the same airspeed.
-
-    The trim is one in still air, as `anser.trim` computes it.
-    """
+    """Return a trim in still air with the same airspeed in the environment's wind, by its velocity over ground."""
     state = trim.state
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_b = state.velocity_b + rotate(rotation_from_quaternion(state.quaternion), wind_n)
-    moved = AircraftState(state.position_n, velocity_b, state.quaternion, state.rates_b, state.actuators, state.engine)
-    return TrimPoint(
-        moved, trim.controls, trim.mu, trim.alpha, trim.beta, trim.power, trim.converged, trim.residual, trim.excess
-    )
+    return eqx.tree_at(lambda point: point.state.velocity_b, trim, velocity_b)
 
 
 def reference_inputs(airframe: AbstractAirframe, controls: Controls) -> dict[str, float]:
@@ -184,10 +161,10 @@ def named_state(airframe: AbstractAirframe, environment: Environment, point: Tri
     return {name: variables[name] for name in start_names(airframe)}
 
 
-def air_path(environment: Environment, point: TrimPoint) -> tuple[float, float, float]:
-    """Return airspeed (m/s), path angle and course through the air (deg) of a start."""
+def air_path(environment: Environment, point: TrimPoint) -> dict[str, float]:
+    """Return airspeed, path angle and course through the air of a start, by the names of a dataset."""
     V, gamma, chi = (float(value) for value in _air_path(environment, point.state))
-    return V, gamma * RAD_DEG, chi * RAD_DEG
+    return {"airspeed_m_s": V, "path_angle_deg": gamma * RAD_DEG, "course_deg": chi * RAD_DEG}
 
 
 @compiled_quickly
