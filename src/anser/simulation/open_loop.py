@@ -1,5 +1,6 @@
 """Flight of one aircraft under prescribed controls or commands: open loop, or with a controller, without a mission."""
 
+import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,7 +10,6 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.motion import MotionState, air_data_and_forces, to_local_state
-from anser.config.errors import first_line
 from anser.environment.environment import Environment
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.paths import PathCommand
@@ -71,8 +71,9 @@ class FeedbackControls(_SampledControls):
         try:
             requested = {name: jnp.asarray(value, dtype=float) for name, value in dict(self.law(time, values)).items()}
         except Exception as error:
+            reason = traceback.format_exception_only(error)[0].splitlines()[0]
             raise ValueError(
-                f"controls: the function raised {first_line(error):.160}; expected law(time_s, state) that returns "
+                f"controls: the function raised {reason:.160}; expected law(time_s, state) that returns "
                 "controls by name, written in jax.numpy (jnp.where in place of if)"
             ) from error
         unknown = sorted(requested.keys() - {*names, "throttle"})
