@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,9 +13,11 @@ from hypothesis import strategies as st
 
 import anser
 from anser.config.errors import ScenarioError
+from anser.environment.environment import Environment, LayeredWind
 from anser.environments import TASKS, AbstractPlannedTask, Expert, make
 from anser.environments.actions import AutopilotStep, SurfaceLevel
-from anser.environments.cases import FlightRange
+from anser.environments.cases import FlightRange, stack_cases
+from anser.spatial.rotations import rotate, rotation_from_quaternion
 from anser.units import RAD_DEG
 from support.environment_resets import batch_programs, check_resets, shortened
 
@@ -131,12 +134,25 @@ def test_recorded_actions_fly_as_simulate_does():
         assert float(variables[name]) == pytest.approx(float(flight[name][-1]), rel=1e-12, abs=1e-11), name
 
 
+def test_cases_in_a_wind_profile_share_it_and_start_with_its_velocity():
+    bank = velocity_command().default_params.cases
+    case, starts = bank.at(0), bank.batched.start
+    altitudes_m = np.array([0.0, 12_000.0])
+    wind = LayeredWind(jnp.asarray(altitudes_m), jnp.array([[0.0, 0.0, 0.0], [24.0, 12.0, 0.0]]))
+    environment = Environment(case.environment.atmosphere, wind, case.environment.earth)
+    drawn = jax.tree.map(np.asarray, (starts, bank.batched.task))
+    stacked = stack_cases(
+        case.vehicle, environment, FlightRange((140.0, 160.0), (1e3, 2e3)), drawn, 7, np.random.default_rng(0), float
+    )
+    np.testing.assert_array_equal(stacked.at(3).environment.wind.velocities_n, wind.velocities_n)
+    start, given_start = stacked.at(3).start.state, drawn[0].state
+    share = float(-given_start.position_n[3, 2]) / 12_000.0
+    added_b = rotate(rotation_from_quaternion(start.quaternion), jnp.array([24.0, 12.0, 0.0]) * share)
+    np.testing.assert_allclose(start.velocity_b - given_start.velocity_b[3], added_b, rtol=0.0, atol=1e-10)
+
+
 def in_still_air(case):
     """Return the start of a case as a trim in still air, to which `simulate` adds the wind."""
-    import equinox as eqx
-
-    from anser.spatial.rotations import rotate, rotation_from_quaternion
-
     wind_b = rotate(rotation_from_quaternion(case.start.state.quaternion), case.environment.wind.velocity_n)
     return eqx.tree_at(lambda p: p.state.velocity_b, case.start, case.start.state.velocity_b - wind_b)
 

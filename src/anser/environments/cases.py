@@ -197,7 +197,7 @@ def stack_cases(
     case = Case(vehicle, environment, drawn[0], drawn[1], as_array(np.full(count, decisions), np.int32))
 
     def rows(case: Case) -> Any:
-        return case.start, case.task, case.decisions, case.environment.wind if is_steady else ()
+        return case.start, case.task, case.decisions, *([case.environment.wind] if is_steady else [])
 
     nowhere, everywhere = (partial(jax.tree.map, lambda _, flag=flag: flag) for flag in (False, True))
     cases = Stacked(*eqx.partition(case, eqx.tree_at(rows, nowhere(case), replace_fn=everywhere)))
