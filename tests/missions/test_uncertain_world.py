@@ -96,8 +96,8 @@ def test_the_fleet_replans_after_each_type_of_event(event):
     assert flown.met, flown.summary["events"]
     assert all(outcome["planned"] for outcome in flown.summary["events"])
     if "put-off" in event:
-        arrival = flown.summary["aircraft"][0]["planned_arrival_s"]
-        assert arrival > 110.0
+        arrivals_s = [entry["planned_arrival_s"] for entry in flown.summary["aircraft"]]
+        np.testing.assert_allclose(arrivals_s, flown.planned.arrival_s + 15.0, rtol=0.0, atol=0.01)
     if "keep-out" in event:
         distances = np.hypot(flown.dataset["north_m"] - 2500.0, flown.dataset["east_m"] - 3500.0)
-        assert distances.sel(time=slice(31.0, None)).min() > 590.0
+        assert distances.sel(time=slice(31.0, None)).min() > 590.0  # the holds after the arrivals too
