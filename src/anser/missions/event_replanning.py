@@ -265,12 +265,12 @@ def _replan_if_needed(
     target_times_s = _target_times(scenario, times_s, can_replan, event)
     is_unchanged = bool(np.all(target_times_s[can_replan] == times_s[can_replan]))
     # A new keep-out concerns the holds after the arrivals too; aircraft that have arrived keep theirs.
-    holds = plan_state.holds
+    holds, is_clear = plan_state.holds, True
     if event.kind == "keep-out-appears" and holds is not None:
         on_progress("choosing the holds")
         paths, end_time_s = plan_state.plan.paths, scenario.timing.duration_s
         holds = planner.assign_holds(paths, snapshot.flying_tasks, now_s, end_time_s, holds)
-    is_clear = holds is plan_state.holds or bool(np.all(holds.clear))
+        is_clear = bool(np.all(holds.clear))
     if not can_replan.any():
         return state, is_clear and bool(is_satisfied.all()), "no aircraft is left that could be replanned"
     if is_unchanged and is_clear and is_satisfied[can_replan].all():
