@@ -57,11 +57,6 @@ def os_error_reason(error: Exception) -> str:
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
-def first_line(error: Exception) -> str:
-    """Return the type of an error and the first line of its message."""
-    return f"{type(error).__name__}: {(str(error).strip() or type(error).__name__).splitlines()[0]}"
-
-
 def format_value(value: object) -> str:
     """Describe a value of a file like `describe_value`, with floating-point numbers as `format_number` writes them."""
     return format_number(value) if isinstance(value, float) else describe_value(value)

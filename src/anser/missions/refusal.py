@@ -295,7 +295,7 @@ def _infeasible_aircraft(
     fleet: FleetTask,
     arrival_intervals: Sequence[Intervals],
     outcome: SearchOutcome,
-    keep_outs: Sequence[str] = (),  # names
+    keep_outs: Sequence[str],  # names
 ) -> list[Refusal]:
     """Reasons about aircraft that cannot meet the request even without the other aircraft."""
     messages, request, best = [], fleet.request, outcome.best_attempt
@@ -381,12 +381,12 @@ def _binding_constraint(
         return ": no single limit, loosened up to four times, changes that", ()
     factor, constraint = best
     if constraint == "keep-outs":
-        every = range(len(keep_outs))
+        indices: Sequence[int] = range(len(keep_outs))
         # one keep-out that alone stands in the way; otherwise they do together
-        blocking = next((j for j in every if has_path(_relax_constraint(fleet, constraint, factor, j))), None)
-        indices = every if blocking is None else (blocking,)
-        named, smaller = " and ".join(f'"{keep_outs[j]}"' for j in indices), 100.0 * (1.0 - 1.0 / factor)
-        subject = f"keep-out {named} stands" if len(indices) == 1 else f"keep-outs {named} stand"
+        blocking = next((j for j in indices if has_path(_relax_constraint(fleet, constraint, factor, j))), None)
+        indices = indices if blocking is None else (blocking,)
+        names, smaller = " and ".join(f'"{keep_outs[j]}"' for j in indices), 100.0 * (1.0 - 1.0 / factor)
+        subject = f"keep-out {names} stands" if len(indices) == 1 else f"keep-outs {names} stand"
         text = (
             f": the {subject} in the way; with {'a radius' if len(indices) == 1 else 'radii'} {smaller:.0f} % smaller"
         )

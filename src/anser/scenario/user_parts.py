@@ -3,6 +3,7 @@
 import importlib
 import os
 import sys
+import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.config.errors import Problem, ScenarioError, describe_value, first_line, problem_error
+from anser.config.errors import Problem, ScenarioError, describe_value, problem_error
 from anser.environment.environment import Environment
 from anser.environment.gusts import NoGusts
 from anser.numerics.randomness import flight_randomness
@@ -219,7 +220,8 @@ def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: boo
     except Exception as error:
         if not is_own or isinstance(error, ScenarioError):
             raise
-        raise part_error(kind, part, method, first_line(error), "a method that JAX can trace") from error
+        arrived = traceback.format_exception_only(error)[0].splitlines()[0]
+        raise part_error(kind, part, method, arrived, "a method that JAX can trace") from error
 
 
 def part_error(kind: str, part: Any, method: str, arrived: str, expected: str) -> ScenarioError:
