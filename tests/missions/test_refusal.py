@@ -40,14 +40,14 @@ def make_outcome(valid, satisfied):
 @pytest.mark.parametrize("request_", [WINDOWS, AT], ids=["windows", "at"])
 def test_an_aircraft_with_a_path_is_not_called_infeasible(request_):
     arrivals = [[], [(120.0, 600.0)], [(80.0, 600.0)]]
-    messages = refusal._infeasible_aircraft(NAMES, make_fleet_task(request_), arrivals, SearchOutcome(None, 3))
+    messages = refusal._infeasible_aircraft(NAMES, make_fleet_task(request_), arrivals, SearchOutcome(None, 3), [])
     assert len(messages) == 2
     assert '"alpha" cannot arrive' in messages[0]
     assert '"bravo" cannot arrive' in messages[1]
     assert "by itself it can from 120.0 to 600.0 s" in messages[1]
     # The search found bravo a way, and alpha one that its certificate turned down.
     (message,) = refusal._infeasible_aircraft(
-        NAMES, make_fleet_task(request_), arrivals, make_outcome([True, True, True], [False, True, True])
+        NAMES, make_fleet_task(request_), arrivals, make_outcome([True, True, True], [False, True, True]), []
     )
     assert '"alpha" cannot arrive' in message
 
