@@ -153,6 +153,16 @@ def test_each_flight_is_checked_against_its_separation():
 
 
 @pytest.mark.long
+def test_each_flight_is_checked_against_its_keep_outs():
+    storm = anser.load(SCENARIOS / "storm-sampling.toml")
+    cell = {"name": "cell", "north_m": 3000.0, "east_m": 2500.0, "radius_m": 600.0, "speed_m_s": 3.0}
+    near, far = (storm.replace("keep_out", [cell | {"radius_m": radius_m}]) for radius_m in (600.0, 300.0))
+    for row, scenario in zip(fly_many([FlightCase(near), FlightCase(far)]), (near, far), strict=True):
+        assert_row_equals_summary(row, anser.run(scenario))
+        assert all(0.0 <= entry["keep_out_room_min_m"] < 10_000.0 for entry in row.aircraft)
+
+
+@pytest.mark.long
 def test_flights_with_different_numbers_have_different_noise():
     scenario = anser.load(SCENARIOS / "uncertain-world.toml")
     flight_rows = fly_many([FlightCase(scenario, number) for number in range(3)])

@@ -11,6 +11,7 @@ ROW = {
     "speed_min_m_s": 120.0,
     "speed_max_m_s": 160.0,
     "clearance_min_m": 290.0,
+    "keep_out_room_min_m": 40.0,
     "tables_left_s": 0.0,
     "position_error_max_m": 20.0,
 }
@@ -21,6 +22,7 @@ WORSE = {
     "speed_min_m_s": 110.0,
     "speed_max_m_s": 170.0,
     "clearance_min_m": 160.0,
+    "keep_out_room_min_m": 5.0,
     "tables_left_s": 2.0,
     "position_error_max_m": 30.0,
 }
@@ -34,6 +36,7 @@ WORST = {
     "tables_left_max_s": 2.0,
     "separation_min_m": 500.0,
     "separation_ratio_min": 1.2,
+    "keep_out_room_min_m": 5.0,
     "clearance_min_m": 160.0,
     "speed_min_m_s": 110.0,
 }
@@ -47,8 +50,8 @@ def test_every_requirement_has_a_case():
 @pytest.mark.parametrize("offset", [-0.1, 0.0, 0.1])
 def test_the_worst_value_is_compared_with_the_limit(name, offset):
     limit = WORST[name] + offset
-    # What must stay below is one of these names; the rest must stay above.
-    below = name not in {"separation_min_m", "separation_ratio_min", "clearance_min_m", "speed_min_m_s"}
+    # An upper limit has "max" in its name, a lower one "min".
+    below = "max" in name
     is_met = offset >= 0.0 if below else offset <= 0.0
     (entry,) = evaluate_requirements([Requirement(name, limit)], [ROW, WORSE], FLEET, [])
     assert entry == {"name": name, "limit": limit, "value": WORST[name], "met": is_met}

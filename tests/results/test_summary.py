@@ -129,6 +129,29 @@ def test_one_aircraft_has_no_separation():
     assert entry in summary["requirements"]
 
 
+def test_keep_outs_are_judged_over_the_whole_record_those_of_events_from_their_time_on():
+    # At 300 m anna flies north along east = 3 m, bert along east = 2004 m.
+    cells = [
+        # moves with bert, 500 m ahead: 300 m from its rim
+        {"name": "ahead", "north_m": 500 - 50.3 * SPEED, "east_m": 2004, "radius_m": 200, "speed_m_s": SPEED},
+        # over both, 100 m higher
+        {"name": "above", "north_m": 0, "east_m": 0, "radius_m": 5000, "bottom_m": 400, "top_m": 900},
+    ]
+    cell = {"name": "late", "north_m": 0, "east_m": 3, "radius_m": 150}
+    in_time, after = ({"time_s": at, "kind": "keep-out-appears", "keep_out": cell} for at in (40.0, 80.0))
+    for expected, tables in (
+        ((100.0, 100.0), {"keep_out": cells}),
+        # at the sample 0.1 s before anna crosses the axis, 10 m from it
+        ((-140.0, 100.0), {"keep_out": cells, "event": [in_time]}),
+        ((2990.0 - 150.0, np.hypot(2970.0, 2001.0) - 150.0), {"event": [after]}),
+    ):
+        summary = summarize(TIME, flight(), scenario(fleet={"speed_m_s": 100, "planner": "certified"}, **tables), 0.0)
+        rooms = [entry["keep_out_room_min_m"] for entry in summary["aircraft"]]
+        assert rooms == pytest.approx(expected)
+        (entry,) = (entry for entry in summary["requirements"] if entry["name"] == "keep_out_room_min_m")
+        assert entry == {"name": "keep_out_room_min_m", "limit": 0.0, "value": min(rooms), "met": min(rooms) >= 0.0}
+
+
 def test_the_status_has_the_first_and_the_last_failure():
     history = flight()
     history["status"][100:, 1] = 3

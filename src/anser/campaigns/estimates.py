@@ -26,6 +26,7 @@ _LOWER = {
     "separation_min_m": ("least separation", "m"),
     "separation_ratio_min": ("least part of the separation asked for", "1"),
     "clearance_min_m": ("least distance to a goal", "m"),
+    "keep_out_room_min_m": ("least distance outside the keep-outs", "m"),
 }
 """Quantities for which greater is better, with description and unit; the least of the fleet counts."""
 

@@ -82,7 +82,9 @@ def _fly_segment(
     outputs: OutputRecording | None = None,
 ) -> Any:
     def fly_one(flight: Flight, state: FlightState, recorder_state: Any, separation: Separation) -> Any:
-        summary = SummaryRecorder(separation=separation, last_sample=last_sample)
+        airspace = getattr(flight.planner, "airspace", None)  # of the certified planner
+        keep_outs = None if airspace is None else airspace.keep_outs
+        summary = SummaryRecorder(separation=separation, last_sample=last_sample, keep_outs=keep_outs)
         recorder = summary if series is None else series.recorder(summary)
         recorder = recorder if outputs is None else outputs.recorder(recorder, last_sample)
         return fly(flight, state, first_sample, SEGMENT_STEPS, recorder, recorder_state)

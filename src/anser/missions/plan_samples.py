@@ -21,7 +21,7 @@ from anser.parts.paths import PathPoint, polar
 from anser.parts.planners import IdleDeceleration
 from anser.planning.demand import demand
 from anser.planning.limits import CERTIFIED_LIMITS, PathLimits
-from anser.planning.separation import separation_ratio
+from anser.planning.separation import keep_out_room, separation_ratio
 from anser.results.plan_record import ClosestApproach, PlanExtremes, PlanSamples
 from anser.scenario.schema_airspace import KeepOut
 from anser.shapes import Scalar, ScalarLike, Vector3
@@ -222,9 +222,7 @@ def _keep_out_margins(
 
         def margin(volume: Float[Array, "7"]) -> tuple[Scalar, Scalar]:
             offset = positions[:, :2] - volume[None, 0:2] - fine[:, None] * volume[None, 2:4]
-            horizontal = jnp.sqrt(jnp.sum(offset**2, axis=1)) - volume[4]
-            altitude = -positions[:, 2]
-            margins = jnp.maximum(horizontal, jnp.maximum(volume[5] - altitude, altitude - volume[6]))
+            margins = keep_out_room(jnp.sqrt(jnp.sum(offset**2, axis=1)), -positions[:, 2], *volume[4:])
             k = jnp.argmin(jnp.where(jnp.isfinite(margins), margins, jnp.inf))
             return margins[k], fine[k]
 

@@ -1,4 +1,4 @@
-"""Separation between aircraft, and the ratio of distance to separation."""
+"""Separation between aircraft, the ratio of distance to separation, and the distance from a keep-out."""
 
 from typing import Any
 
@@ -25,6 +25,16 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
     horizontal_ratio = xp.where(is_required, level / xp.where(is_required, horizontal, 1.0), xp.inf)
     vertical_ratio = xp.where(is_vertical, height / xp.where(is_vertical, vertical, 1.0), -xp.inf)
     return xp.maximum(horizontal_ratio, vertical_ratio)
+
+
+def keep_out_room(distance: Any, altitude: Any, radius: Any, bottom: Any, top: Any) -> Any:
+    """Distance of a point outside an upright cylinder, m: the larger of the horizontal and the vertical distance.
+
+    Negative inside. `distance` is that from the axis, `altitude` the point's, m; `radius`, `bottom` and `top` are those
+    of the cylinder, m; NumPy or JAX arrays.
+    """
+    xp = distance.__array_namespace__()
+    return xp.maximum(distance - radius, xp.maximum(bottom - altitude, altitude - top))
 
 
 def closest_fraction(

@@ -59,6 +59,7 @@ _REQUIREMENTS: dict[str, tuple[str, str, str | None, bool]] = {
     "tables_left_max_s": ("Time outside the aerodynamic tables", "s", "tables_left_s", True),
     "separation_ratio_min": ("Separation kept over required separation", "", None, False),
     "separation_min_m": ("Distance between two aircraft", "m", None, False),
+    "keep_out_room_min_m": ("Distance outside the keep-outs", "m", "keep_out_room_min_m", False),
     "clearance_min_m": ("Distance to the goal", "m", "clearance_min_m", False),
     "clearance_surface_min_m": ("Distance to a goal on the surface", "m", "clearance_min_m", False),
     "clearance_airborne_min_m": ("Distance to an airborne goal", "m", "clearance_min_m", False),

@@ -100,6 +100,7 @@ def _aircraft_entry(
         "speed_max_m_s": finite_or_none(speeds.maximum[index]),
         "clearance_min_m": finite_or_none(summary.clearance_min[index]),
         "tables_left_s": finite_or_none(summary.tables_left_time[index]),
+        **({"keep_out_room_min_m": finite_or_none(summary.keep_out_room_min[index])} if scenario.has_keep_outs else {}),
         "position_error_max_m": finite_or_none(error_max[index]),
         "status": approach.status,
     }
@@ -127,6 +128,7 @@ AIRCRAFT_QUANTITIES = {
     "clearance_min_m": ("m", "Least distance to the goal"),
     "position_error_max_m": ("m", "Greatest distance from the planned position while the plan is flown"),
     "tables_left_s": ("s", "Time outside the tables of the airframe"),
+    "keep_out_room_min_m": ("m", "Least distance outside the keep-outs; missing without one"),
 }
 FLEET_QUANTITIES = {
     "arrival_spread_s": ("s", "Time between the first and the last arrival"),
@@ -182,7 +184,8 @@ def tabulate_flights(
 
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
     """Return the named quantities that the fleet has: a single aircraft has neither spread nor separation."""
-    return tuple(name for name in names if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
+    given = [name for name in names if name in dataset]
+    return tuple(name for name in given if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 
 
 def worst_of_fleet(

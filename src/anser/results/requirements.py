@@ -40,6 +40,7 @@ _AT_MOST = {
 _AT_LEAST = {
     "separation_ratio_min": _pair_value("separation_ratio_min"),
     "separation_min_m": _pair_value("separation_min_m"),
+    "keep_out_room_min_m": _aircraft_values("keep_out_room_min_m"),
     "clearance_min_m": _aircraft_values("clearance_min_m"),
     "speed_min_m_s": _aircraft_values("speed_min_m_s"),
 }
@@ -73,6 +74,7 @@ def scenario_requirements(scenario: Scenario) -> tuple[Requirement, ...]:
         "position_error_max_m": config.position_error_max_m,
         "separation_min_m": config.separation_min_m,
         "separation_ratio_min": None if scenario.separation.required_m is None else 1.0,
+        "keep_out_room_min_m": 0.0 if scenario.has_keep_outs else None,
     }
     limits_by_aircraft = {"speed_min_m_s": slowest, "speed_max_m_s": fastest}
     different = {name: limits for name, limits in limits_by_aircraft.items() if len(set(limits)) > 1}

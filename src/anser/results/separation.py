@@ -1,4 +1,4 @@
-"""Distances between the aircraft of a fleet, at the recorded times."""
+"""Distances between the aircraft of a fleet, and from keep-outs, at the recorded times."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from anser.aircraft_files.library import span_of
-from anser.planning.separation import separation_ratio
+from anser.planning.separation import keep_out_room, separation_ratio
 from anser.scenario.build_aircraft import build_airframe_of
 from anser.scenario.schema import Scenario
 
@@ -92,3 +92,22 @@ def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tu
     positions = np.stack([history[key] for key in ("north", "east", "altitude")], axis=-1)
     minimum = np.nanmin(nearest_aircraft_distance(positions, separation_m), initial=np.inf)
     return float(minimum) if np.isfinite(minimum) else None
+
+
+def least_keep_out_room(time_s: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray:
+    """Return the least distance of each aircraft outside the keep-outs over a record, m; negative inside.
+
+    The keep-out of an event counts from the event on. The result has the shape (aircraft,); infinite without keep-outs.
+    """
+    appearing = [(event.keep_out, event.time_s) for event in scenario.event if event.keep_out is not None]
+    least = np.full(history["north"].shape[1], np.inf)
+    for volume, start_s in [*((volume, 0.0) for volume in scenario.keep_out), *appearing]:
+        is_present, (velocity_north, velocity_east, _) = time_s >= start_s, volume.velocity_m_s()
+        age_s = time_s[is_present, None] - start_s
+        north, east, altitude = (history[key][is_present] for key in ("north", "east", "altitude"))
+        distance = np.hypot(
+            north - volume.north_m - velocity_north * age_s, east - volume.east_m - velocity_east * age_s
+        )
+        room = keep_out_room(distance, altitude, volume.radius_m, volume.bottom_m, volume.top_m)
+        least = np.fmin(least, np.fmin.reduce(room, axis=0, initial=np.inf))
+    return least

@@ -16,7 +16,7 @@ from anser.results.checksums import add_checksum, damaged_file_error, read_docum
 from anser.results.documents import finite_or_none, software_versions
 from anser.results.faults import find_fault
 from anser.results.flight_rows import build_flight_row
-from anser.results.separation import minimum_separation_ratio
+from anser.results.separation import least_keep_out_room, minimum_separation_ratio
 from anser.scenario.schema import Scenario
 from anser.simulation.closed_loop import HOLD, is_off_plan
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S, AirspeedStatistics, FleetSummary
@@ -87,9 +87,10 @@ def summarize(
 
     Arrivals are those of `arrival_outcome`; without an arrival, time and miss are None. Speeds (without gusts) and
     position error count up to the arrival or, without an arrival, while the plan is flown (the hold has no planned
-    position). Clearance, separation and the time outside the aerodynamic tables count over the whole record. Path and
-    lateral bend are those of the first plan, which describes the whole path; `nominal` is true for a path without a
-    bend. Only paths of the published planner have a bend; for other planners `lateral_bend_m` and `nominal` are None.
+    position). Clearance, separation, the distance outside the keep-outs and the time outside the aerodynamic tables
+    count over the whole record; the keep-out of an event counts from the event on. Path and lateral bend are those of
+    the first plan, which describes the whole path; `nominal` is true for a path without a bend. Only paths of the
+    published planner have a bend; for other planners `lateral_bend_m` and `nominal` are None.
     In a flight with an adaptive autopilot each aircraft has `fault`: the fault that it found, or None. Missing values
     are None, never NaN.
 
@@ -129,7 +130,7 @@ def summarize(
     if surfaces and len(surfaces) != expected[1]:
         raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {expected[1]}")
     flight_row = build_flight_row(
-        _summarize_record(time, history, scenario.separation.required_m),
+        _summarize_record(time, history, scenario),
         history["arrival_time"][-1],
         scenario,
         float(time[-1]),
@@ -163,15 +164,15 @@ def summarize(
     }
 
 
-def _summarize_record(
-    time: np.ndarray, history: Mapping[str, np.ndarray], separation_m: tuple[float, float] | None
-) -> FleetSummary:
+def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> FleetSummary:
     """Compute from a complete record the summary that `SummaryRecorder` updates at every sample of a flight."""
     columns = range(history["north"].shape[1])
     aircraft = [_summarize_aircraft(time, {key: values[:, k] for key, values in history.items()}) for k in columns]
     fleet: dict[str, Any] = jax.tree.map(lambda *values: np.array(values), *aircraft)
     fleet["separation_min"] = _least_separation(history)
+    separation_m = scenario.separation.required_m
     fleet["separation_ratio_min"] = None if separation_m is None else minimum_separation_ratio(history, separation_m)
+    fleet["keep_out_room_min"] = least_keep_out_room(time, history, scenario)
     return FleetSummary(**fleet)
 
 

@@ -98,6 +98,11 @@ class ScenarioTables(Table):
         return self.separation.required_m is not None or self.requirements.separation_min_m is not None
 
     @property
+    def has_keep_outs(self) -> bool:
+        """Whether the flight has keep-outs, from its start or from an event on."""
+        return bool(self.keep_out) or any(event.keep_out is not None for event in self.event)
+
+    @property
     def is_gusty(self) -> bool:
         """Whether the air is turbulent."""
         return self.turbulence.intensity != "none"

@@ -9,7 +9,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics.arrays import cast_to_precision
 from anser.parts.perception import Instant
-from anser.planning.separation import Separation, closest_fraction, separation_ratio
+from anser.planning.certified.task import KeepOuts
+from anser.planning.separation import Separation, closest_fraction, keep_out_room, separation_ratio
 from anser.shapes import Integer, Scalar, ScalarLike
 from anser.simulation.closed_loop import HOLD, is_off_plan
 from anser.simulation.recorders import AbstractRecorder, AircraftSample, FleetSample
@@ -68,6 +69,8 @@ class FleetSummary(eqx.Module):
     separation_min: Scalar  #: Least distance of any two aircraft, m; infinite for a single aircraft.
     #: Least ratio of distance to required separation at the samples; infinite without a required separation.
     separation_ratio_min: Scalar
+    #: Least distance outside the keep-outs at the samples, m; negative inside, infinite without keep-outs.
+    keep_out_room_min: Float[Array, " aircraft"]
     finite: Bool[Array, " aircraft"]  #: Whether all recorded numbers of the aircraft were finite.
 
 
@@ -87,6 +90,7 @@ class SummaryRecorder(AbstractRecorder):
 
     separation: Separation | None = None  #: Separation required of the fleet; None: no requirement.
     last_sample: Integer | None = None  #: Number of the last sample in the summary; None: no limit.
+    keep_outs: KeepOuts | None = None  #: Keep-outs of the fleet; None: none.
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
@@ -108,6 +112,7 @@ class SummaryRecorder(AbstractRecorder):
             last_status=code,
             separation_min=jnp.asarray(jnp.inf),
             separation_ratio_min=jnp.asarray(jnp.inf),
+            keep_out_room_min=infinite,
             finite=jnp.ones(aircraft, dtype=bool),
         )
         return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero)
@@ -178,6 +183,7 @@ class SummaryRecorder(AbstractRecorder):
             last_status=code,
             separation_min=jnp.minimum(past.separation_min, _interval_separation(previous.position_n, position_n)),
             separation_ratio_min=jnp.minimum(past.separation_ratio_min, self._ratio(position_n)),
+            keep_out_room_min=jnp.minimum(past.keep_out_room_min, self._keep_out_room(position_n, time)),
             finite=past.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
         )
         return summary, current
@@ -191,6 +197,19 @@ class SummaryRecorder(AbstractRecorder):
         offset_n = position_n[j] - position_n[i]
         horizontal, vertical = safe_hypot(offset_n[:, 0], offset_n[:, 1]), jnp.abs(offset_n[:, 2])
         return jnp.min(separation_ratio(horizontal, vertical, self.separation.horizontal, self.separation.vertical))
+
+    def _keep_out_room(self, position_n: Float[Array, "aircraft 3"], time: Scalar) -> Float[Array, " aircraft"]:
+        """Return the least distance of each aircraft outside the keep-outs at a sample, m."""
+        if self.keep_outs is None or self.keep_outs.radius.shape[0] == 0:
+            return jnp.full(position_n.shape[0], jnp.inf)
+        volumes = self.keep_outs
+
+        def room(aircraft_n: Array) -> Scalar:
+            offset_n = volumes.position_n + time * volumes.velocity_n - aircraft_n[None, :2]
+            distance = safe_hypot(offset_n[:, 0], offset_n[:, 1])
+            return jnp.min(keep_out_room(distance, -aircraft_n[2], volumes.radius, volumes.bottom, volumes.top))
+
+        return jax.vmap(room)(position_n)
 
     def output(self, sample: FleetSample, instant: Instant) -> None:
         """Return None: the recorder stores no rows."""
