@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from anser.campaigns.machine import available_memory
-from anser.compiling.options import usable_cores
+from anser.compiling.measuring import usable_cores
 
 GB = 10**9
 UNLIMITED = 9223372036854771712  # as version 1 writes that there is no limit

@@ -118,13 +118,18 @@ def awaited_compilation() -> tuple[Compilation, str | None] | None:
         wait_s = time.monotonic() - record.start_s
         spent_s = sum(r.cpu_s[stage] for r, _ in _at_work)
         left_s = sum(max(r.estimate_s - r.cpu_s[stage], 0.1 * r.estimate_s) for r, _ in _at_work)
-    cores = min(len(_at_work), os.cpu_count() or 1)
+    cores = min(len(_at_work), usable_cores())
     # seconds of CPU time per second: fewer beside other processes
     pace = cores if wait_s < _PACE_AFTER_S else max(spent_s / wait_s, 0.2)
     return record, _time_left(left_s / pace)
 
 
 _PACE_AFTER_S = 3.0
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _time_left(seconds: float) -> str:

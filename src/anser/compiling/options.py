@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import platformdirs
 
+from anser.compiling.measuring import usable_cores
 from anser.compiling.program import Program, use_program_store
 from anser.compiling.store import FolderStore
 
@@ -69,11 +70,6 @@ def compiled_by_older_generator(
         return Program(function, lambda: supported_options(OLDER_GENERATOR), static_argnames, title)
 
     return decorate
-
-
-def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def blocks_on_cores(
