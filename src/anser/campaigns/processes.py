@@ -16,8 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from anser.campaigns.machine import available_memory
 from anser.campaigns.store_integrity import StoreError
-from anser.compiling.measuring import compilation_message
-from anser.compiling.measuring import usable_cores
+from anser.compiling.measuring import compilation_message, usable_cores
 from anser.compiling.options import enable_compilation_cache
 from anser.missions.batches import Progress
 from anser.missions.series import SeriesSelection
