@@ -7,6 +7,7 @@ turns, so that other work on the machine counts little.
 """
 
 import argparse
+import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -42,7 +43,9 @@ def loop_of(environment: AircraftEnvironment, count: int, decisions: int, *, has
             # The start after an end is drawn in each step, as in a training: with one key for all steps XLA computes
             # it once, before the loop. The whole observation is carried on, so that none of it is left out.
             step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, number)
-            observation, state, reward, *_ = step(step_keys, carry[1], actions, params)
+            # Without a reset the case is the same in all steps, and XLA would look its values up before the loop.
+            state = dataclasses.replace(carry[1], row=jnp.where(number < 0, 0, carry[1].row))
+            observation, state, reward, *_ = step(step_keys, state, actions, params)
             return (observation, state), reward
 
         observation = jax.vmap(environment.observe)(keys, state)

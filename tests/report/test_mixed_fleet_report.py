@@ -64,7 +64,7 @@ def test_the_dataset_labels_surfaces_and_comments_on_missing_ones(mixed, tmp_pat
     assert surface_names(read) == SURFACES
     labels = read["left_elevon_command_deg"].attrs
     assert (labels["long_name"], labels["units"]) == ("Left elevon command", "degree")
-    assert all("no such surface" in read[f"{name}_deg"].attrs["comment"] for name in SURFACES)
+    assert all("without this surface" in read[f"{name}_deg"].attrs["comment"] for name in SURFACES)
     assert "comment" not in read["throttle"].attrs
     recorded = np.degrees(history["right_elevon"][:, LIGHT])
     np.testing.assert_allclose(read["right_elevon_deg"].isel(aircraft=LIGHT), recorded, rtol=1e-12)
