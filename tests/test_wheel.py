@@ -129,8 +129,8 @@ def test_the_wheel_plans_and_flies_the_starter_scenario(anser):
 
 @pytest.mark.long
 def test_the_published_planner_of_the_wheel_plans(anser):
-    anser("new", "another.toml")
-    text = (anser.folder / "another.toml").read_text()
-    (anser.folder / "published.toml").write_text(text.replace('planner = "certified"', 'planner = "published"'))
+    anser("new", "published.toml", "--from", "three-aircraft")
+    text = (anser.folder / "published.toml").read_text()
+    assert 'planner = "published"' in text
     published = json.loads(anser("plan", "published.toml", "--json"))
     assert len(published["aircraft"]) == text.count("\n[[aircraft]]") > 0
