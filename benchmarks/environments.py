@@ -34,31 +34,32 @@ def random_actions(environment: AircraftEnvironment, count: int) -> np.ndarray:
 
 def loop_of(environment: AircraftEnvironment, count: int, decisions: int, *, has_reset: bool) -> Callable[[], object]:
     """Function that flies decisions of many environments in a scan, by `step` or, without reset, by `step_env`."""
-    keys, actions = jax.random.split(jax.random.key(0), count), random_actions(environment, count)
-    start = jax.jit(jax.vmap(environment.reset, (0, None)))(keys, environment.default_params)[1]
+    keys, actions = jax.random.split(jax.random.key(0), (decisions, count)), random_actions(environment, count)
+    start = jax.jit(jax.vmap(environment.reset, (0, None)))(keys[0], environment.default_params)[1]
     step = jax.vmap(environment.step if has_reset else environment.step_env, (0, 0, 0, None))
 
     def fly(keys, state, actions, params):
-        def advance(carry, number):
-            # The start after an end is drawn in each step, as in a training: with one key for all steps XLA computes
-            # it once, before the loop. The whole observation is carried on, so that none of it is left out.
-            step_keys = jax.vmap(jax.random.fold_in, (0, None))(keys, number)
+        def advance(carry, step_keys):
             # Without a reset the case is the same in all steps, and XLA would look its values up before the loop.
-            state = dataclasses.replace(carry[1], row=jnp.where(number < 0, 0, carry[1].row))
+            state = dataclasses.replace(carry[1], row=jnp.where(carry[1].time < 0, 0, carry[1].row))
+            # The whole observation is carried on, so that none of it is left out.
             observation, state, reward, *_ = step(step_keys, state, actions, params)
             return (observation, state), reward
 
-        observation = jax.vmap(environment.observe)(keys, state)
-        return jax.lax.scan(advance, (observation, state), jnp.arange(decisions))
+        observation = jax.vmap(environment.observe)(keys[0], state)
+        return jax.lax.scan(advance, (observation, state), keys)
 
     mesh = jax.make_mesh((jax.device_count(),), ("core",), axis_types=(AxisType.Auto,))
-    rows, whole = PartitionSpec("core"), PartitionSpec()
-    placed = jax.device_put((keys, start, actions), NamedSharding(mesh, rows))
-    params = jax.device_put(environment.default_params, NamedSharding(mesh, whole))
-    results = rows, PartitionSpec(None, "core")
-    program = jax.shard_map(fly, mesh=mesh, in_specs=(rows, rows, rows, whole), out_specs=results, check_vma=False)
+    rows, columns, whole = PartitionSpec("core"), PartitionSpec(None, "core"), PartitionSpec()
+    keys, params = (
+        jax.device_put(x, NamedSharding(mesh, s)) for x, s in ((keys, columns), (environment.default_params, whole))
+    )
+    start, actions = jax.device_put((start, actions), NamedSharding(mesh, rows))
+    program = jax.shard_map(
+        fly, mesh=mesh, in_specs=(columns, rows, rows, whole), out_specs=(rows, columns), check_vma=False
+    )
     compiled = jax.jit(program, compiler_options=supported_options(OLDER_GENERATOR))
-    return lambda: jax.block_until_ready(compiled(*placed, params))
+    return lambda: jax.block_until_ready(compiled(keys, start, actions, params))
 
 
 def vector_of(environment: AircraftEnvironment, decisions: int) -> Callable[[], object]:

@@ -105,9 +105,12 @@ class Tables(eqx.Module):
         for axis in axis_indices[1:]:
             cell_index = cell_index * (self.axes.sizes[axis] - 1) + index[axis]
         value = jnp.take(cells, cell_index, axis=0, mode="clip")  # the index is within the table
-        for axis in axis_indices:
+        *others, last = axis_indices
+        for axis in others:
             value = value[0::2] + fraction[axis] * value[1::2]
-        return value[0]
+        # XLA stores the result of a sum; other linear steps are computed anew for each use of a function
+        factors = jnp.stack([jnp.ones_like(fraction[last]), fraction[last]])
+        return jnp.sum(value * factors[:, None], axis=0)
 
 
 def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Sequence[bool]) -> Axes:
