@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_every_shipped_file_has_its_name():
     files = [path for folder in ("scenarios", "studies") for path in (ROOT / folder).rglob("*.toml")]
+    files.append(ROOT / "src" / "anser" / "aircraft" / "data" / "aerosonde.toml")
     assert sorted(shipped_files().values()) == sorted(files)
     assert len(shipped_files()) == len(files)  # no name twice
 
@@ -24,7 +25,7 @@ def test_a_copy_is_read_without_the_original(name, tmp_path):
     target = tmp_path / "mine.toml"
     copy_shipped_file(name, target)
     source = shipped_files()[name]
-    if source.parent.name == "own-aircraft":
+    if source.parent.name in ("own-aircraft", "data"):
         read_airframe(target)
     elif "[[aircraft]]" in target.read_text():
         assert load(target).hash == load(source).hash

@@ -119,6 +119,9 @@ def test_the_regulator_leads_one_and_many_simulated_aircraft_back_to_the_trim():
             simulator.step(regulator().controls(simulator.state))
         assert np.max(np.abs(simulator.state["roll_deg"])) < 0.5
         assert np.max(np.abs(simulator.state["pitch_rate_deg_s"])) < 0.05
+    flight = anser.simulate(f16(), upset, lambda time_s, state: regulator().controls(state), duration_s=5.0).dataset
+    for name in ("roll_deg", "pitch_rate_deg_s", "altitude_m"):
+        assert float(flight[name][-1]) == pytest.approx(simulator.state[name][0], abs=1e-9), name
 
 
 @pytest.mark.parametrize(

@@ -167,3 +167,11 @@ beta_deg = [-15.0, 15.0]
     path = folder / "polar.toml"
     path.write_text(text, encoding="utf-8")
     return anser.aircraft(path), numbers
+
+
+@pytest.mark.long
+def test_an_airspeed_at_the_end_of_the_data_is_named_so():
+    """At 1,500 m and nine tenths of its mass the trainer would stall below the least airspeed of its data."""
+    sheet = anser.aircraft("scenarios/own-aircraft/trainer.toml").performance(altitude_m=1500.0)
+    (figure,) = (figure for figure in sheet.figures if figure.name == "least level airspeed, mass 90%")
+    assert (figure.value, figure.limit) == (pytest.approx(31.0, rel=1e-6), "end of the data (airspeed)")

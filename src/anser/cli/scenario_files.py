@@ -112,12 +112,12 @@ def new(
         str | None,
         typer.Option(
             "--from",
-            help="Name of a scenario, study or aircraft that comes with anser, to be copied.",
+            help="Name of a scenario, study or aircraft file that comes with anser, to be copied.",
             autocompletion=complete_shipped,
         ),
     ] = None,
 ) -> None:
-    """Write a commented starter scenario, or a copy of a scenario, study or aircraft that comes with anser.
+    """Write a commented starter scenario, or a copy of a scenario, study or aircraft file that comes with anser.
 
     A scenario gets the schema for editors beside it; a copied study gets its scenario.
     """

@@ -1,4 +1,4 @@
-"""Scenarios, studies and aircraft that come with anser: in a wheel beside the modules, in a clone at its root."""
+"""Scenarios, studies and aircraft files that come with anser: beside the modules, scenarios in a clone at its root."""
 
 import re
 from collections.abc import Callable
@@ -18,7 +18,8 @@ def shipped_files() -> dict[str, Path]:
     """Return the paths of the shipped files by name: "three-aircraft" for scenarios/three-aircraft.toml."""
     packed = _PACKAGE / SHIPPED
     folder = packed if packed.is_dir() else _PACKAGE.parents[1]
-    return {path.stem: path for pattern in _PATTERNS for path in sorted(folder.glob(pattern))}
+    library = sorted(_PACKAGE.glob("aircraft/data/*.toml"))
+    return {path.stem: path for path in [*(p for pattern in _PATTERNS for p in sorted(folder.glob(pattern))), *library]}
 
 
 def copy_shipped_file(name: str, target: Path, edit: Callable[[str], str] = str) -> list[Path]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AircraftState, Controls
 from anser.control.feedback import wrap_angle
-from anser.numerics.arrays import as_array
+from anser.numerics.arrays import as_array, namespace
 from anser.parts.controllers import AbstractController
 from anser.parts.paths import PathCommand
 from anser.parts.perception import Belief
@@ -42,8 +42,9 @@ class LinearFeedback(AbstractController):
     """Linear feedback about a trim: u = u0 - K (x - x0), in SI units and radians.
 
     Commands move the reference x0: the airspeed that of V, the path angle that of theta, and the course that of phi, by
-    the bank of the commanded turn plus `course_gain` times the error of the course. The last columns of K may be those
-    of the integrals of the errors of airspeed and path angle. Inputs without feedback keep their trim.
+    the bank of a coordinated turn at the commanded rate plus `course_gain` times the error of the course, at most
+    `bank_max`, whatever a scenario's `limits.bank_max_deg`. The last columns of K may be those of the integrals of the
+    errors of airspeed and path angle. Inputs without feedback keep their trim.
     """
 
     gain: Float[Array, "input state"]  #: K: a row for each input of the linear model, the throttle first.
@@ -80,8 +81,10 @@ class LinearFeedback(AbstractController):
             Names among V, alpha, beta, phi, theta, P, Q, R, altitude and power, then V_integral and gamma_integral.
         inputs
             Names among the aircraft's surfaces and throttle.
-        course_gain, bank_max_deg
-            See the class.
+        course_gain
+            Commanded rate of the course for an error of the course, 1/s.
+        bank_max_deg
+            Greatest bank that is commanded, deg; for a scenario, its `limits.bank_max_deg`.
         """
         model = _open_model(linear)
         motion = [name for name in states if name not in _INTEGRALS]
@@ -177,15 +180,17 @@ class LinearFeedback(AbstractController):
     def controls(self, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return the controls for the state of a `Simulator`, by name, which lead back to the trim.
 
-        Without commands and without integrals; numbers for one aircraft, arrays for several.
+        Without commands and without integrals; numbers for one aircraft, arrays for several. Also for a law of
+        `anser.simulate`, as `lambda time_s, state: feedback.controls(state)`.
         """
         count = self.trim_state.size
         variables = [_VARIABLES[name] for name in self.states[:count]]
-        measured = np.stack([factor * np.asarray(state[name]) for name, factor in variables], axis=-1)
-        gain, trim_state, trim_input = (np.asarray(array) for array in (self.gain, self.trim_state, self.trim_input))
+        xp = namespace(*(state[name] for name, _ in variables))
+        measured = xp.stack([factor * xp.asarray(state[name]) for name, factor in variables], axis=-1)
+        gain, trim_state, trim_input = (xp.asarray(array) for array in (self.gain, self.trim_state, self.trim_input))
         inputs = trim_input - (measured - trim_state) @ gain[:, :count].T
         named = {name: RAD_DEG * inputs[..., k] for k, name in enumerate(self.surfaces, start=1)}
-        return {**named, "throttle": np.clip(inputs[..., 0], 0.0, 1.0)}
+        return {**named, "throttle": xp.clip(inputs[..., 0], 0.0, 1.0)}
 
 
 def _open_model(linear: "LinearizationResult") -> Any:
