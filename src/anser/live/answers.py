@@ -111,7 +111,7 @@ def advised_answer(error: ScenarioError, scenario: Scenario) -> Answer:
 
 def invalid_problem(problem: Problem) -> dict[str, Any]:
     """Return a problem of a document for the page."""
-    text = f"arrived {problem.arrived}; expected {problem.expected}"
+    text = f"given {problem.arrived}; expected {problem.expected}"
     heading = f"{problem.path}{f' ({problem.subject})' if problem.subject else ''}: " if problem.path else ""
     return {"text": heading + text, "keys": [problem.path] if problem.path else [], "aircraft": [], "positions": []}
 
