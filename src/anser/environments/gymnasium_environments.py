@@ -22,6 +22,7 @@ from anser.environments.environment import AircraftEnvironment, EpisodeState
 from anser.environments.episodes import AnyEnvironment, figure_pixels, record_flight
 from anser.environments.registry import TASKS, make
 from anser.environments.tasks import AbstractTask, VelocityCommand
+from anser.numerics.randomness import fold_key
 from anser.results.documents import install_hint
 from anser.single_aircraft.flight import AircraftFlight
 
@@ -55,7 +56,7 @@ class CompiledEnvironment:
             return eqx.combine(unravel(packed), others)
 
         def reset(packed: Array, key: Array, number: Array) -> tuple[Array, list[Array]]:
-            observation, state = environment.reset(jax.random.fold_in(key, number), unpack(packed))
+            observation, state = environment.reset(fold_key(key, number), unpack(packed))
             return _bounded(observation), jax.tree.leaves(state)
 
         def step(packed: Array, state: list[Array], action: Array) -> tuple[Any, ...]:
@@ -66,7 +67,7 @@ class CompiledEnvironment:
         def step_or_reset(
             packed: Array, state: list[Array], key: Array, number: Array, action: Array
         ) -> tuple[Any, ...]:
-            params, next_key = unpack(packed), jax.random.fold_in(key, number + 1)
+            params, next_key = unpack(packed), fold_key(key, number + 1)
             observation, flown, *ends, info = environment.step(next_key, self.state(state), action, params)
             final, success, number = info["final_observation"], info["success"], number + (ends[1] | ends[2])
             return _bounded(observation), *ends, _bounded(final), success, number, jax.tree.leaves(flown)
