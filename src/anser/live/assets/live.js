@@ -186,10 +186,10 @@ class LivePage {
     if (!this.scenario.table) return;
     this.map.draw();
     this.profile.draw();
+    this.inputs.draw(); // first, for the answer names empty fields
     const shown = [this.answer, this.problems, this.invalid, this.searching];
     if (shown.some((part, k) => part !== this.shown?.[k])) this.panel.draw();
     this.shown = shown;
-    this.inputs.draw();
     this.flights.draw();
     this.scene.draw();
     document.getElementById("undo").disabled = this.fixed || !this.scenario.done.length;
