@@ -28,10 +28,11 @@ from anser.numerics.randomness import AbstractRandomness, flight_randomness
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
 from anser.planning.certified.search import search
-from anser.planning.certified.task import AircraftTask
+from anser.planning.certified.task import AircraftTask, KeepOuts
 from anser.planning.separation import Separation
 from anser.results.flight_rows import FlightRow, build_flight_row
 from anser.scenario.build import build_flight
+from anser.scenario.build_planner import keep_outs_of
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
 from anser.shapes import Integer
@@ -70,26 +71,33 @@ def _initialize_flights(flights: _FlightBatch, fleets: TrimmedFleet, plans: Cert
     return flights.map(initialize_flight, fleets, plans)
 
 
+class _RequiredDistances(NamedTuple):
+    """Distances that each flight of a batch must keep."""
+
+    separation: Separation
+    keep_outs: KeepOuts
+
+
 @compiled_by_older_generator((), "flights")  # its loops over a batch are a little faster too
 def _fly_segment(
     flights: _FlightBatch,
     states: FlightState,
     summaries: Any,
-    separations: Separation,
+    required: _RequiredDistances,
     first_sample: Integer,
     last_sample: Integer,
     series: SeriesSelection | None = None,
     outputs: OutputRecording | None = None,
 ) -> Any:
-    def fly_one(flight: Flight, state: FlightState, recorder_state: Any, separation: Separation) -> Any:
-        airspace = getattr(flight.planner, "airspace", None)  # of the certified planner
-        keep_outs = None if airspace is None else airspace.keep_outs
-        summary = SummaryRecorder(separation=separation, last_sample=last_sample, keep_outs=keep_outs)
+    def fly_one(flight: Flight, state: FlightState, recorder_state: Any, distances: _RequiredDistances) -> Any:
+        summary = SummaryRecorder(
+            separation=distances.separation, last_sample=last_sample, keep_outs=distances.keep_outs
+        )
         recorder = summary if series is None else series.recorder(summary)
         recorder = recorder if outputs is None else outputs.recorder(recorder, last_sample)
         return fly(flight, state, first_sample, SEGMENT_STEPS, recorder, recorder_state)
 
-    return flights.map(fly_one, states, summaries, separations)
+    return flights.map(fly_one, states, summaries, required)
 
 
 def fly_many(
@@ -423,9 +431,11 @@ def _summarize_flights(
     states, timing = cast_state(states, precision), cases[0].scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     size, last_sample = _size_of(flights), as_array(steps, np.int32)
-    separations_m = np.zeros((size, 2))
-    separations_m[list(positions)] = [case.scenario.separation.required_m or (0.0, 0.0) for case in cases]
-    separations = Separation(*map(as_array, separations_m.T))
+    scenarios = [cases[0].scenario] * size
+    for case, position in zip(cases, positions, strict=True):
+        scenarios[position] = case.scenario
+    separations_m = np.array([scenario.separation.required_m or (0.0, 0.0) for scenario in scenarios])
+    required = _RequiredDistances(Separation(*map(as_array, separations_m.T)), keep_outs_of(*scenarios))
     recorder = SummaryRecorder() if outputs is None else outputs.recorder(SummaryRecorder(), None)
     summaries = jax.tree.map(
         lambda leaf: as_array(np.broadcast_to(np.asarray(leaf), (size, *np.shape(leaf))), None),
@@ -438,14 +448,14 @@ def _summarize_flights(
     for first_sample in range(0, steps + 1, SEGMENT_STEPS):
         number = as_array(first_sample, np.int32)
         segment = _fly_segment(
-            flights_without_replanning, states, summaries, separations, number, last_sample, *selections
+            flights_without_replanning, states, summaries, required, number, last_sample, *selections
         )
         final_states = segment[0]
         replan_needed = flights.shared.planner.replan_needed(final_states.planner)
         for indices in padded_batches(np.flatnonzero(np.asarray(replan_needed)), _REPLAN_BATCH):
             # the segment is repeated from its start
             chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
-            chosen = _select((states, summaries, separations), indices)
+            chosen = _select((states, summaries, required), indices)
             replanned = _fly_segment(chosen_flights, *chosen, number, last_sample, *selections)
             segment = jax.tree.map(
                 lambda leaf, values, indices=indices: _replace_rows(leaf, indices, values), segment, replanned

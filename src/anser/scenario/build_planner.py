@@ -67,7 +67,7 @@ def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: 
                 as_array(separation.horizontal_m + reserve_m if is_separated else 0.0),
                 as_array(separation.vertical_m + reserve_m if is_stacked else 0.0),
             ),
-            keep_outs=_keep_outs(scenario),
+            keep_outs=_as_keep_outs(np.reshape(_keep_out_rows(scenario), (-1, 7))),
         ),
         arrival_is_free=as_array(scenario.arrival.rule in ("together", "earliest", "sequence"), bool),
         latest_arrival=as_array(scenario.timing.latest_arrival_s),
@@ -121,7 +121,23 @@ def build_network(scenario: Scenario) -> Network:
     )
 
 
-def _keep_outs(scenario: Scenario) -> KeepOuts:
+def keep_outs_of(*scenarios: Scenario) -> KeepOuts:
+    """Return the keep-outs of scenarios, with rows for those of events: arrays (scenario, keep-out, ...).
+
+    Lists of different length are filled up with empty cylinders that no aircraft reaches.
+    """
+    lists = [_keep_out_rows(scenario) for scenario in scenarios]
+    longest = max(map(len, lists))
+    filled_up = [rows + [_NO_KEEP_OUT] * (longest - len(rows)) for rows in lists]
+    return _as_keep_outs(np.reshape(filled_up, (len(lists), longest, 7)))
+
+
+def _as_keep_outs(table: np.ndarray) -> KeepOuts:
+    columns = table[..., :2], table[..., 2:4], table[..., 4], table[..., 5], table[..., 6]
+    return KeepOuts(*map(as_array, columns))
+
+
+def _keep_out_rows(scenario: Scenario) -> list[tuple[float, ...]]:
     volumes = [
         (volume.north_m, volume.east_m, *volume.velocity_m_s()[:2], volume.radius_m, volume.bottom_m, volume.top_m)
         for volume in scenario.keep_out
@@ -129,8 +145,7 @@ def _keep_outs(scenario: Scenario) -> KeepOuts:
     volumes += [_NO_KEEP_OUT for event in scenario.event if event.kind == "keep-out-appears"]
     if volumes:
         volumes += [_NO_KEEP_OUT] * (bucket_size(len(volumes), _KEEP_OUTS) - len(volumes))
-    table = np.reshape(volumes, (-1, 7))
-    return KeepOuts(*map(as_array, (table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])))
+    return volumes
 
 
 _PLANNERS = {"published": _published, "certified": _certified, "decentralised": _decentralised}
