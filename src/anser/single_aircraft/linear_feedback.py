@@ -42,9 +42,9 @@ class LinearFeedback(AbstractController):
     """Linear feedback about a trim: u = u0 - K (x - x0), in SI units and radians.
 
     Commands move the reference x0: the airspeed that of V, the path angle that of theta, and the course that of phi, by
-    the bank of a coordinated turn at the commanded rate plus `course_gain` times the error of the course, at most
-    `bank_max`, whatever a scenario's `limits.bank_max_deg`. The last columns of K may be those of the integrals of the
-    errors of airspeed and path angle. Inputs without feedback keep their trim.
+    the bank of the commanded turn plus `course_gain` times the error of the course, at most `bank_max` whatever the
+    scenario's limit. The last columns of K may be those of the integrals of the errors of airspeed and path angle.
+    Inputs without feedback keep their trim.
     """
 
     gain: Float[Array, "input state"]  #: K: a row for each input of the linear model, the throttle first.
@@ -81,10 +81,8 @@ class LinearFeedback(AbstractController):
             Names among V, alpha, beta, phi, theta, P, Q, R, altitude and power, then V_integral and gamma_integral.
         inputs
             Names among the aircraft's surfaces and throttle.
-        course_gain
-            Commanded rate of the course for an error of the course, 1/s.
-        bank_max_deg
-            Greatest bank that is commanded, deg; for a scenario, its `limits.bank_max_deg`.
+        course_gain, bank_max_deg
+            Commanded rate of the course for an error of the course, 1/s; greatest bank that is commanded, deg.
         """
         model = _open_model(linear)
         motion = [name for name in states if name not in _INTEGRALS]
@@ -180,8 +178,7 @@ class LinearFeedback(AbstractController):
     def controls(self, state: Mapping[str, Any]) -> dict[str, Any]:
         """Return the controls for the state of a `Simulator`, by name, which lead back to the trim.
 
-        Without commands and without integrals; numbers for one aircraft, arrays for several. Also for a law of
-        `anser.simulate`, as `lambda time_s, state: feedback.controls(state)`.
+        Without commands and integrals; numbers or arrays, also for a law of `anser.simulate`.
         """
         count = self.trim_state.size
         variables = [_VARIABLES[name] for name in self.states[:count]]

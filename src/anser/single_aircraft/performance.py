@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 _SPEEDS, _ALTITUDES = 41, 21
 _ALTITUDE_MAX_M = 20_000.0
 _F16_SPEEDS_M_S = (40.0, 400.0)
-_INSIDE = 1e-9
 _LOAD_FACTOR_MAX, _TURN_GRID, _TURN_PASSES = 9.0, 9, 4
 _STALLS = {"least level airspeed": 1.0} | {f"least level airspeed, mass {m:.0%}": m for m in (0.8, 0.9, 1.1, 1.2)}
 _CLIMB_STEPS = 8
@@ -173,7 +172,7 @@ def performance_sheet(
     gravity = float(environment.gravity)
     # for the F-16, whose data have no limits of the airspeed, more than it can fly
     airspeeds = _F16_SPEEDS_M_S if isinstance(airframe, AbstractF16) else valid_airspeed_range(airframe)
-    inner = np.array(airspeeds) * (1.0 + _INSIDE, 1.0 - _INSIDE)  # the ends themselves can round out of the data
+    inner = np.array(airspeeds) * (1.0 + 1e-9, 1.0 - 1e-9)  # the ends themselves can round out of the data
     speeds, altitudes = np.geomspace(*inner, _SPEEDS), np.linspace(0.0, _ALTITUDE_MAX_M, _ALTITUDES)
 
     def fly(**columns: Any) -> _Flights:
