@@ -171,9 +171,10 @@ def performance_sheet(
     environment = standard_environment()
     gravity = float(environment.gravity)
     # for the F-16, whose data have no limits of the airspeed, more than it can fly
-    airspeeds = _F16_SPEEDS_M_S if isinstance(airframe, AbstractF16) else valid_airspeed_range(airframe)
-    inner = np.array(airspeeds) * (1.0 + 1e-9, 1.0 - 1e-9)  # the ends themselves can round out of the data
-    speeds, altitudes = np.geomspace(*inner, _SPEEDS), np.linspace(0.0, _ALTITUDE_MAX_M, _ALTITUDES)
+    slowest, fastest = _F16_SPEEDS_M_S if isinstance(airframe, AbstractF16) else valid_airspeed_range(airframe)
+    # the ends themselves can round out of the data
+    speeds = np.geomspace(slowest * (1.0 + 1e-9), fastest * (1.0 - 1e-9), _SPEEDS)
+    altitudes = np.linspace(0.0, _ALTITUDE_MAX_M, _ALTITUDES)
 
     def fly(**columns: Any) -> _Flights:
         values = {"turn_rate": 0.0, "mass": 1.0, "power": np.nan, "altitude": altitude_m} | columns
