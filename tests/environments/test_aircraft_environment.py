@@ -59,6 +59,16 @@ def test_a_step_has_the_six_values_of_the_contract():
     ]
 
 
+def test_consecutive_seeds_fly_consecutive_cases_with_random_numbers_of_their_own():
+    environment, reset, _ = programs()
+    consecutive = jax.vmap(jax.random.key)(jnp.arange(16))
+    _, state = reset(consecutive, environment.default_params)
+    np.testing.assert_array_equal(state.row, np.arange(16) % 8)
+    assert len(np.unique(state.key, axis=0)) == 16
+    _, state = reset(keys(64), environment.default_params)  # split keys draw every case
+    assert set(np.unique(state.row)) == set(range(8))
+
+
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**31), scale=st.floats(0.0, 1.0))
 def test_no_state_survives_a_reset_within_random_episodes(seed, scale):

@@ -1,6 +1,6 @@
 """Cases of an environment: start, air and task of each episode, made before the first step.
 
-A reset draws a case; nothing is trimmed or planned in it. Aircraft, air and sensors are those of a scenario with one
+The key of a reset selects a case; nothing is trimmed or planned in it. Aircraft, air and sensors are those of a scenario with one
 aircraft, so that the tables of a scenario file describe them.
 """
 

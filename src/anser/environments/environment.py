@@ -24,7 +24,7 @@ from anser.environments.planned_tasks import PlannedMission, comes_too_near
 from anser.environments.spaces import Box, Entry, catalogue_entry
 from anser.environments.tasks import AbstractTask
 from anser.numerics.arrays import Stacked, cast_like, cast_to_precision
-from anser.numerics.randomness import SeededRandomness, threefry
+from anser.numerics.randomness import SeededRandomness
 from anser.parts.perception import Belief, Instant
 from anser.shapes import Flag, Integer, Scalar
 from anser.simulation.closed_loop import command_and_move, perceive, trimmed_vehicle
@@ -35,6 +35,8 @@ from anser.units import RAD_DEG
 
 Observations = Float[Array, "*aircraft entry"]
 Actions = Float[Array, "*aircraft action"]
+_EPISODE = np.uint32(0x9E3779B9)
+"""Separates the random numbers of an episode from those that its user draws with the same key."""
 _ALPHA_MARGIN_DEG = 10.0
 """Angle of attack beyond the aircraft's data at which an episode ends, deg."""
 
@@ -130,7 +132,10 @@ class AbstractEnvironment(abc.ABC):
         return Box(-1.0, 1.0, (self.num_actions,))
 
     def reset(self, key: Array, params: Parameters | None = None) -> tuple[Observations, EpisodeState]:
-        """Draw a case and return observation and state at its start.
+        """Return observation and state at the start of the case that a key selects.
+
+        The words of the key select the case, (word 0 xor word 1) modulo the number of cases, and seed the episode's
+        random numbers. Consecutive seeds fly consecutive cases; split or folded keys, random ones.
 
         Parameters
         ----------
@@ -143,9 +148,8 @@ class AbstractEnvironment(abc.ABC):
         entropy = jax.random.key_data(key) if jnp.issubdtype(key.dtype, jax.dtypes.prng_key) else key
         if entropy.shape != (2,):
             raise ValueError(f"key: arrived words of shape {entropy.shape}; expected (2,), as of jax.random.key(seed)")
-        draws, words = threefry(entropy, jnp.zeros(2, jnp.uint32), jnp.arange(2, dtype=jnp.uint32))
-        row = (draws[0] % np.uint32(len(params.decisions))).astype(jnp.int32)
-        state = self.start_of_case(row, jnp.stack([draws[1], words[1]]), params)
+        row = ((entropy[0] ^ entropy[1]) % np.uint32(len(params.decisions))).astype(jnp.int32)
+        state = self.start_of_case(row, entropy ^ _EPISODE, params)
         if params.observations is not None:
             return params.observations[row], state
         return self.observe(key, state, None, params), state
