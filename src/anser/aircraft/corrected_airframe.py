@@ -81,7 +81,7 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
     """Return the regressors of each of CX, CY, CZ, Cl, Cm, Cn: the longitudinal or the lateral row."""
-    return jnp.where(jnp.array(LONGITUDINAL)[:, None], rows[0], rows[1])
+    return jnp.tile(rows, (3, 1))  # CX, CZ, Cm are longitudinal, CY, Cl, Cn lateral: the rows alternate
 
 
 class CorrectedAirframe(AbstractAirframe):

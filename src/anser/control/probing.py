@@ -71,7 +71,7 @@ class ProbingController(AbstractController):
         state, time = controller_state, controller_state.count * step
         controls, signals, active = self.controller.control(state.controller, belief, command, step)
         is_learning = time < self.learning_time
-        is_needed = is_learning | (belief.estimates["effectiveness_uncertainty"] > self.uncertainty_max)
+        is_needed = is_learning | (belief.estimates.effectiveness_uncertainty > self.uncertainty_max)
         added = jnp.where(is_needed, self.deflections(time), 0.0)
         surfaces = jnp.where(is_learning, state.surfaces, controls.surfaces) + added
         engine, actuators = belief.airframe.engine, belief.airframe.actuators

@@ -1,7 +1,7 @@
 """Cases of an environment: start, air and task of each episode, made before the first step.
 
-The key of a reset selects a case; nothing is trimmed or planned in it. Aircraft, air and sensors are those of a scenario with one
-aircraft, so that the tables of a scenario file describe them.
+The key of a reset selects a case; nothing is trimmed or planned in it. Aircraft, air and sensors are those of a
+scenario with one aircraft, so that the tables of a scenario file describe them.
 """
 
 import dataclasses

@@ -227,8 +227,20 @@ class Belief(eqx.Module):
     goal: GoalState | None
     #: Uncertainty of the estimated positions of aircraft and goal; None if both are exact.
     uncertainty: "Uncertainty | None" = None
-    #: Estimates of an adaptive estimator by recorded variable (`anser.variables`); None without adaptation.
-    estimates: dict[str, Array] | None = None
+    estimates: "AbstractEstimates | None" = None  #: Estimates of an adaptive estimator; None without adaptation.
+
+
+class AbstractEstimates(eqx.Module):
+    """Interface of what an adaptive estimator has learnt; recorded variables are computed where they are recorded."""
+
+    @property
+    @abc.abstractmethod
+    def effectiveness_uncertainty(self) -> Scalar:
+        """Greatest relative standard deviation of the control effectiveness among roll, pitch and yaw."""
+
+    @abc.abstractmethod
+    def variables(self) -> dict[str, Array]:
+        """Return the estimates and their standard deviations by recorded variable (`anser.variables`)."""
 
 
 class Uncertainty(eqx.Module):

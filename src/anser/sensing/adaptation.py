@@ -28,7 +28,7 @@ from anser.aircraft.corrected_airframe import (
 )
 from anser.aircraft.motion import angular_acceleration, modelled_air_data_and_forces
 from anser.numerics.linear import times3
-from anser.parts.perception import AbstractEstimator, Belief, Instant, Reading
+from anser.parts.perception import AbstractEstimates, AbstractEstimator, Belief, Instant, Reading
 from anser.sensing.fault_detection import FaultDetection, FaultState, fault_detection, fault_effects
 from anser.shapes import Integer, Scalar, ScalarLike, Vector, Vector3
 
@@ -156,6 +156,57 @@ class AdaptationState(eqx.Module):
     acceleration_b: Vector3
     faults: FaultState
     count: Integer
+
+
+class AerodynamicEstimates(AbstractEstimates):
+    """Estimated aerodynamic derivatives and their uncertainty, and the reported fault.
+
+    Attributes
+    ----------
+    derivatives, increments, covariance
+        As in `AdaptationState`.
+    fault, fault_size
+        Code and size of the reported fault, see `anser.sensing.fault_detection`.
+    """
+
+    derivatives: Increments
+    increments: Increments
+    covariance: Float[Array, "6 p p"]
+    fault: Integer
+    fault_size: Scalar
+
+    @property
+    def effectiveness_uncertainty(self) -> Scalar:
+        """Greatest relative standard deviation of the control effectiveness among roll, pitch and yaw."""
+        moments, deviations = self._total[3:, STATE_REGRESSORS:], self._sigma[3:, STATE_REGRESSORS:]
+        surface = jnp.argmax(jnp.abs(moments), axis=1)
+        axes = np.arange(len(_MOMENTS))
+        effect = jnp.maximum(jnp.abs(moments[axes, surface]), jnp.finfo(moments.dtype).tiny)
+        return jnp.max(deviations[axes, surface] / effect)
+
+    def variables(self) -> dict[str, Array]:
+        """Return derivatives and control effectiveness with standard deviations, and the fault."""
+        total, sigma = self._total, self._sigma
+        values = {"effectiveness_uncertainty": self.effectiveness_uncertainty}
+        for name, element in _DERIVATIVES.items():
+            values[f"{name}_estimate"], values[f"{name}_sigma"] = total[element], sigma[element]
+        for axis, row in _MOMENTS.items():
+            size = jnp.abs(self.derivatives[row, STATE_REGRESSORS:])
+            surface = STATE_REGRESSORS + jnp.argmax(size)
+            model = jnp.where(jnp.max(size) > 0.0, self.derivatives[row, surface], jnp.nan)
+            values[f"{axis}_effectiveness_estimate"] = total[row, surface] / model
+            values[f"{axis}_effectiveness_sigma"] = jnp.abs(sigma[row, surface] / model)
+        return values | {"fault": self.fault, "fault_size": self.fault_size}
+
+    @property
+    def _total(self) -> Increments:
+        return self.derivatives + self.increments
+
+    @property
+    def _sigma(self) -> Increments:
+        # slices: a gather of the diagonal would cost as much as the update of the covariance
+        variance = jnp.stack([self.covariance[:, k, k] for k in range(self.covariance.shape[1])], axis=1)
+        return jnp.sqrt(jnp.maximum(variance, 0.0))
 
 
 class AdaptiveEstimator(AbstractEstimator):
@@ -294,7 +345,13 @@ class AdaptiveEstimator(AbstractEstimator):
         return eqx.tree_at(
             lambda b: (b.airframe, b.condition, b.estimates),
             belief,
-            (corrected, condition, self._variables(state)),
+            (
+                corrected,
+                condition,
+                AerodynamicEstimates(
+                    state.derivatives, state.increments, state.covariance, state.faults.code, state.faults.size
+                ),
+            ),
             is_leaf=lambda leaf: leaf is None,
         )
 
@@ -341,23 +398,6 @@ class AdaptiveEstimator(AbstractEstimator):
             jnp.where(learns[:, None], increments, state.increments),
             jnp.where(learns[:, None, None], covariance, state.covariance),
         )
-
-    def _variables(self, state: AdaptationState) -> dict[str, Array]:
-        """Return the recorded estimates: derivatives and effectiveness with standard deviations, and the fault."""
-        total = state.derivatives + state.increments
-        # slices: a gather of the diagonal would cost as much as the update of the covariance
-        variance = jnp.stack([state.covariance[:, k, k] for k in range(state.covariance.shape[1])], axis=1)
-        sigma = jnp.sqrt(jnp.maximum(variance, 0.0))
-        values = {"effectiveness_uncertainty": _effectiveness_uncertainty(total, sigma)}
-        for name, element in _DERIVATIVES.items():
-            values[f"{name}_estimate"], values[f"{name}_sigma"] = total[element], sigma[element]
-        for axis, row in _MOMENTS.items():
-            size = jnp.abs(state.derivatives[row, STATE_REGRESSORS:])
-            surface = STATE_REGRESSORS + jnp.argmax(size)
-            model = jnp.where(jnp.max(size) > 0.0, state.derivatives[row, surface], jnp.nan)
-            values[f"{axis}_effectiveness_estimate"] = total[row, surface] / model
-            values[f"{axis}_effectiveness_sigma"] = jnp.abs(sigma[row, surface] / model)
-        return values | self.faults.variables(state.faults)
 
 
 def _prior_covariance(prior_deviation: Increments) -> Float[Array, "6 p p"]:
@@ -408,15 +448,6 @@ def _is_effective(derivatives: Increments) -> Any:
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)
     greatest = jnp.max(size[:, STATE_REGRESSORS:], axis=1, keepdims=True)
     return is_moment_by_surface & (size > _EFFECTIVENESS_SHARE * greatest) & (greatest > 0.0)
-
-
-def _effectiveness_uncertainty(total: Increments, sigma: Increments) -> Scalar:
-    """Return the greatest relative standard deviation of the control effectiveness among roll, pitch and yaw."""
-    moments, deviations = total[3:, STATE_REGRESSORS:], sigma[3:, STATE_REGRESSORS:]
-    surface = jnp.argmax(jnp.abs(moments), axis=1)
-    axes = np.arange(len(_MOMENTS))
-    effect = jnp.maximum(jnp.abs(moments[axes, surface]), jnp.finfo(total.dtype).tiny)
-    return jnp.max(deviations[axes, surface] / effect)
 
 
 def least_squares_step(

@@ -126,10 +126,6 @@ class FaultDetection(eqx.Module):
             size=reported,
         )
 
-    def variables(self, state: "FaultState") -> dict[str, Array]:
-        """Return the reported fault (code and size) as recorded variables by name."""
-        return {"fault": state.code, "fault_size": state.size}
-
 
 class FaultState(eqx.Module):
     """State of the detection between samples.

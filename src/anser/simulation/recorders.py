@@ -125,7 +125,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         **({} if sample.flow is None else _gust_variables(truth.disturbance.gust, sample.flow)),
         **({} if uncertainty is None else _estimation_variables(sample.belief, uncertainty)),
         **({} if network is None else _network_variables(network)),
-        **(sample.belief.estimates or {}),
+        **({} if sample.belief.estimates is None else sample.belief.estimates.variables()),
     }
 
 
