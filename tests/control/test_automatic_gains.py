@@ -86,6 +86,7 @@ def test_loop_bandwidths_stay_separated(light):
         assert pair.ratio >= LOOP_SEPARATION_MIN - 1e-9, pair
 
 
+@pytest.mark.long
 def test_derivatives_are_finite(light):
     airframe, point = light
 

@@ -168,6 +168,7 @@ def _slopes(x, y):
     return jax.jvp(values_at, (x,), (jnp.ones_like(x),))[1], jax.jacrev(values_at)(x)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=30)
 @given(x=st.floats(-1.93, 1.93), y=st.floats(-1.85, 1.85))
 def test_gradients_against_differences(x, y):

@@ -61,12 +61,17 @@ def test_a_step_has_the_six_values_of_the_contract():
 
 def test_consecutive_seeds_fly_consecutive_cases_with_random_numbers_of_their_own():
     environment, reset, _ = programs()
-    consecutive = jax.vmap(jax.random.key)(jnp.arange(16))
-    _, state = reset(consecutive, environment.default_params)
-    np.testing.assert_array_equal(state.row, np.arange(16) % 8)
-    assert len(np.unique(state.key, axis=0)) == 16
-    _, state = reset(keys(64), environment.default_params)  # split keys draw every case
-    assert set(np.unique(state.row)) == set(range(8))
+
+    def starts(batches):
+        states = [reset(batch, environment.default_params)[1] for batch in batches]
+        return (np.concatenate([getattr(state, name) for state in states]) for name in ("row", "key"))
+
+    key_of = jax.vmap(jax.random.key)
+    rows, own_keys = starts(key_of(seeds) for seeds in np.arange(16).reshape(4, 4))
+    np.testing.assert_array_equal(rows, np.arange(16) % 8)
+    assert len(np.unique(own_keys, axis=0)) == 16
+    rows, _ = starts(keys(4, seed) for seed in range(16))  # split keys draw every case
+    assert set(np.unique(rows)) == set(range(8))
 
 
 @settings(max_examples=10, deadline=None, derandomize=True)
@@ -145,7 +150,7 @@ def test_recorded_actions_fly_as_simulate_does():
 
 
 def test_cases_in_a_wind_profile_share_it_and_start_with_its_velocity():
-    bank = velocity_command().default_params.cases
+    bank = programs()[0].default_params.cases
     case, starts = bank.at(0), bank.batched.start
     altitudes_m = np.array([0.0, 12_000.0])
     wind = LayeredWind(jnp.asarray(altitudes_m), jnp.array([[0.0, 0.0, 0.0], [24.0, 12.0, 0.0]]))

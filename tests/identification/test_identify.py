@@ -111,10 +111,8 @@ def test_another_manoeuvre_is_predicted():
     assert min(row["validation_r_squared"] for row in other.fit_rows()) > 0.99
 
 
+@pytest.mark.long
 def test_the_estimated_aircraft_flies_like_the_true_one(saved):
-    names = {path.name for path in saved.iterdir()}
-    pictures = {f"{n}.{s}" for n in ("responses", "validation", "residuals", "correlation") for s in ("svg", "png")}
-    assert names == {"identification.nc", "identification.json", "report.html", "aircraft.toml"} | pictures
     model = anser.aircraft(saved / "aircraft.toml")
     condition = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     trim = model.trim(**condition)
@@ -165,6 +163,9 @@ def test_an_aircraft_by_a_file_keeps_its_engine_and_actuators(tmp_path):
 
 
 def test_dataset_and_document_hold_the_same_numbers(saved):
+    names = {path.name for path in saved.iterdir()}
+    pictures = {f"{n}.{s}" for n in ("responses", "validation", "residuals", "correlation") for s in ("svg", "png")}
+    assert names == {"identification.nc", "identification.json", "report.html", "aircraft.toml"} | pictures
     result = estimated()
     dataset = read_netcdf(saved / "identification.nc")
     document = json.loads((saved / "identification.json").read_text())

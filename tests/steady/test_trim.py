@@ -280,6 +280,7 @@ def test_gradient_in_a_pull_up_equals_difference_quotient(sensitivity):
             assert gradient == pytest.approx(differenced[k], rel=1e-5, abs=1e-12 / h), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("airframe", [F16, glider(F16)], ids=["symmetric", "no solution"])
 def test_gradient_is_finite_in_symmetric_flight_and_without_a_solution(sensitivity, airframe):
     gradient = sensitivity((airframe, STILL, target_deg(150.0)), jnp.ones(4))

@@ -226,6 +226,7 @@ def test_racetracks_have_any_length_from_a_lap_on(distant):
         assert np.all(np.sign(np.asarray(solved.angles)[..., 0]) == [1.0, -1.0])
 
 
+@pytest.mark.long
 def test_batches_equal_single_solutions(distant):
     endpoints, directs, _ = distant
     single = compiled_quickly(all_words)
@@ -235,6 +236,7 @@ def test_batches_equal_single_solutions(distant):
         np.testing.assert_allclose(shape.length, directs.length[k], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_derivatives_by_the_target_length_are_implicit_and_finite(distant):
     endpoints, directs, _ = distant
     base, shape = picked(shortest(directs), 5), picked(DETOURS, 0)
@@ -253,6 +255,7 @@ def test_derivatives_by_the_target_length_are_implicit_and_finite(distant):
     assert np.max(np.abs(slopes)) > 1e-6
 
 
+@pytest.mark.long
 def test_direct_length_has_finite_derivatives_that_are_its_rates(distant):
     endpoints = picked(distant[0], 3)
 

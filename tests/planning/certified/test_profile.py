@@ -226,6 +226,7 @@ def test_excess_is_measured_against_each_limit(layered):
     assert within_profile_limits(excesses[0].at[2].set(0.0))
 
 
+@pytest.mark.long
 def test_gradients_are_finite_for_level_flight_at_steady_speed():
     def outcome(altitude, speed, duration):
         final_speed = mean_to_last_speed(speed, 150.0, duration)
