@@ -95,6 +95,7 @@ def test_states_and_derivatives_are_exposed():
         assert model(name).variables_with_role("isState") == model(name).variables_with_role("isStateDeriv") == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in ALL if model(name).inputs])
 def test_vmap_agrees_with_single_evaluations(name):
     m = model(name)

@@ -53,6 +53,11 @@ COVERED = {
     ),  # two aircraft
     "anser plan scenarios/single-aircraft.toml": ("tests/test_cli_plan.py", 'anser("plan", THREE'),
     "anser report RUN_A RUN_B --out beside.html": ("tests/test_cli_report.py", 'anser("report", *runs, "--out", out)'),
+    # at another airspeed below the least one
+    f"anser trim --speed-m-s 40 --altitude-m 1000{REFUSED}": (
+        "tests/test_cli.py",
+        'anser("trim", "--speed-m-s", "30", "--altitude-m", "1000"',
+    ),
     "anser linearize --speed-m-s 150 --altitude-m 1000 --loop velocity": (
         "tests/analysis/test_linearize_sampled.py",
         '"velocity"',

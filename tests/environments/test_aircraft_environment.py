@@ -102,22 +102,27 @@ def test_no_state_survives_a_reset_at_any_level_of_any_task(task, action, tables
         check_resets(environment, reset, step, seed, 0.25 * seed, rounding)
 
 
-def test_an_episode_is_the_same_at_any_index_and_in_any_batch():
+def one_episode(count, place):
+    """Observations and rewards of an episode at an index of a batch."""
     environment, reset, step = programs()
     params = environment.default_params
+    chosen = keys(count, 5).at[place].set(jax.random.key(77))
+    observation, state = reset(chosen, params)
+    rows = []
+    for number in range(20):
+        actions = 0.3 * np.ones((count, environment.num_actions)) * np.sin(number)
+        observation, state, reward, *_ = step(chosen, state, actions, params)
+        rows.append(np.append(np.asarray(observation)[place], np.asarray(reward)[place]))
+    return np.array(rows)
 
-    def fly(count, place):
-        chosen = keys(count, 5).at[place].set(jax.random.key(77))
-        observation, state = reset(chosen, params)
-        rows = []
-        for number in range(20):
-            actions = 0.3 * jnp.ones((count, environment.num_actions)) * np.sin(number)
-            observation, state, reward, *_ = step(chosen, state, actions, params)
-            rows.append(np.append(np.asarray(observation)[place], np.asarray(reward)[place]))
-        return np.array(rows)
 
-    np.testing.assert_array_equal(fly(4, 0), fly(4, 3))
-    np.testing.assert_allclose(fly(4, 0), fly(7, 5), rtol=0.0, atol=1e-9)
+def test_an_episode_is_the_same_at_any_index():
+    np.testing.assert_array_equal(one_episode(4, 0), one_episode(4, 3))
+
+
+@pytest.mark.long
+def test_an_episode_is_the_same_in_any_batch():
+    np.testing.assert_allclose(one_episode(4, 0), one_episode(7, 5), rtol=0.0, atol=1e-9)
 
 
 def test_recorded_actions_fly_as_simulate_does():

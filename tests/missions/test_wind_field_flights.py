@@ -147,7 +147,9 @@ def test_open_loop_flights_end_where_the_field_ends() -> None:
     assert held.dataset.attrs["end"] == "flown to the end"
 
 
-@pytest.mark.parametrize("start", [LEVEL, [LEVEL, {**LEVEL, "altitude_m": 2000.0}]])
+@pytest.mark.parametrize(
+    "start", [LEVEL, pytest.param([LEVEL, {**LEVEL, "altitude_m": 2000.0}], marks=pytest.mark.long)]
+)
 def test_a_simulator_stops_at_the_end_of_the_field(start: Any) -> None:
     simulator = anser.Simulator("f16", start, step_s=0.1, wind={"field": field(1.0, north_max_m=500.0)})
     with pytest.raises(ValueError, match=r"leaves the wind field of the file at 3\.\d s, 5\d\d m north, .*outside"):

@@ -71,6 +71,7 @@ def test_a_batch_of_fleets_equals_single_fleets():
     np.testing.assert_allclose(distance[1], distance[0][::-1, ::-1])
 
 
+@pytest.mark.long
 def test_requested_sides_are_used():
     case = published_fleet()
     plan = plan_at(0.0, case, jnp.ones(3))

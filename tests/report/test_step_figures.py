@@ -50,6 +50,7 @@ def test_a_figure_is_labelled_and_reproducible(tmp_path):
     assert (tmp_path / "b.svg").read_bytes() == paths[0].read_bytes()
 
 
+@pytest.mark.long
 def test_the_time_after_the_reading_is_marked(tmp_path):
     draw_step(_step_test(read_at_s=1.05), [tmp_path / "a.svg"])
     assert "after the reading at 1.05 s" in (tmp_path / "a.svg").read_text()

@@ -50,6 +50,7 @@ def test_figures_are_reproducible_and_do_not_overwrite(dataset, tmp_path):
         draw_tracking(dataset, "twice", [first_path])
 
 
+@pytest.mark.long
 def test_surfaces_without_a_common_symbol_are_named(dataset, tmp_path):
     path = tmp_path / "figure.svg"
     draw_tracking(dataset, "standard", [tmp_path / "standard.svg"])

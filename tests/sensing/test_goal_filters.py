@@ -292,7 +292,7 @@ class TestStoneSoup:
 
     POINTS = SigmaPoints(0.5, 2.0, 0.0)
 
-    @pytest.mark.parametrize("kind", ["ekf", "ukf"])
+    @pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.long)])
     def test_states_equal_stone_soup(self, kind):
         tracker = make_filter((STEADY,), kind, self.POINTS)
         normals = jnp.asarray(np.random.default_rng(11).normal(size=(41, 13)))

@@ -216,6 +216,7 @@ def test_impossible_balance_is_reported():
     assert trim(F16, STILL, target_deg(150.0)).converged
 
 
+@pytest.mark.long
 def test_vmap_over_a_mixed_fleet_equals_one_at_a_time_and_compiles_once():
     traced_once = jax.jit(eqx.debug.assert_max_traces(jax.vmap(solve_trim, in_axes=(0, None, 0)), max_traces=1))
     for names, speeds in ((("textbook", "founding"), (90.0, 160.0)), (("founding", "s119"), (230.0, 120.0))):

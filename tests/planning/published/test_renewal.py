@@ -231,6 +231,7 @@ def test_a_failed_plan_is_coordinated_again():
     assert np.all(replanned.status == PLANNED)
 
 
+@pytest.mark.long
 def test_replanning_is_finite_at_and_after_the_arrival():
     tasks = in_wind(published_fleet(), WIND)
     for even in (False, True):
