@@ -72,6 +72,7 @@ def test_a_folder_writable_by_others_gives_one_warning_and_is_not_used(tmp_path)
     assert list((folder / "programs").iterdir()) == []
 
 
+@pytest.mark.long
 def test_programs_are_computed_without_a_home_folder():
     """The home is a path below a file, where no folder can be created."""
     environment = {"HOME": "/dev/null/nobody", "XDG_CACHE_HOME": ""}
