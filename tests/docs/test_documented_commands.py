@@ -131,7 +131,12 @@ COVERED = {
 """Commands too slow for this test, or installations: a file with the same or a smaller case, and a text in it."""
 
 
-LONG_PAGES = {"README.md", "docs/how-to/own-airframe.md"}
+LONG_PAGES = {
+    "README.md",
+    "docs/how-to/own-airframe.md",
+    "docs/tutorials/identify.md",  # in smaller form in tests/test_cli_identify.py
+    "docs/tutorials/verify.md",  # in smaller form in tests/verification/test_command.py
+}
 """Pages whose commands take longer than the rest together; most are run in smaller form by the command-line tests."""
 
 

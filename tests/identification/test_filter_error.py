@@ -93,6 +93,7 @@ def unstable_statistics(seeds):
     return np.mean(values, axis=0) / truth - 1.0, np.mean(covered, axis=0)
 
 
+@pytest.mark.long
 def test_unstable_aircraft_by_filter_error():
     error, coverage = unstable_statistics(10)
     # four standard errors of the mean of 10 seeds, with scatters of 1 to 6 %
