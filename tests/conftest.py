@@ -107,3 +107,16 @@ def command_line(monkeypatch, capsys):
         return ended.value.code or 0, printed.out, printed.err
 
     return call
+
+
+@pytest.fixture
+def undrawn_figures(monkeypatch):
+    """Campaigns and rare events leave empty files in place of their figures, which the tests of the reports draw."""
+
+    def save(drawings, dataset, style, folder, *, overwrite=False):
+        paths = tuple(folder / f"{name}{suffix}" for name in drawings for suffix in (".svg", ".png"))
+        for path in paths:
+            path.touch()
+        return paths
+
+    monkeypatch.setattr("anser.report.campaign_figures.save_drawings", save)

@@ -107,7 +107,7 @@ def test_show_draws_and_prints_level_flight(anser, tmp_path):
     assert anser("aircraft", "show", "aerosonde", "--out", picture)[0] == 2
 
 
-def test_trim_and_linearize_by_name_and_by_file(anser, tmp_path):
+def test_trim_by_name(anser):
     code, out, _ = anser("trim", "--aircraft", "aerosonde", "--speed-m-s", 25, "--altitude-m", 100, "--json")
     assert code == 0
     document = json.loads(out)
@@ -116,11 +116,15 @@ def test_trim_and_linearize_by_name_and_by_file(anser, tmp_path):
     assert quantities["angle of attack"] == pytest.approx(3.0878, abs=1e-3)
     assert quantities["engine power"] == pytest.approx(77.40, abs=0.01)
     assert quantities["aileron"] > 0.3  # against the reaction to the propeller's torque
+    code, _, err = anser("trim", "--aircraft", "aerosond", "--speed-m-s", 25, "--altitude-m", 100)
+    assert code == 2
+    assert 'perhaps "aerosonde"' in err
+
+
+@pytest.mark.long
+def test_linearize_by_file(anser, tmp_path):
     path = tmp_path / "my.toml"
     anser("aircraft", "new", path)
     code, out, _ = anser("linearize", "--aircraft", path, "--speed-m-s", 50, "--altitude-m", 500)
     assert code == 0
     assert all(mode in out for mode in ("short period", "phugoid", "Dutch roll", "spiral"))
-    code, _, err = anser("trim", "--aircraft", "aerosond", "--speed-m-s", 25, "--altitude-m", 100)
-    assert code == 2
-    assert 'perhaps "aerosonde"' in err

@@ -53,6 +53,7 @@ def study(tmp_path):
     return tmp_path / "study.toml"
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_campaign_prints_its_estimates_and_is_resumed(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(flying, "fly_many", made_up)
     monkeypatch.setattr(flying, "BATCH", 8)
@@ -110,6 +111,7 @@ def test_a_campaign_is_reported_and_compared(anser, study, tmp_path, monkeypatch
     assert "expected the same seed for the same flight" in said
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_damaged_campaign_is_refused_and_resumed_by_one_process_at_a_time(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(flying, "fly_many", made_up)
     monkeypatch.setattr(flying, "BATCH", 8)
@@ -134,6 +136,7 @@ def test_a_damaged_campaign_is_refused_and_resumed_by_one_process_at_a_time(anse
     assert anser("campaign", "report", out, "--worst", 0)[0] == 0
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_an_unfinished_chunk_at_ctrl_c_is_not_counted(anser, study, tmp_path, monkeypatch):
     def stopped(self, chunk, files):
         raise KeyboardInterrupt
@@ -148,6 +151,7 @@ def test_an_unfinished_chunk_at_ctrl_c_is_not_counted(anser, study, tmp_path, mo
     assert (code, "is flown again: the record of checksums is missing" in said) == (1, True)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_report_with_flights_stays_without_new_flights(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(flying, "fly_many", made_up)
     page = tmp_path / "out" / "report.html"
@@ -157,6 +161,7 @@ def test_a_report_with_flights_stays_without_new_flights(anser, study, tmp_path,
     assert page.read_text() == "with a map"
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_ctrl_c_leaves_estimates_and_report_of_the_flights(anser, study, tmp_path, monkeypatch):
     remaining = 1
 
@@ -176,6 +181,7 @@ def test_ctrl_c_leaves_estimates_and_report_of_the_flights(anser, study, tmp_pat
     assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_ctrl_c_before_the_first_chunk_leaves_a_resumable_campaign(anser, study, tmp_path, monkeypatch):
     def stopped(cases, progress=None, batch=None, series=None, precision="float64", outputs=None):
         raise KeyboardInterrupt
@@ -206,6 +212,7 @@ def test_a_closed_standard_output_loses_no_report(anser, study, tmp_path, monkey
     assert written >= {"flights.zarr", "report.html", "campaign.png", "flights.parquet", "answers.parquet"}
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_lost_cluster_leaves_the_flights_and_one_message(anser, study, tmp_path, monkeypatch):
     def lost(address, fly, folder, chunks):
         yield fly(folder, chunks[0])

@@ -70,6 +70,7 @@ def test_bad_input_is_refused_before_any_flight(anser, study, tmp_path, text, sa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_too_rare_event_ends_with_a_bound(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(rare_flights, "fly_many", made_up)
     study.write_text(RARE_TEXT.replace("8.91", "20.0").replace("repetitions", "levels_max = 2\nrepetitions"))

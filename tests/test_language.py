@@ -1,9 +1,11 @@
 """Language of the sources: names are nouns of the field, sentences have nouns as subjects (docs/reference/glossary.md)."""
 
 import ast
+import functools
 import re
 from collections import Counter
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -22,30 +24,38 @@ PRONOUNS = re.compile(
 )
 
 
-def parse(folder: str) -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / folder).rglob("*.py"))}
+class Vocabulary(NamedTuple):
+    """Words of the sources in a folder."""
+
+    bound: list[str]  # names of variables and arguments
+    declared: list[str]  # names of modules, their functions, their classes and the annotated attributes
+    docstrings: list[str]
 
 
-def bindings(tree: ast.Module) -> Counter[str]:
-    stored = (node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
-    arguments = (node.arg for node in ast.walk(tree) if isinstance(node, ast.arg))
-    return Counter([*stored, *arguments])
+@functools.cache
+def vocabulary(folder: str) -> Vocabulary:
+    """Words of a folder, by one walk through each syntax tree."""
+    words = Vocabulary([], [], [])
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        words.declared.append(path.stem)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Name):
+                if isinstance(node.ctx, ast.Store):
+                    words.bound.append(node.id)
+            elif isinstance(node, ast.arg):
+                words.bound.append(node.arg)
+            elif isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                words.docstrings.extend(filter(None, [ast.get_docstring(node)]))
+                words.declared.extend(declared_names(node))
+    return words
 
 
-def declared_names(path: Path, tree: ast.Module) -> list[str]:
-    """Names of a module, its functions, its classes and their annotated attributes."""
-    names = [path.stem]
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            names.append(node.name)
-        if isinstance(node, ast.ClassDef):
-            names += [n.target.id for n in node.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)]
-    return names
-
-
-def docstrings(tree: ast.Module) -> list[str]:
-    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)]
-    return [text for node in nodes if (text := ast.get_docstring(node))]
+def declared_names(node: ast.Module | ast.ClassDef | ast.FunctionDef) -> list[str]:
+    """Name of a function or a class, and a class's annotated attributes."""
+    if isinstance(node, ast.Module):
+        return []
+    annotated = [n.target for n in node.body if isinstance(n, ast.AnnAssign)] if isinstance(node, ast.ClassDef) else []
+    return [node.name, *(target.id for target in annotated if isinstance(target, ast.Name))]
 
 
 @pytest.mark.parametrize(
@@ -53,10 +63,8 @@ def docstrings(tree: ast.Module) -> list[str]:
     [("src/anser", 0.015, 0.05), ("tests", 0.04, 0.06), ("trials", 0.04, 0.06), ("benchmarks", 0.04, 0.06)],
 )
 def test_names_are_nouns_and_docstrings_do_without_pronouns(folder, vague_max, pronouns_max):
-    trees = parse(folder)
-    names = sum((bindings(tree) for tree in trees.values()), Counter())
+    names, texts = Counter(vocabulary(folder).bound), vocabulary(folder).docstrings
     vague = {name: count for name, count in names.items() if name in VAGUE}
-    texts = [text for tree in trees.values() for text in docstrings(tree)]
     words = sum(len(re.findall(r"[A-Za-z']+", text)) for text in texts)
     pronouns = sum(len(PRONOUNS.findall(text)) for text in texts)
     assert names.total() > 500
@@ -66,7 +74,7 @@ def test_names_are_nouns_and_docstrings_do_without_pronouns(folder, vague_max, p
 
 
 def test_modules_functions_classes_and_attributes_have_names_of_the_field():
-    names = [name for path, tree in parse("src/anser").items() for name in declared_names(path, tree)]
+    names = vocabulary("src/anser").declared
     vague = Counter(name for name in names if name in VAGUE)
     assert vague.total() <= 0.02 * len(names), vague
 

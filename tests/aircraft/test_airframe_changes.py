@@ -15,7 +15,7 @@ from anser.config import ScenarioError
 from anser.environment import standard_environment
 from support.states import make_state
 
-AIRFRAMES = ("f16", "aerosonde", "nasa-f16")
+AIRFRAMES = ("f16", "aerosonde", pytest.param("nasa-f16", marks=pytest.mark.long))
 
 
 SURFACES = jnp.array([-0.1, 0.05, -0.04])

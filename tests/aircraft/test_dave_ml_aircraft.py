@@ -84,6 +84,7 @@ def test_the_inverse_of_the_thrust_is_exact(f16):
     np.testing.assert_allclose(back, powers, atol=1e-9)
 
 
+@pytest.mark.long
 def test_the_trim_equals_that_of_the_built_in_variant(f16):
     environment, target = standard_environment(), target_deg(150.0, 1000.0)
     file_trim, built_in_trim = trim(f16, environment, target), trim(S119, environment, target)

@@ -171,6 +171,7 @@ def test_the_throttle_for_a_rate_gives_that_rate_where_possible(name, power, rat
     assert float(_power_rate(engine, np.asarray(power), steady_throttle, data)) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.long
 @named
 def test_gradients_are_finite_at_rest_and_at_every_edge(name):
     engine = ENGINES[name]
@@ -192,6 +193,7 @@ def air_of(V):
     return AirData(V, zero, zero, density, 0.5 * density * V * V, V / 340.0, 100.0 + zero)
 
 
+@pytest.mark.long
 @named
 def test_batches_and_compiled_code_equal_single_evaluations(name):
     engine = ENGINES[name]

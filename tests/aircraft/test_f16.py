@@ -200,6 +200,7 @@ def slopes(arguments):
     return jnp.sum(wrench.force_b) + jnp.sum(wrench.moment_b)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("alpha_deg", "beta_deg", "surfaces_deg"), KINKS)
 def test_gradients_are_finite_at_kinks(f16, alpha_deg, beta_deg, surfaces_deg):
     arguments = (f16["textbook"], flow(alpha_deg, beta_deg), jnp.zeros(3), jnp.array(surfaces_deg) * DEG_RAD)

@@ -117,6 +117,7 @@ def test_factors_of_the_tables_act_on_the_terms_with_the_same_effects(name):
         assert all(name[2] in terms[k] for k in changed)
 
 
+@pytest.mark.long
 def test_trim_near_that_of_the_tables():
     model = anser.aircraft("f16", "global")
     trim = model.trim(150.0, 1000.0)

@@ -176,6 +176,7 @@ def test_air_data_and_forces_are_those_of_the_state():
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("airframe", [F16, light_aircraft()], ids=["f16", "light"])
 def test_gradients_are_finite_on_the_symmetry_plane_and_at_nodes(airframe):
     # Straight level flight at beta = 0, alpha and elevator on nodes, surfaces at their command: every kink at once.
@@ -192,6 +193,7 @@ def test_gradients_are_finite_on_the_symmetry_plane_and_at_nodes(airframe):
     assert all(jnp.any(leaf != 0) for leaf in (gradient[2].velocity_b, gradient[2].surfaces, gradient[3].surfaces))
 
 
+@pytest.mark.long
 def test_batches_equal_single_evaluations():
     fleet = [make_state(V=V, beta=beta) for V, beta in ((90.0, 0.1), (160.0, 0.0), (240.0, -0.2))]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *fleet)

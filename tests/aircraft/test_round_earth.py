@@ -149,6 +149,7 @@ def test_the_motion_state_depends_on_the_class_of_earth():
         earth_fixed_derivative(F16, standard_environment(), 0.0, moving, CONTROLS)
 
 
+@pytest.mark.long
 def test_results_support_gradients_and_batches():
     moving = _to(EARTH, make_state())
 

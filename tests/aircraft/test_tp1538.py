@@ -240,6 +240,7 @@ def test_gradients_are_finite_everywhere_at_breakpoints_and_at_rest():
     assert bool(jnp.isfinite(slopes).all())
 
 
+@pytest.mark.long
 def test_batches_and_compiled_code_equal_single_evaluations():
     alphas, betas = np.linspace(-20, 90, 23), np.linspace(-30, 30, 23)
     together = table(AIRFRAME, alphas, betas, (4.0, -5.0, 6.0, 11.0), (0.2, 0.1, -0.3))

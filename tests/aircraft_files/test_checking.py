@@ -2,6 +2,8 @@
 
 import tomllib
 
+import pytest
+
 from anser.aircraft import PistonPropeller
 from anser.aircraft_files import build_airframe
 from anser.aircraft_files.check_data import compare_check_data
@@ -23,6 +25,7 @@ def test_disagreeing_check_data_are_located():
     assert {v.location for v in wrong} == {"check.forces[1].moment_Nm[1]", "check.forces[2].moment_Nm[1]"}
 
 
+@pytest.mark.long
 def test_the_starter_is_valid_and_without_findings():
     file = validate_airframe(tomllib.loads(airframe_starter()), "starter")
     assert isinstance(build_airframe(file).engine, PistonPropeller)

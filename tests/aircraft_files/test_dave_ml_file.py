@@ -275,6 +275,7 @@ def test_values_without_texts_are_refused():
         validate_airframe(values, "test")
 
 
+@pytest.mark.long
 def test_the_shipped_trainer_agrees_with_its_check_data():
     """The search for the second trim returns from beyond full power."""
     file = read_airframe(TRAINER)

@@ -65,6 +65,7 @@ def test_descents_balance_the_weight(stall):
     assert ((stall["trim_speed"] > 55.0) & (stall["trim_speed"] < 75.0)).all()
 
 
+@pytest.mark.long
 def test_a_smaller_elevator_deflection_stalls_further_forward():
     half_deflection = deep_stall(x_cg_over_c=(0.35, 0.40), elevator_deg=10.0)
     assert deep_stall_onset(half_deflection)[0] < 0.355

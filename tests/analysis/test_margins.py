@@ -182,6 +182,7 @@ def test_at_every_margin_the_spectral_radius_is_1(numerator, denominator):
         assert max(radii_by_phase) == pytest.approx(1.0, abs=1e-5)
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_loops():
     def of_gain(K):
         s = 1j * OMEGA

@@ -16,6 +16,7 @@ def test_a_name_and_the_airframe_have_the_same_trim():
     assert "<td>angle of attack</td>" in by_airframe._repr_html_()
 
 
+@pytest.mark.long
 def test_a_missing_trim_is_printed_with_its_reason():
     slow = trim("f16", 40.0, 0.0)
     assert slow.diagnosis is not None

@@ -11,6 +11,8 @@ from campaigns.rare_cases import RARE_TEXT, made_up
 from campaigns.study_cases import STUDIES
 from trials.damaged_files import MUTATIONS, OF_ONE_FILE
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 
 @pytest.fixture(autouse=True)
 def made_up_flights(monkeypatch):

@@ -116,7 +116,7 @@ def test_a_damaged_store_is_reported_and_restored_bit_identically(study, whole, 
         ("flights.zarr/wind.speed_m_s/0", "arrived a file that is damaged or missing"),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("content", [None, b""])
+@pytest.mark.parametrize("content", [None, pytest.param(b"", marks=pytest.mark.long)])
 def test_every_type_of_store_file_is_restored(study, whole, out, name, message, content):
     if content is None:
         (out / name).unlink()

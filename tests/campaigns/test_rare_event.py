@@ -68,6 +68,7 @@ def test_a_known_probability_is_estimated_and_documented(study, tmp_path):
     assert read_rare(tmp_path / "out").document == event.document
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_an_interrupted_analysis_is_resumed_bit_identically(study, tmp_path, monkeypatch):
     whole = rare(study, tmp_path / "whole", processes=1)
     flown = 0
@@ -116,6 +117,7 @@ def test_an_unsuitable_store_is_not_resumed(study, tmp_path, monkeypatch):
         read_rare(tmp_path / "out")
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_breach_below_the_threshold_is_estimated(study, tmp_path):
     text = RARE_TEXT.replace("miss_m", "separation_min_m").replace("8.91", "500.09")
     study.write_text(text)
@@ -128,6 +130,7 @@ def test_a_breach_below_the_threshold_is_estimated(study, tmp_path):
     assert np.all(np.diff(event.dataset["probability"].values) <= 1e-12)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_an_event_rarer_than_the_levels_gives_an_upper_bound(study, tmp_path):
     study.write_text(RARE_TEXT.replace("8.91", "20.0").replace("repetitions", "levels_max = 2\nrepetitions"))
     event = rare(study, tmp_path / "out", processes=1)

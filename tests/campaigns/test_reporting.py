@@ -111,6 +111,7 @@ def test_the_page_shows_the_estimates(tmp_path):
     )
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_partial_campaign_is_marked_with_its_number_of_flights(tmp_path):
     store = new_store(tmp_path / "out")
     flying.fly_chunk(store.folder, 1)
@@ -119,6 +120,7 @@ def test_a_partial_campaign_is_marked_with_its_number_of_flights(tmp_path):
     assert data_of(page_of(store))["numbers"] == list(range(20, 40))
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_campaign_stopped_by_its_rule_is_not_partial(tmp_path):
     store = flown(tmp_path / "out", until={"width": 0.9, "at_least": 20})
     assert store.flown.size == 20
@@ -127,6 +129,7 @@ def test_a_campaign_stopped_by_its_rule_is_not_partial(tmp_path):
     assert "After 20 of 60 flights the interval was as narrow as the study requires." in page_of(store)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, replays):
     store = flown(tmp_path / "out")
     messages = []
@@ -144,6 +147,7 @@ def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, replays):
     assert messages[-1] == ("writing", None)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_flights_with_different_replays_are_listed(tmp_path, monkeypatch):
     def otherwise(cases, progress, batch, series, precision):
         flight_rows = made_up(cases, batch=batch, series=series)
@@ -157,6 +161,7 @@ def test_flights_with_different_replays_are_listed(tmp_path, monkeypatch):
     assert f"Flown again, these did not come out as in the campaign: {second_worst}." in page_of(store)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_stored_series_are_drawn_as_bands(tmp_path):
     store = flown(tmp_path / "out", keep={"series": ["position_error", "course", "phase"], "series_every_s": 2.0})
     write_campaign(store, worst=0)
@@ -186,6 +191,7 @@ def test_bands_of_angles_are_continuous_at_the_wrap():
     assert np.isnan(none).all()
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_an_interrupted_report_has_no_map(tmp_path, monkeypatch):
     def interrupted(cases, progress, batch, series, precision):
         raise KeyboardInterrupt
@@ -197,6 +203,7 @@ def test_an_interrupted_report_has_no_map(tmp_path, monkeypatch):
     assert "None was flown again" in page_of(store)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_tables_hold_every_flight_and_estimate(tmp_path):
     store = flown(tmp_path / "out")
     write_campaign(store, worst=0)
@@ -220,12 +227,14 @@ def test_the_tables_hold_every_flight_and_estimate(tmp_path):
     assert {record["measure"] for record in indices} == {"rank"}
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_page_is_written_without_pyarrow(tmp_path, monkeypatch):
     monkeypatch.setattr(campaign_report, "has_parquet", lambda: False)
     store = flown(tmp_path / "out", vary=[])
     assert [path.name for path in write_campaign(store, worst=0)] == ["report.html", "campaign.svg", "campaign.png"]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_saltelli_campaign_reports_its_independent_flights(tmp_path):
     store = flown(tmp_path / "out", sampling={"method": "saltelli", "flights": 16})
     estimates = Campaign(store).estimates()
@@ -239,6 +248,7 @@ def test_a_saltelli_campaign_reports_its_independent_flights(tmp_path):
     assert "one in its place would be made up" in page
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_worst_flights_are_archived_once(tmp_path, replays):
     store = flown(tmp_path / "out", keep={"worst": 3})
     folders = archive_worst(store)

@@ -56,6 +56,7 @@ def test_a_campaign_ends_when_the_rule_is_satisfied(tmp_path, monkeypatch):
     assert store.flown.size == flown
 
 
+@pytest.mark.long
 def test_repeated_evaluation_costs_little_coverage():
     """Measured with 4,000 campaigns of probability 0.9, evaluated every 10 flights, with intervals of 95 %."""
     study, truth, rng = study_of(until=UNTIL), 0.9, np.random.default_rng(5)

@@ -37,11 +37,9 @@ def test_a_chosen_folder_works_with_any_order_of_imports_silently(tmp_path):
     assert _run(f"import anser{_PROGRAM}", str(folder)) == expected
     (stored,) = FolderStore(folder / "programs").files()
     used_ns = stored.stat().st_mtime_ns
-    for imports in ("import jax, anser", "import anser, jax"):
-        assert _run(imports + _PROGRAM, str(folder)) == expected
-        assert FolderStore(folder / "programs").files() == [stored]  # the same program was found again
-        assert stored.stat().st_mtime_ns > used_ns
-        used_ns = stored.stat().st_mtime_ns
+    assert _run(f"import jax, anser{_PROGRAM}", str(folder)) == expected
+    assert FolderStore(folder / "programs").files() == [stored]  # the same program was found again
+    assert stored.stat().st_mtime_ns > used_ns
     assert [path.name for path in folder.iterdir()] == ["programs"]
 
 
@@ -74,6 +72,7 @@ def test_a_folder_writable_by_others_gives_one_warning_and_is_not_used(tmp_path)
     assert list((folder / "programs").iterdir()) == []
 
 
+@pytest.mark.long
 def test_programs_are_computed_without_a_home_folder():
     """The home is a path below a file, where no folder can be created."""
     environment = {"HOME": "/dev/null/nobody", "XDG_CACHE_HOME": ""}

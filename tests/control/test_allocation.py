@@ -118,6 +118,7 @@ def test_engine_moments_are_not_demanded_from_the_surfaces():
     assert np.abs(relieved - demand_of(LEVEL, MOMENT_B, np.zeros(3)).surfaces).max() > 1e-3
 
 
+@pytest.mark.long
 def test_gradient_is_the_inverse_of_the_effectiveness():
     """d(surfaces)/d(moment) times d(moment)/d(surfaces) is the identity."""
     slope = slopes_of(LEVEL, MOMENT_B)[1]
@@ -126,6 +127,7 @@ def test_gradient_is_the_inverse_of_the_effectiveness():
     np.testing.assert_allclose(slope @ effectiveness, np.eye(3), atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("V", [1.0, 150.0])
 def test_gradient_with_respect_to_the_condition_is_finite(V):
     x = LEVEL.copy()
@@ -139,6 +141,7 @@ def test_zero_dynamic_pressure_keeps_the_deflections_finite():
     np.testing.assert_array_equal(demand_of(x, MOMENT_B, np.zeros(3)).surfaces, x[9:12])
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_demands():
     batch, nothing = np.stack([LEVEL, LEVEL * 1.1]), np.zeros(3)
     together = jax.jit(jax.vmap(lambda x: _demand(x, MOMENT_B, nothing).surfaces), compiler_options=QUICK)(batch)

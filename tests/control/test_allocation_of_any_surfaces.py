@@ -102,6 +102,7 @@ def test_one_surface_per_axis_is_exact():
     np.testing.assert_allclose(moment_b, target_b, atol=1e-9 * np.max(np.abs(target_b)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("airframe", [SPLIT, ELEVONS, LIGHT])
 def test_slopes_are_finite_inside_and_at_the_stops(airframe):
     count = len(airframe.actuators.names)

@@ -72,6 +72,7 @@ def test_a_surface_at_its_stop_keeps_a_little_authority():
     np.testing.assert_allclose(at_stop.margin, 0.1 * np.asarray(AIRFRAME.actuators.upper))
 
 
+@pytest.mark.long
 def test_batches_and_gradients_are_finite():
     slow = jnp.stack([jnp.asarray(SLOW), jnp.zeros(3)])
     batch = jax.jit(jax.vmap(_authority, in_axes=(None, 0)), compiler_options=QUICK)(LEVEL, slow)

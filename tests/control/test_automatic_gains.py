@@ -61,6 +61,7 @@ def test_bandwidths_follow_actuators_sampling_and_authority(light):
     assert derived.velocity[2] < 0.2 * nominal.velocity[2]
 
 
+@pytest.mark.long
 def test_pitch_and_yaw_bandwidths_follow_from_the_cancelled_stiffness():
     uav = load_airframe("aerosonde")
     derived = bandwidths_of(uav, trim(uav, ENVIRONMENT, target_deg(25.0, 500.0)), 0.01)
@@ -86,6 +87,7 @@ def test_loop_bandwidths_stay_separated(light):
         assert pair.ratio >= LOOP_SEPARATION_MIN - 1e-9, pair
 
 
+@pytest.mark.long
 def test_derivatives_are_finite(light):
     airframe, point = light
 

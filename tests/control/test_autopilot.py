@@ -60,6 +60,7 @@ def test_inner_loops_can_be_commanded_directly(trim):
     np.testing.assert_allclose(fast, trim.state.surfaces, atol=1e-6)
 
 
+@pytest.mark.long
 def test_gains_and_limits_are_data(turn, turn_outputs):
     """Changed values use the same compiled code, and change the flight."""
     gains, limits = published_gains(), default_limits()

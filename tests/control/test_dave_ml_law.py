@@ -1,5 +1,6 @@
 """Controller from a DAVE-ML file: NASA's F-16 control law against gains evaluated by hand, and refusals."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -28,14 +29,14 @@ def commands(**changes):
 
 def test_the_autopilot_equals_gains_by_hand(law):
     belief = belief_of()
-    s = {name: float(value) for name, value in named_signals(belief).items()}
+    s = {name: float(value) for name, value in eqx.filter_jit(named_signals)(belief).items()}
     keas = s["equivalentAirspeed"] + 0.05 * KNOT_M_S
     command = commands(
         equivalentAirspeedCommand=keas,
         altitudeMslCommand=s["altitudeMsl"] + 0.2 * 0.3048,
         trueBaseCourseCommand=s["eulerAngle_Yaw"] + s["angleOfSideslip"] + 0.3 * DEG_RAD,
     )
-    controls, signals, memory = law.control(None, belief, command, 0.01)
+    controls, signals, memory = eqx.filter_jit(law.control)(None, belief, command, 0.01)
     assert signals is None
     assert memory is None
     theta_wanted = 2.653813535191715 + 0.05 * 0.2
@@ -56,7 +57,8 @@ def test_the_autopilot_equals_gains_by_hand(law):
 def test_a_law_switched_off_holds_the_trim(law):
     switches = {"stabilityAugmentationOn_disc": 0.0, "autopilotOn_disc": 0.0}
     command = commands(equivalentAirspeedCommand=150.0, altitudeMslCommand=3e3, trueBaseCourseCommand=0.1, **switches)
-    controls, _, _ = law.control(law.init(belief_of().state, jnp.zeros(3)), belief_of(environment=FLAT), command, 0.01)
+    memory = law.init(belief_of().state, jnp.zeros(3))
+    controls, _, _ = eqx.filter_jit(law.control)(memory, belief_of(environment=FLAT), command, 0.01)
     np.testing.assert_allclose(controls.surfaces * RAD_DEG, [-25 * 0.13, 0.0, 0.0], atol=1e-12)
 
 

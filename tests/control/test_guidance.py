@@ -259,6 +259,7 @@ def _hold_numbers(relative_n, goal_velocity_n, arrival_n):
 _hold_slopes = jax.jit(jax.jacrev(_hold_numbers, argnums=(0, 1, 2)), compiler_options=QUICK)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("relative_n", "goal_velocity_n", "arrival_n"),
     [
@@ -279,6 +280,7 @@ def test_values_and_gradients_are_finite(relative_n, goal_velocity_n, arrival_n)
         assert np.isfinite(slope).all()
 
 
+@pytest.mark.long
 def test_the_command_has_finite_gradients_on_the_plan():
     """Zero position and velocity errors, as at the start of every flight."""
 
@@ -306,6 +308,7 @@ def test_the_hold_point_is_the_nearest_point_of_the_circle(relative_n, goal_n):
     assert np.hypot(*(point_n - relative_n)[:2]) <= nearest + 1e-9
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_commands():
     batch = jnp.array([[100.0, 50.0, -300.0], [5000.0, -900.0, -200.0]])
     batched = jax.jit(jax.vmap(_hold_numbers, in_axes=(0, None, None)), compiler_options=QUICK)

@@ -81,6 +81,7 @@ def _changed(**entries):
     return x
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "x",
     [
@@ -99,6 +100,7 @@ def test_values_and_gradients_are_finite_outside_the_domain_too(x):
     assert np.isfinite(_jacobian(x)).all()
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_evaluations():
     batch = np.stack([_LEVEL, _changed(mu=1.0, gamma=0.3), _changed(beta=0.2, V=200.0)])
     together = jax.jit(jax.vmap(_outputs), compiler_options=QUICK)(batch)

@@ -57,6 +57,7 @@ def banked(state, mu, alpha, surfaces):
     )
 
 
+@pytest.mark.long
 def test_the_bank_of_the_f16_of_tp1538_stops_the_drift_of_the_course():
     """The wind-tunnel tables leave 0.12 m/s^2 to the left without sideslip: 0.7 deg of bank."""
     airframe = load_airframe("f16", "tp1538")

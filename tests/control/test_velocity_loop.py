@@ -290,6 +290,7 @@ def test_values_and_gradients_are_finite(change):
     assert np.isfinite(_slopes(x)).all()
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_demands():
     batch = np.stack([LEVEL, LEVEL * 1.1])
     for x, batch_row in zip(batch, jax.jit(jax.vmap(_all_demands), compiler_options=QUICK)(batch), strict=True):

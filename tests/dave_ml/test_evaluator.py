@@ -95,6 +95,7 @@ def test_states_and_derivatives_are_exposed():
         assert model(name).variables_with_role("isState") == model(name).variables_with_role("isStateDeriv") == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in ALL if model(name).inputs])
 def test_vmap_agrees_with_single_evaluations(name):
     m = model(name)
@@ -168,6 +169,7 @@ def _slopes(x, y):
     return jax.jvp(values_at, (x,), (jnp.ones_like(x),))[1], jax.jacrev(values_at)(x)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=30)
 @given(x=st.floats(-1.93, 1.93), y=st.floats(-1.85, 1.85))
 def test_gradients_against_differences(x, y):

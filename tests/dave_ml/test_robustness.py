@@ -53,6 +53,11 @@ def usable(model):
     assert reread.definition.variables == model.definition.variables
 
 
+def test_100_mutated_files():
+    assert 10 < survive(range(100)) < 50
+
+
+@pytest.mark.long
 def test_300_mutated_files():
     assert 30 < survive(range(300)) < 150
 

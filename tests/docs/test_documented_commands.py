@@ -53,6 +53,11 @@ COVERED = {
     ),  # two aircraft
     "anser plan scenarios/single-aircraft.toml": ("tests/test_cli_plan.py", 'anser("plan", THREE'),
     "anser report RUN_A RUN_B --out beside.html": ("tests/test_cli_report.py", 'anser("report", *runs, "--out", out)'),
+    # at another airspeed below the least one
+    f"anser trim --speed-m-s 40 --altitude-m 1000{REFUSED}": (
+        "tests/test_cli.py",
+        'anser("trim", "--speed-m-s", "30", "--altitude-m", "1000"',
+    ),
     "anser linearize --speed-m-s 150 --altitude-m 1000 --loop velocity": (
         "tests/analysis/test_linearize_sampled.py",
         '"velocity"',
@@ -126,7 +131,12 @@ COVERED = {
 """Commands too slow for this test, or installations: a file with the same or a smaller case, and a text in it."""
 
 
-LONG_PAGES = {"README.md", "docs/how-to/own-airframe.md"}
+LONG_PAGES = {
+    "README.md",
+    "docs/how-to/own-airframe.md",
+    "docs/tutorials/identify.md",  # in smaller form in tests/test_cli_identify.py
+    "docs/tutorials/verify.md",  # in smaller form in tests/verification/test_command.py
+}
 """Pages whose commands take longer than the rest together; most are run in smaller form by the command-line tests."""
 
 

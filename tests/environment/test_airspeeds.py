@@ -88,6 +88,7 @@ def test_conversions_are_inverse_through_mach_1():
     assert true_from_calibrated(calibrated_from_true(true, air), air) == pytest.approx(true, rel=1e-11, abs=1e-15)
 
 
+@pytest.mark.long
 def test_gradients_are_finite_and_equal_differences():
     """From standstill to beyond Mach 1, by airspeed and by altitude."""
 

@@ -205,6 +205,7 @@ def test_the_flat_earth_has_gravity_only():
     np.testing.assert_array_equal(velocity, np.ones(3))
 
 
+@pytest.mark.long
 def test_results_support_gradients_and_batches():
     position, velocity_n = jnp.array([3e3, -4e3, -1e3]), jnp.array([100.0, -50.0, 5.0])
 

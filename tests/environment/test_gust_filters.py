@@ -125,7 +125,7 @@ SPAN, SAMPLES = 0.075 * 150.0 / 533.4, 24_000
 
 @pytest.mark.parametrize(
     ("count", "samples"),
-    [(200, SAMPLES), (40, 4000)],
+    [pytest.param(200, SAMPLES, marks=pytest.mark.long), (40, 4000)],
     ids=["200 of 30 min", "40 of 5 min"],
 )
 @pytest.mark.parametrize("name", FILTERS)

@@ -139,6 +139,7 @@ def test_gust_axes_are_level_at_low_and_body_axes_at_high_altitude():
     np.testing.assert_allclose(low[0], -sigma[2] * float(gusts.filters[1].output(memory.w)), rtol=1e-12)
 
 
+@pytest.mark.long
 def test_gusts_of_zero_intensity_vanish_with_finite_gradients():
     calm = turbulence(wind=0.0, log_probability=-1.0)
     memory = start(calm, jnp.ones(calm.normals), flow(height=100.0))

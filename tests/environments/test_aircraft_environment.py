@@ -61,12 +61,17 @@ def test_a_step_has_the_six_values_of_the_contract():
 
 def test_consecutive_seeds_fly_consecutive_cases_with_random_numbers_of_their_own():
     environment, reset, _ = programs()
-    consecutive = jax.vmap(jax.random.key)(jnp.arange(16))
-    _, state = reset(consecutive, environment.default_params)
-    np.testing.assert_array_equal(state.row, np.arange(16) % 8)
-    assert len(np.unique(state.key, axis=0)) == 16
-    _, state = reset(keys(64), environment.default_params)  # split keys draw every case
-    assert set(np.unique(state.row)) == set(range(8))
+
+    def starts(batches):
+        states = [reset(batch, environment.default_params)[1] for batch in batches]
+        return (np.concatenate([getattr(state, name) for state in states]) for name in ("row", "key"))
+
+    key_of = jax.vmap(jax.random.key)
+    rows, own_keys = starts(key_of(seeds) for seeds in np.arange(16).reshape(4, 4))
+    np.testing.assert_array_equal(rows, np.arange(16) % 8)
+    assert len(np.unique(own_keys, axis=0)) == 16
+    rows, _ = starts(keys(4, seed) for seed in range(16))  # split keys draw every case
+    assert set(np.unique(rows)) == set(range(8))
 
 
 @settings(max_examples=10, deadline=None, derandomize=True)
@@ -97,22 +102,27 @@ def test_no_state_survives_a_reset_at_any_level_of_any_task(task, action, tables
         check_resets(environment, reset, step, seed, 0.25 * seed, rounding)
 
 
-def test_an_episode_is_the_same_at_any_index_and_in_any_batch():
+def one_episode(count, place):
+    """Observations and rewards of an episode at an index of a batch."""
     environment, reset, step = programs()
     params = environment.default_params
+    chosen = keys(count, 5).at[place].set(jax.random.key(77))
+    observation, state = reset(chosen, params)
+    rows = []
+    for number in range(20):
+        actions = 0.3 * np.ones((count, environment.num_actions)) * np.sin(number)
+        observation, state, reward, *_ = step(chosen, state, actions, params)
+        rows.append(np.append(np.asarray(observation)[place], np.asarray(reward)[place]))
+    return np.array(rows)
 
-    def fly(count, place):
-        chosen = keys(count, 5).at[place].set(jax.random.key(77))
-        observation, state = reset(chosen, params)
-        rows = []
-        for number in range(20):
-            actions = 0.3 * jnp.ones((count, environment.num_actions)) * np.sin(number)
-            observation, state, reward, *_ = step(chosen, state, actions, params)
-            rows.append(np.append(np.asarray(observation)[place], np.asarray(reward)[place]))
-        return np.array(rows)
 
-    np.testing.assert_array_equal(fly(4, 0), fly(4, 3))
-    np.testing.assert_allclose(fly(4, 0), fly(7, 5), rtol=0.0, atol=1e-9)
+def test_an_episode_is_the_same_at_any_index():
+    np.testing.assert_array_equal(one_episode(4, 0), one_episode(4, 3))
+
+
+@pytest.mark.long
+def test_an_episode_is_the_same_in_any_batch():
+    np.testing.assert_allclose(one_episode(4, 0), one_episode(7, 5), rtol=0.0, atol=1e-9)
 
 
 def test_recorded_actions_fly_as_simulate_does():
@@ -145,7 +155,7 @@ def test_recorded_actions_fly_as_simulate_does():
 
 
 def test_cases_in_a_wind_profile_share_it_and_start_with_its_velocity():
-    bank = velocity_command().default_params.cases
+    bank = programs()[0].default_params.cases
     case, starts = bank.at(0), bank.batched.start
     altitudes_m = np.array([0.0, 12_000.0])
     wind = LayeredWind(jnp.asarray(altitudes_m), jnp.array([[0.0, 0.0, 0.0], [24.0, 12.0, 0.0]]))

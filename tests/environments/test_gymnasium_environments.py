@@ -68,6 +68,7 @@ def test_every_task_passes_gymnasiums_check_at_its_default_level(task):
     check_env(gymnasium.make(f"anser/{task}-v0", **cases).unwrapped)
 
 
+@pytest.mark.long
 def test_the_vector_is_gymnasiums_own_vector_of_single_environments(environment, vector):
     sync = gymnasium.make_vec(
         NAME,

@@ -63,6 +63,7 @@ def test_estimate_is_a_stationary_point_of_an_independent_likelihood():
     assert fit.whiteness.share_outside[0] < 0.12
 
 
+@pytest.mark.long
 def test_process_noise_is_estimated_and_output_error_misses_the_truth_more_often():
     rng, covered, plain_covered, densities = np.random.default_rng(1), [], [], []
     truth = np.array([TRUTH["a"], TRUTH["b"]])
@@ -92,6 +93,7 @@ def unstable_statistics(seeds):
     return np.mean(values, axis=0) / truth - 1.0, np.mean(covered, axis=0)
 
 
+@pytest.mark.long
 def test_unstable_aircraft_by_filter_error():
     error, coverage = unstable_statistics(10)
     # four standard errors of the mean of 10 seeds, with scatters of 1 to 6 %

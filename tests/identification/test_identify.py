@@ -107,14 +107,13 @@ def test_another_manoeuvre_is_predicted():
     assert rows["CD"]["validation_r_squared"] > 0.95
     assert rows["CY"]["validation_r_squared"] is None  # the doublet has no lateral motion
     assert rows["CL"]["theil_inequality"] < 0.1
+    assert not any(note.startswith("Caution") for note in estimated().notes)
     other = anser.identify(noisy_record("3211"), "short-period", aircraft=f16(), validate=noisy_record("doublet"))
     assert min(row["validation_r_squared"] for row in other.fit_rows()) > 0.99
 
 
+@pytest.mark.long
 def test_the_estimated_aircraft_flies_like_the_true_one(saved):
-    names = {path.name for path in saved.iterdir()}
-    pictures = {f"{n}.{s}" for n in ("responses", "validation", "residuals", "correlation") for s in ("svg", "png")}
-    assert names == {"identification.nc", "identification.json", "report.html", "aircraft.toml"} | pictures
     model = anser.aircraft(saved / "aircraft.toml")
     condition = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     trim = model.trim(**condition)
@@ -165,6 +164,9 @@ def test_an_aircraft_by_a_file_keeps_its_engine_and_actuators(tmp_path):
 
 
 def test_dataset_and_document_hold_the_same_numbers(saved):
+    names = {path.name for path in saved.iterdir()}
+    pictures = {f"{n}.{s}" for n in ("responses", "validation", "residuals", "correlation") for s in ("svg", "png")}
+    assert names == {"identification.nc", "identification.json", "report.html", "aircraft.toml"} | pictures
     result = estimated()
     dataset = read_netcdf(saved / "identification.nc")
     document = json.loads((saved / "identification.json").read_text())
@@ -327,6 +329,7 @@ def test_filter_error_covers_the_linear_model_in_turbulence():
         anser.identify(record, method="filter-error", align=False)
 
 
+@pytest.mark.long
 def test_a_flight_without_experiment_gets_a_caution():
     """The autopilot flies a gentle turn: the surfaces follow the rates, and the fit says little."""
     trim = f16().trim(speed_m_s=150.0, altitude_m=1000.0)

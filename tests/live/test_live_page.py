@@ -236,6 +236,7 @@ def test_the_keyboard_moves_a_goal(page):
     assert page.run("live.answer.status") == "planned"
 
 
+@pytest.mark.long
 def test_the_order_of_the_arrivals_is_edited(page):
     answered(page)
     page.run("live.scenario.set('arrival', { rule: 'sequence', spacing_s: 10 })")

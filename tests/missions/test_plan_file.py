@@ -46,6 +46,7 @@ def test_a_restored_plan_equals_the_written_plan(planned, written):
     assert restored.problems() == planned.problems() == ()
 
 
+@pytest.mark.long
 def test_a_restored_plan_gives_the_same_flight_without_a_search(planned, written, monkeypatch):
     scenario = loads(THREE)
     flown = anser.run(scenario)

@@ -103,6 +103,7 @@ def sequence_case():
     )
 
 
+@pytest.mark.long
 def test_a_sequence_at_the_preferred_speed_names_the_aircraft_that_needs_longest():
     fleet, scenario = sequence_case()
     text = refusal.describe_sequence_start(scenario, fleet, 70.02 + fleet.offsets, None)

@@ -52,6 +52,7 @@ def test_batches_are_padded_to_one_size():
     np.testing.assert_array_equal(batches, [[0, 1, 2], [3, 4, 5], [6, 6, 6]])
 
 
+@pytest.mark.long
 def test_the_program_of_the_first_segment_serves_the_next_ones():
     """A loop fixes the types of its state: with weak types at the start, the program was compiled twice."""
     flight = build_flight(load(SCENARIOS / "turning-ships.toml"), pad_fleet=True)

@@ -14,6 +14,7 @@ from anser.config.errors import ScenarioError
 from anser.parts import AbstractController, AbstractPlanner, AbstractReference, AbstractSensors
 from anser.scenario import validate
 from anser.sensing import IdealSensors
+from support.proportional_control import Proportional
 from support.straight_lines import StraightLines
 
 SINGLE, THREE = "scenarios/single-aircraft.toml", "scenarios/three-aircraft.toml"
@@ -41,19 +42,38 @@ def lines(arrival_s=60.0):
     return StraightLines(jnp.asarray(arrival_s), jnp.zeros(3))
 
 
-# With other sensors for one of several aircraft these form two groups: twice the program.
-@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.long)])
-def test_an_own_planner_and_sensor_give_the_ordinary_results(count, tmp_path):
+def shortened(count):
+    """The first aircraft of the three, to the end of the straight lines."""
     tables = tomllib.loads(Path(THREE).read_text(encoding="utf-8"))
-    scenario = validate({**tables, **{key: tables[key][:count] for key in ("aircraft", "goal")}})
-    flight = anser.run(scenario, planner=lines(), sensors={"aircraft-1": Biased()})
-    assert flight.summary["aircraft"][0]["arrival_s"] == pytest.approx(60.0, abs=0.1)
+    first = validate({**tables, **{key: tables[key][:count] for key in ("aircraft", "goal")}})
+    return first.replace("timing.duration_s", 63.0)
+
+
+def check_user_parts(flight, folder):
+    """The names of the parts, the saved report, and the range of the biased sensors."""
     assert "StraightLines" in flight.dataset.attrs["user_parts"]
     assert "Biased" in flight.dataset.attrs["user_parts"]
-    folder = flight.save(tmp_path / "run")
-    assert (folder / "report.html").stat().st_size > 10_000
+    assert (flight.save(folder) / "report.html").stat().st_size > 10_000
     sight = np.asarray(flight.dataset.sight_range_m)[0, 0] - np.asarray(flight.dataset.clearance_m)[0, 0]
     assert sight == pytest.approx(2.0, abs=1e-6)
+
+
+def test_own_planner_controller_and_sensor_give_the_ordinary_results(tmp_path):
+    flight = anser.run(shortened(1), planner=lines(), controller=Proportional(), sensors={"aircraft-1": Biased()})
+    # proportional control holds the direction and the airspeed of the line, and a departure from the line remains
+    assert flight.summary["aircraft"][0]["arrival_s"] == pytest.approx(60.0, abs=0.2)
+    assert flight.summary["aircraft"][0]["miss_m"] < 10.0
+    assert "Proportional" in flight.dataset.attrs["user_parts"]
+    check_user_parts(flight, tmp_path / "run")
+
+
+# With other sensors for one of several aircraft these form two groups: twice the program.
+@pytest.mark.long
+@pytest.mark.parametrize("count", [1, 3])
+def test_an_own_planner_and_sensor_give_the_ordinary_results(count, tmp_path):
+    flight = anser.run(shortened(count), planner=lines(), sensors={"aircraft-1": Biased()})
+    assert flight.summary["aircraft"][0]["arrival_s"] == pytest.approx(60.0, abs=0.1)
+    check_user_parts(flight, tmp_path / "run")
 
 
 @pytest.mark.long

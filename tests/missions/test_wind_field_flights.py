@@ -143,11 +143,18 @@ def test_open_loop_flights_end_where_the_field_ends() -> None:
     flight = anser.simulate("f16", LEVEL, duration_s=6.0, step_s=0.02, wind=wind)
     assert flight.dataset.attrs["end"].startswith("the wind field of the file ended at 3.")
     assert float(flight.dataset.north_m[-1]) <= 500.0
-    held = anser.simulate("f16", LEVEL, duration_s=6.0, step_s=0.02, wind={**wind, "outside": "hold"})
+
+
+@pytest.mark.long
+def test_open_loop_flights_go_on_where_the_wind_is_held() -> None:
+    wind = {"field": field(1.0, north_max_m=500.0), "outside": "hold"}
+    held = anser.simulate("f16", LEVEL, duration_s=6.0, step_s=0.02, wind=wind)
     assert held.dataset.attrs["end"] == "flown to the end"
 
 
-@pytest.mark.parametrize("start", [LEVEL, [LEVEL, {**LEVEL, "altitude_m": 2000.0}]])
+@pytest.mark.parametrize(
+    "start", [LEVEL, pytest.param([LEVEL, {**LEVEL, "altitude_m": 2000.0}], marks=pytest.mark.long)]
+)
 def test_a_simulator_stops_at_the_end_of_the_field(start: Any) -> None:
     simulator = anser.Simulator("f16", start, step_s=0.1, wind={"field": field(1.0, north_max_m=500.0)})
     with pytest.raises(ValueError, match=r"leaves the wind field of the file at 3\.\d s, 5\d\d m north, .*outside"):

@@ -109,6 +109,7 @@ def level():
     return f16, f16.trim(150.0, 1000.0)
 
 
+@pytest.mark.long
 def test_the_recorded_command_contains_the_excitation(level):
     f16, trim = level
     flown = anser.simulate(

@@ -71,6 +71,7 @@ def test_the_unloaded_share_is_smaller_and_has_a_minimum():
     assert float(IdleDeceleration(IDLE.speeds, IDLE.level, IDLE.level * 1.2).share(100.0, 0.0)) == 0.05
 
 
+@pytest.mark.long
 def test_the_share_has_slopes_and_a_batch_axis():
     by_speed, by_load = jax.grad(IDLE.share, argnums=(0, 1))(120.0, 0.8)
     assert float(by_speed) == pytest.approx((0.85 - 0.90 + 0.36 * 0.2) / 20.0)

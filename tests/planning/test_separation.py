@@ -49,6 +49,7 @@ def test_the_closest_approach_of_two_lines_is_exact():
     np.testing.assert_allclose(pair_distances(crossing(), 4001)[0, 1], exact, atol=1e-2)
 
 
+@pytest.mark.long
 def test_the_gradient_is_finite_for_coincident_aircraft():
     def closest(coefficients, paths):
         distance = separation_min(eqx.tree_at(lambda p: p.coefficients_n, paths, coefficients))
@@ -63,12 +64,14 @@ def test_the_gradient_is_finite_for_coincident_aircraft():
     np.testing.assert_allclose(shift, -2.0 - 2.0 * 1000.0 / pair_distances(paths)[1, 2], rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_batch_of_fleets_equals_single_fleets():
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf[::-1]]), crossing())
     distance = jax.jit(jax.vmap(separation_min))(batch)
     np.testing.assert_allclose(distance[1], distance[0][::-1, ::-1])
 
 
+@pytest.mark.long
 def test_requested_sides_are_used():
     case = published_fleet()
     plan = plan_at(0.0, case, jnp.ones(3))

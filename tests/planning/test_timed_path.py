@@ -134,6 +134,7 @@ def test_the_ends_of_a_path_have_the_first_and_last_state():
     assert (path.start_time, path.arrival_time, path.duration) == (10.0, 16.0, 6.0)
 
 
+@pytest.mark.long
 def test_stacked_paths_equal_single_paths():
     paths = [random_path(seed) for seed in (1, 2)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *paths)

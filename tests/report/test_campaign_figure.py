@@ -23,7 +23,12 @@ def made_up_campaign(flights, varied=("wind.speed_m_s",), failed=()):
 
 
 @pytest.mark.parametrize(
-    ("flights", "varied", "failed"), [(2, (), ()), (300, ("a", "b", "c", "d"), (3, 5)), (20, ("a",), range(20))]
+    ("flights", "varied", "failed"),
+    [
+        (2, (), ()),
+        (300, ("a", "b", "c", "d"), (3, 5)),
+        pytest.param(20, ("a",), range(20), marks=pytest.mark.long),
+    ],
 )
 def test_a_campaign_figure_is_drawn_and_replaced(tmp_path, flights, varied, failed):
     paths = draw_campaign(made_up_campaign(flights, varied, failed), tmp_path)

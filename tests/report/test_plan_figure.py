@@ -58,6 +58,7 @@ def test_the_plan_of_a_small_fleet_has_separation_and_a_moving_keep_out(tmp_path
         draw_plan(dataset, tmp_path)
 
 
+@pytest.mark.long
 def test_a_large_fleet_has_short_labels(tmp_path):
     _, svg = _draw(tmp_path, [f"aircraft-{k:02d}" for k in range(1, 21)], (60.0,), distance_min_m=200.0)
     texts = _texts(svg)

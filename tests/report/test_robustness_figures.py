@@ -28,6 +28,7 @@ def test_figures_name_the_failures(figures):
     assert "tolerance" in (figures[0] / "errors.svg").read_text()
 
 
+@pytest.mark.long
 def test_figures_are_reproducible(figures, tmp_path):
     for path in draw_robustness(made_up_study(), tmp_path):
         assert path.read_bytes() == (figures[0] / path.name).read_bytes(), path.name

@@ -41,6 +41,7 @@ def test_the_heading_has_the_worst_error_up_to_the_arrival(dataset, tmp_path):
         assert name in text
 
 
+@pytest.mark.long
 def test_figures_are_reproducible_and_do_not_overwrite(dataset, tmp_path):
     first_path, second_path = tmp_path / "a.svg", tmp_path / "b.svg"
     draw_tracking(dataset, "twice", [first_path])
@@ -50,6 +51,7 @@ def test_figures_are_reproducible_and_do_not_overwrite(dataset, tmp_path):
         draw_tracking(dataset, "twice", [first_path])
 
 
+@pytest.mark.long
 def test_surfaces_without_a_common_symbol_are_named(dataset, tmp_path):
     path = tmp_path / "figure.svg"
     draw_tracking(dataset, "standard", [tmp_path / "standard.svg"])

@@ -54,7 +54,9 @@ def test_every_leaf_of_a_flight_is_an_array_of_fixed_type(storm):
         assert not leaf.weak_type
 
 
-@pytest.mark.parametrize("name", ["storm-sampling", "mixed-fleet", "turning-ships", "uncertain-world"])
+@pytest.mark.parametrize(
+    "name", ["storm-sampling", pytest.param("mixed-fleet", marks=pytest.mark.long), "turning-ships", "uncertain-world"]
+)
 def test_a_moved_goal_gives_the_flight_of_a_new_build(name):
     scenario = load(SCENARIOS / f"{name}.toml")
     build_flight(scenario, pad_fleet=True)

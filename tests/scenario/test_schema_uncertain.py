@@ -278,8 +278,8 @@ def test_the_margin_follows_from_the_filter():
     "tables",
     [
         '[turbulence]\nintensity = "light"',
-        '[navigation]\nsensors = "satellite-inertial"',
-        CAMERA,
+        pytest.param('[navigation]\nsensors = "satellite-inertial"', marks=pytest.mark.long),
+        pytest.param(CAMERA, marks=pytest.mark.long),
         pytest.param(
             '[turbulence]\nintensity = "light"\n[navigation]\nsensors = "satellite-inertial"', marks=pytest.mark.long
         ),

@@ -46,6 +46,7 @@ def ring():
     return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (12, *jnp.shape(leaf))), sample_at(0)))
 
 
+@jax.jit
 def sample_at(k):
     """A sample that changes in every number, linear in time except for the attitude."""
     x = 1.0 * k
@@ -66,7 +67,7 @@ def sample_at(k):
 @pytest.fixture(scope="module")
 def delayed():
     """Delayed readings after each of 30 samples, from a ring buffer for 0.1 s at 10 ms."""
-    samples = jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(sample_at, range(30)))
+    samples = jax.vmap(sample_at)(jnp.arange(30))
 
     @jax.jit
     def all_of(periods):

@@ -136,7 +136,8 @@ def test_interacting_models_are_consistent_in_the_mean(kind):
     np.testing.assert_allclose(normalised_errors(results).mean(), 6.0, rtol=0.1)
 
 
-@pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_the_error_is_close_to_the_cramer_rao_bound(kind):
     """For a goal without noise the posterior bound is the information of all measurements at the truth."""
     still = SteadyMotion(jnp.asarray(1e-12), jnp.asarray(1e-12))
@@ -292,7 +293,7 @@ class TestStoneSoup:
 
     POINTS = SigmaPoints(0.5, 2.0, 0.0)
 
-    @pytest.mark.parametrize("kind", ["ekf", "ukf"])
+    @pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.long)])
     def test_states_equal_stone_soup(self, kind):
         tracker = make_filter((STEADY,), kind, self.POINTS)
         normals = jnp.asarray(np.random.default_rng(11).normal(size=(41, 13)))

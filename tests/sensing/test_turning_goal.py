@@ -180,7 +180,7 @@ def anser_estimates(kind, values, measured_flags):
     return jax.jit(lambda t, s: jax.lax.scan(step, t, s))(track, jax.tree.map(jnp.asarray, samples))[1]
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.long)])
 def test_estimates_of_a_turning_goal_equal_filterpy_s(kind):
     values, measured_flags = measurements()
     assert np.ptp(values[:, 1]) > 6.0

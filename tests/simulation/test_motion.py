@@ -153,6 +153,7 @@ def test_gradient_through_flight_equals_difference_quotient():
     np.testing.assert_allclose(altitude_and_slope(0.01)[1], expected, rtol=1e-6)
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_steps():
     fleet = [make_state(V=V, beta=beta) for V, beta in ((50.0, 0.1), (70.0, -0.05))]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *fleet)

@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import Controls
 from anser.numerics.arrays import Stacked
-from anser.parts import AbstractController, AbstractPlanner, AbstractReference, AbstractSensors
+from anser.parts import AbstractPlanner, AbstractReference, AbstractSensors
 from anser.scenario import build_flight, load
 from anser.sensing import IdealSensors
-from anser.shapes import Scalar, Vector3
+from anser.shapes import Scalar
 from anser.simulation import STATUS_MESSAGES, History, assemble, fly, start_flight
 from anser.simulation.closed_loop import BREAKAWAY, PLAN_TOO_NEAR, TOO_NEAR
+from support.proportional_control import Proportional
 from support.straight_lines import Line, StraightLines
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
@@ -30,28 +30,6 @@ KEYS = (
     "goal_estimate_north",
     "goal_north",
 )
-
-
-class Proportional(AbstractController):
-    """Proportional control of roll angle and path angle around trim: no inversion, no integral."""
-
-    surfaces: Vector3 = eqx.field(default_factory=lambda: jnp.array([-0.03, 0.0, 0.0]))
-
-    def init(self, state, attitude):
-        return {"surfaces": state.surfaces, "throttle": jnp.asarray(0.2), "alpha": attitude[1]}
-
-    def control(self, memory, belief, command, step):
-        condition, rates_b = belief.condition, belief.state.rates_b
-        velocity_n = condition.R_bn.T @ belief.state.velocity_b - condition.wind_n
-        gamma = jnp.arctan2(-velocity_n[2], jnp.hypot(velocity_n[0], velocity_n[1]))
-        chi = jnp.arctan2(velocity_n[1], velocity_n[0])
-        turn = jnp.arctan2(jnp.sin(command.chi - chi), jnp.cos(command.chi - chi))
-        roll = jnp.arctan2(condition.R_bn[1, 2], condition.R_bn[2, 2])
-        bank = jnp.clip(2.0 * turn + belief.condition.air_data.V * command.chi_dot / 9.81, -0.9, 0.9)
-        pitch = 0.35 * (command.gamma - gamma) - 0.4 * rates_b[1] + 0.03 * (jnp.cos(roll) ** -1 - 1.0)
-        surfaces = memory["surfaces"] + jnp.stack([-pitch, -0.4 * (bank - roll) + 0.2 * rates_b[0], 0.4 * rates_b[2]])
-        throttle = jnp.clip(memory["throttle"] + 0.05 * (command.V - condition.air_data.V), 0.0, 1.0)
-        return Controls(surfaces, throttle), None, memory
 
 
 class Biased(AbstractSensors):
@@ -107,6 +85,7 @@ def ordinary():
     return flown(rebuilt(three(), lines()))
 
 
+@pytest.mark.long
 def test_user_defined_planner_controller_and_sensor_fly_a_mission():
     """Straight lines from 9 km away, proportional control, a range 40 m too long."""
     flight = rebuilt(three(), lines(), controller=Proportional(), sensors=Biased(jnp.asarray(40.0)))
@@ -132,6 +111,7 @@ def test_straight_lines_with_the_autopilot_meet_the_rendezvous(ordinary):
     np.testing.assert_allclose(history["clearance"][at], 300.0, atol=5.0)
 
 
+@pytest.mark.long
 def test_a_plan_that_ends_too_near_is_refused_for_a_hold():
     """The plan ends 149 m above the goal."""
     parts = {"controller": Proportional(), "sensors": Biased(jnp.asarray(0.0))}  # the program of the test above

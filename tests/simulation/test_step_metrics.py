@@ -59,6 +59,7 @@ def test_the_surface_utilization_uses_the_travel_on_either_side():
     np.testing.assert_allclose(metrics.surface_utilization, [0.5, 1.0, 0.5], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_metrics():
     measured = np.stack([_channels(1 - np.exp(-k * TIME)) for k in (1.0, 2.0)])
     batch = jax.jit(jax.vmap(metrics_of, in_axes=(0, None)))(measured, jnp.array([1.0, 0.0, 0.0]))

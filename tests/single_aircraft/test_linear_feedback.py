@@ -111,6 +111,7 @@ def test_a_gain_matrix_is_the_regulator_by_its_own_gain():
     assert float(np.ptp(flight.throttle.values)) == 0.0
 
 
+@pytest.mark.long
 def test_the_regulator_leads_one_and_many_simulated_aircraft_back_to_the_trim():
     upset = {**f16().start(level()), "pitch_rate_deg_s": 5.0, "roll_deg": 10.0}
     for start in (upset, [upset] * 4):

@@ -109,6 +109,7 @@ def test_a_doublet_follows_the_textbook_equations_in_numpy():
         assert departure < 1e-6 * max(np.ptp(reference), 1e-3), (name, departure / np.ptp(reference))
 
 
+@pytest.mark.long
 def test_a_function_of_time_and_state_flies_like_the_same_numbers_in_a_table():
     by_function = anser.simulate(
         f16(),
@@ -176,8 +177,9 @@ def test_a_flight_ends_at_the_ground_and_tells_so():
 
 
 def test_a_saved_flight_is_read_again_with_its_picture_and_page(tmp_path):
-    flight = anser.simulate(f16(), level(), duration_s=1.0, record_period_s=0.1)
-    assert flight.dataset.sizes["time"] == 11
+    # rows and stride of the flights for identification, so that the program is theirs
+    flight = anser.simulate(f16(), level(), duration_s=1.0, record_period_s=0.02)
+    assert flight.dataset.sizes["time"] == 51
     folder = flight.save(tmp_path / "flight")
     assert read_netcdf(folder / "flight.nc").equals(flight.dataset)
     page = (folder / "report.html").read_text(encoding="utf-8")
@@ -251,10 +253,12 @@ def test_own_controller_in_the_loop_of_one_aircraft():
     assert float(abs(flight.throttle - 0.15).max()) == 0.0
 
 
+CHANGE = {"time_s": 2.0, "surface_effectiveness": {"elevator": 0.5}, "thrust": 0.8, "mass": 1.1}
+
+
 def test_a_change_during_the_flight_is_flown_from_its_time_on():
     """Until its time the flight is the unchanged one; afterwards open loop equals a start in the changed aircraft."""
-    change = {"time_s": 2.0, "surface_effectiveness": {"elevator": 0.5}, "thrust": 0.8, "mass": 1.1}
-    flown = anser.simulate(f16(), level(), duration_s=SHORT_S, change=change).dataset
+    flown = anser.simulate(f16(), level(), duration_s=SHORT_S, change=CHANGE).dataset
     plain = anser.simulate(f16(), level(), duration_s=SHORT_S).dataset
     before = slice(0.0, 1.995)
     for name in ("alpha_deg", "pitch_rate_deg_s", "airspeed_m_s", "load_factor"):
@@ -267,8 +271,13 @@ def test_a_change_during_the_flight_is_flown_from_its_time_on():
     M_elevator = float(np.asarray(linear.model.B)[linear.model.states.index("Q"), 1])
     slope = float(np.diff(flown["pitch_rate_deg_s"].sel(time=slice(2.0, 2.015)))[0]) / 0.01
     assert slope == pytest.approx(np.degrees(-0.5 * M_elevator * elevator_rad), rel=0.1)
-    # the controller does not know: at the sample of the change the trimmed command stays, two samples later it moves
-    held = anser.simulate(f16(), level(), controller="inversion", duration_s=2.5, change=change).dataset
+    assert '"thrust": 0.8' in flown.attrs["change"]
+
+
+@pytest.mark.long
+def test_the_controller_does_not_know_of_a_change():
+    """At the sample of the change the trimmed command stays; two samples later the elevator moves."""
+    held = anser.simulate(f16(), level(), controller="inversion", duration_s=2.5, change=CHANGE).dataset
     command = np.abs(held["elevator_command_deg"].values - float(held["elevator_command_deg"][0]))
     assert command[200] < 1e-6
     assert command[202] > 1e-2

@@ -148,6 +148,7 @@ def test_local_axes_point_along_the_coordinates(lat, lon):
         np.testing.assert_allclose(sign * np.asarray(axis) / np.linalg.norm(axis), local_axis, atol=5e-15)
 
 
+@pytest.mark.long
 def test_gradients_agree_with_differences():
     p = jnp.array([0.4, -0.7, 0.6])
     check_grads(jax.jit(lambda p, t: ecef_from_eci(p, 1e4 * t, 0.3)), (p, 0.5), order=1)

@@ -185,6 +185,7 @@ def test_gradients_are_finite_at_special_attitudes():
         assert np.all(np.isfinite(jax.jit(jacobian(euler_from_rotation))(exact_vertical)))
 
 
+@pytest.mark.long
 def test_gradients_agree_with_differences():
     q = normalize(jnp.array([0.7, -0.3, 0.5, 0.2]))
     rates = jnp.array([0.3, -0.2, 0.1])

@@ -209,6 +209,7 @@ def test_the_flat_earth_deviates_from_the_tangent_plane_to_second_order():
     assert 7.0 < exact[2] < 8.5  # some eight metres
 
 
+@pytest.mark.long
 def test_gradients_agree_with_differences():
     # In units of 1 for check_grads' steps: kilometres and radians.
     check_grads(

@@ -102,6 +102,7 @@ def test_the_bank_in_vertical_flight_is_finite():
     assert all(np.all(np.isfinite(gradient)) for gradient in gradients)
 
 
+@pytest.mark.long
 def test_gradients_agree_with_differences():
     velocity = jnp.array([1.1, -0.3, 0.4])
     R_bn = rotation_from_euler(0.5, 0.4, -2.0)

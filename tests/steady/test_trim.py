@@ -216,6 +216,7 @@ def test_impossible_balance_is_reported():
     assert trim(F16, STILL, target_deg(150.0)).converged
 
 
+@pytest.mark.long
 def test_vmap_over_a_mixed_fleet_equals_one_at_a_time_and_compiles_once():
     traced_once = jax.jit(eqx.debug.assert_max_traces(jax.vmap(solve_trim, in_axes=(0, None, 0)), max_traces=1))
     for names, speeds in ((("textbook", "founding"), (90.0, 160.0)), (("founding", "s119"), (230.0, 120.0))):
@@ -280,6 +281,7 @@ def test_gradient_in_a_pull_up_equals_difference_quotient(sensitivity):
             assert gradient == pytest.approx(differenced[k], rel=1e-5, abs=1e-12 / h), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("airframe", [F16, glider(F16)], ids=["symmetric", "no solution"])
 def test_gradient_is_finite_in_symmetric_flight_and_without_a_solution(sensitivity, airframe):
     gradient = sensitivity((airframe, STILL, target_deg(150.0)), jnp.ones(4))

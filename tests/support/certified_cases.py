@@ -61,9 +61,12 @@ def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False
     )
 
 
+_stacked_detours = jax.jit(jax.vmap(detour))
+
+
 def detours_of(shapes, sides):
     """Stacked detours; the shapes are indices."""
-    return jax.vmap(detour)(jnp.asarray(shapes), jnp.asarray(sides, dtype=float))
+    return _stacked_detours(jnp.asarray(shapes), jnp.asarray(sides, dtype=float))
 
 
 def picked(tree, k):

@@ -39,7 +39,7 @@ def flight(manoeuvre, speed_m_s=150.0, altitude_m=1000.0):
     controls, duration_s = {
         "doublet": ({"elevator": anser.doublet(1.0)}, 10.0),
         "3211": ({"elevator": anser.three_two_one_one(0.7, width_s=0.5)}, 10.0),
-        "lateral": ({"aileron": anser.doublet(1.0), "rudder": anser.doublet(2.0, start_s=4.0)}, 12.0),
+        "lateral": ({"aileron": anser.doublet(1.0), "rudder": anser.doublet(2.0, start_s=4.0)}, 10.0),
         "multisine": ({"elevator": sines(0, 0.8), "aileron": sines(1, 1.5), "rudder": sines(2, 1.5)}, 22.0),
     }[manoeuvre]
     trim = f16().trim(speed_m_s=speed_m_s, altitude_m=altitude_m)

@@ -23,6 +23,7 @@ def test_the_pull_up_equals_the_printed_matrices():
     assert_passes(PULL_UP, 5 * 5 + 4 * 4 + 9 * 4)
 
 
+@pytest.mark.long
 def test_the_five_modes_of_level_flight_agree():
     assert_passes(MODES, 3 * 5)
 
@@ -32,6 +33,7 @@ def test_the_tolerance_is_half_the_last_digit():
     np.testing.assert_allclose(printed_tolerances(printed), [[0.5, 0.5e-4, 0.5e-4, 0.5], [5e-13] * 4], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_a_changed_centre_of_mass_is_detected():
     aircraft = eqx.tree_at(lambda a: a.f16.x_cg, textbook_aircraft(0.30), jnp.asarray(0.31, dtype=float))
     _, model = linear_flight(aircraft, textbook_environment(), trim_target(502 * FOOT_M, 0.0, pitch_rate=0.3))

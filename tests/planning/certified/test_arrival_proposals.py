@@ -147,6 +147,7 @@ def test_proposals_end_at_the_latest_arrival_or_the_window():
     assert max(times.max() for times, _ in planned(window, lambda times, kind: times > 1e9)[1]) <= 70.0
 
 
+@pytest.mark.long
 def test_a_fleet_without_an_active_aircraft_is_put_off_by_nothing():
     window = fleet_of((9000.0, 0.0, -1700.0), rule="windows", windows_s=np.array([[50.0, 70.0]]))
     nobody = FleetTask(eqx.tree_at(lambda t: t.active, window.tasks, jnp.zeros(SIZE)), window.airspace, window.request)

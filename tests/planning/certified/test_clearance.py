@@ -197,6 +197,7 @@ def test_the_chord_error_is_the_sagitta_of_the_acceleration():
     np.testing.assert_allclose(chord_error_bound(jnp.array([8.0, 2.0]), number(0.5)), [0.25, 0.0625], rtol=1e-15)
 
 
+@pytest.mark.long
 def test_gradients_are_finite_in_a_collision_and_at_rest():
     positions = jnp.zeros((INTERVALS + 1, 3))
     track = Track(positions, jnp.zeros(INTERVALS), jnp.ones(INTERVALS))

@@ -186,7 +186,7 @@ def test_no_detour_is_shorter_than_the_direct_path_and_none_is_endless(distant):
     endpoints, directs, _ = distant
     base = shortest(directs)
     for factor in (0.9, 1e4):
-        (solved, shapes), _ = solve_detours(endpoints, base, jnp.full(CASES, factor))
+        (solved, shapes), _ = solve_detours(endpoints, base, jnp.full(CASES, factor, dtype=float))
         assert not np.any(np.asarray(solved.exists))
         # What does not exist is a number all the same.
         assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves((solved, shapes)))
@@ -195,7 +195,7 @@ def test_no_detour_is_shorter_than_the_direct_path_and_none_is_endless(distant):
 def test_detours_with_a_free_end_meet_it():
     endpoints = random_ends(13, CASES, 6.0, 20.0, free=True)
     base = shortest(solve_directs(endpoints)[0])
-    (solved, shapes), _ = solve_detours(endpoints, base, jnp.full(CASES, 1.2))
+    (solved, shapes), _ = solve_detours(endpoints, base, jnp.full(CASES, 1.2, dtype=float))
     exists = np.asarray(solved.exists)
     assert np.mean(exists) > 0.5
     lead_to(shapes, endpoints, exists, headings=False)
@@ -226,6 +226,7 @@ def test_racetracks_have_any_length_from_a_lap_on(distant):
         assert np.all(np.sign(np.asarray(solved.angles)[..., 0]) == [1.0, -1.0])
 
 
+@pytest.mark.long
 def test_batches_equal_single_solutions(distant):
     endpoints, directs, _ = distant
     single = compiled_quickly(all_words)
@@ -235,6 +236,7 @@ def test_batches_equal_single_solutions(distant):
         np.testing.assert_allclose(shape.length, directs.length[k], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_derivatives_by_the_target_length_are_implicit_and_finite(distant):
     endpoints, directs, _ = distant
     base, shape = picked(shortest(directs), 5), picked(DETOURS, 0)
@@ -253,6 +255,7 @@ def test_derivatives_by_the_target_length_are_implicit_and_finite(distant):
     assert np.max(np.abs(slopes)) > 1e-6
 
 
+@pytest.mark.long
 def test_direct_length_has_finite_derivatives_that_are_its_rates(distant):
     endpoints = picked(distant[0], 3)
 

@@ -48,6 +48,7 @@ def test_an_exit_path_starts_smoothly_and_ends_straight_and_level(turn, wind):
         np.testing.assert_allclose(drifting[1], wind.at(jnp.asarray(late[0] + drifting[0]), 0.0), atol=2e-3)
 
 
+@pytest.mark.long
 def test_gradients_and_batches():
     wind = SteadyWind(jnp.array([5.0, 3.0, 0.0]))
     path = climbing_turn()

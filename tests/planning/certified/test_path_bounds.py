@@ -291,6 +291,7 @@ def test_a_wind_without_bounds_is_refused():
         path_bounds(path, Gusts(), GRAVITY)
 
 
+@pytest.mark.long
 def test_batches_equal_single_paths(flown):
     wind, *_, paths, bounds, _ = flown
     single = bound_one(picked(paths, 1), wind, GRAVITY)

@@ -161,7 +161,7 @@ def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(lay
     np.testing.assert_allclose(lengths, layered.lengths, atol=1e-8)  # rounding of 1e5 m
     np.testing.assert_allclose(drifts, layered.drifts_n, atol=1e-8)
     np.testing.assert_allclose(times, intervals, atol=1e-8)
-    between = DURATION[:, None] * np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 60))
+    between = DURATION[:, None] * np.sort(np.random.default_rng(1).uniform(0.0, 1.0, INTERVALS + 1))
     lengths, drifts, speeds, winds, times = (np.asarray(x) for x in read(layered, jnp.asarray(between)))
     # Two Newton steps from a straight line in a tick of 2 s, in which the speed changes by a hundredth.
     np.testing.assert_allclose(times, between, atol=1e-5)
@@ -226,6 +226,7 @@ def test_excess_is_measured_against_each_limit(layered):
     assert within_profile_limits(excesses[0].at[2].set(0.0))
 
 
+@pytest.mark.long
 def test_gradients_are_finite_for_level_flight_at_steady_speed():
     def outcome(altitude, speed, duration):
         final_speed = mean_to_last_speed(speed, 150.0, duration)

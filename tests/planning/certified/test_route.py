@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from anser.compiling.options import compiled_quickly
 from anser.planning.certified.routes import LEGS, TURNS, PathEndpoints, TurnsAndLegs, chain_turns, roll_out, route
@@ -136,6 +137,7 @@ def test_rolling_out_of_a_straight_start_has_no_length():
     assert initial.heading == straight.heading
 
 
+@pytest.mark.long
 def test_gradients_are_finite_with_a_turn_of_no_angle():
     def end(angles, legs, curvature):
         shape = flown(PathEndpoints(**{**vars(picked(ENDS, 0)), "curvature": curvature}), angles, legs)

@@ -82,12 +82,14 @@ def lead_to_their_ends(shape, solved, endpoints=ENDS):
     assert np.all(heading_error[exists] < 1e-9)
 
 
+@pytest.mark.long
 def test_zero_width_leaves_the_path_unchanged(solutions):
     base, _, same, _, _ = solutions
     np.testing.assert_allclose(same.length, base.length, rtol=1e-9)
     np.testing.assert_array_equal(same.scales, 1.0)
 
 
+@pytest.mark.long
 def test_direct_paths_of_wide_turns_are_longer_the_wider_they_are(solutions):
     base, wide, _, _, _ = solutions
     assert np.mean(wide.exists) > 0.8
@@ -100,6 +102,7 @@ def test_direct_paths_of_wide_turns_are_longer_the_wider_they_are(solutions):
     assert np.all(wide.length[exists, 0] >= wide.length[exists, -1] * (1.0 - 1e-9))
 
 
+@pytest.mark.long
 def test_detours_of_wide_turns_are_as_long_and_bank_less(solutions):
     base, _, _, ((tight, _, sharp), (wider, shape, gentle)), _ = solutions
     assert np.array_equal(wider.exists | tight.exists, wider.exists)
@@ -111,6 +114,7 @@ def test_detours_of_wide_turns_are_as_long_and_bank_less(solutions):
     assert np.median(gentle[exists] / sharp[exists]) < 0.6  # most have room
 
 
+@pytest.mark.long
 def test_racetracks_of_wide_turns_are_as_long_and_bank_less(solutions):
     _, _, _, _, (longer, ((tight, _, sharp), (wider, shape, gentle))) = solutions
     assert np.all(wider.exists == (wider.exists | tight.exists))

@@ -63,7 +63,7 @@ def test_paths_that_may_be_flown_keep_clear_of_each_other(seed, count, up, delay
         knowledge = KnowledgeMatrix(
             knowledge.clocks, knowledge.times, jnp.asarray(tokens), jnp.asarray(acknowledged), knowledge.delays
         )
-        clocks = jnp.full(count, float(k))
+        clocks = jnp.full(count, float(k), dtype=float)
         alternative, agreed = np.asarray(state.alternative), np.asarray(state.agreed_paths)
         previous = np.asarray(state.agreed_paths)
         state, accepted = process(

@@ -185,7 +185,7 @@ def test_a_late_fleet_has_an_arrival_time(part):
 @pytest.mark.long
 def test_a_fleet_late_by_more_than_its_path_is_refused_with_finite_numbers():
     case = published_fleet()
-    plan = plan_arrival(replace(case, path_length_deficit=jnp.full(3, 2e4)))
+    plan = plan_arrival(replace(case, path_length_deficit=jnp.full(3, 2e4, dtype=float)))
     assert np.all(plan.status == NO_COMMON_TIME)
     assert not np.any(plan.converged)
     # The time along straight lines at the airspeed stands in: 9 km for the farthest.

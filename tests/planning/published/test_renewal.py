@@ -39,7 +39,7 @@ def flights():
     for even, deceleration in ((False, 1.0), (True, 1.0), (True, 20.0)):
         for seed, wind in ((None, [0.0, 0.0, 0.0]), (None, WIND), (2, WIND), (8, WIND)):
             tasks = published_fleet() if seed is None else random_fleet(seed, 40.0)
-            tasks = replace(in_wind(tasks, wind), deceleration=jnp.full(3, deceleration))
+            tasks = replace(in_wind(tasks, wind), deceleration=jnp.full(3, deceleration, dtype=float))
             planned.append((tasks, plan_at(100.0, tasks, jnp.array([1.0, -1.0, 1.0]), even), even))
     return planned
 
@@ -103,7 +103,7 @@ def test_prescribed_arrival_directions_are_kept():
     tasks = replace(
         in_wind(published_fleet(), WIND),
         rendezvous=jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), rendezvous),
-        deceleration=jnp.full(3, 0.5),
+        deceleration=jnp.full(3, 0.5, dtype=float),
     )
     plan = plan_at(100.0, tasks, RIGHT, True)
     # The descent asks for more than the fleet's speed here, which the crab angle hangs on.
@@ -147,7 +147,7 @@ def swerve(tasks):
 
 @pytest.mark.parametrize("even", [False, True])
 def test_a_swerving_goal_leads_to_a_new_coordination(even):
-    tasks = replace(published_fleet(), deceleration=jnp.full(3, 4.0))
+    tasks = replace(published_fleet(), deceleration=jnp.full(3, 4.0, dtype=float))
     plan = plan_at(100.0, tasks, RIGHT, even)
     time, later = predicted(tasks, plan, 0.4)
     replanned = replanned_plan(plan, time, swerve(later), even)
@@ -205,7 +205,7 @@ def test_the_speed_of_a_fast_descending_fleet_is_not_raised():
     # to that, again and again, the plan once ran away from 157 to 250 m/s.
     high = random_fleet(2, 40.0)
     down = jnp.array([[0.0, 0.0, 1.0]])
-    high = replace(high, position_n=high.position_n - 1500.0 * down, deceleration=jnp.full(3, 0.4))
+    high = replace(high, position_n=high.position_n - 1500.0 * down, deceleration=jnp.full(3, 0.4, dtype=float))
     plan = plan_at(100.0, high, RIGHT, True)
     time, later = predicted(high, plan, 0.6)
     faster = replace(

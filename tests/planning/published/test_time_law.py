@@ -335,6 +335,7 @@ def test_the_gradient_equals_finite_differences(even):
         np.testing.assert_allclose(analytic, (forward - backward) / 2e-4, rtol=1e-5, atol=1e-4)
 
 
+@pytest.mark.long
 def test_a_batch_equals_single_paths():
     paths = [published_path(-30.0, b_4) for b_4 in (0.0, 0.005, 0.01)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *paths)
