@@ -1,11 +1,12 @@
 """Contrast of the pages in the light and the dark scheme, by WCAG 2.2 AA."""
 
+import io
 import re
 
 import pytest
 
 from anser.report.page_templates import read_asset
-from anser.report.style import COLORS, DARK_COLORS
+from anser.report.style import COLORS, DARK_COLORS, PRINT_STYLE, drawn_figure, new_figure
 
 BACKGROUNDS = ("paper", "panel", "chosen", "pressed")
 TEXTS = [
@@ -44,3 +45,20 @@ def test_aircraft_colours_have_enough_contrast_in_the_dark():
     paper = style_colors()["paper"][1]
     assert len(DARK_COLORS) == len(COLORS)
     assert {color for color in DARK_COLORS if contrast(color, paper) < 3.0} == set()
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".png", ".pdf"])
+def test_a_drawn_figure_is_the_file_of_savefig(suffix):
+    matplotlib, figure = new_figure((3.0, 2.0))
+    with matplotlib.rc_context(PRINT_STYLE):
+        axes = figure.subplots()
+        axes.plot([0.0, 1.0, 2.0], [0.0, 40.0, 20.0], label="altitude")
+        axes.set(xlabel="time, s", ylabel="altitude, m", title="a title")
+        axes.legend()
+        canvas, dpi = figure.canvas, figure.dpi
+        content = drawn_figure(figure, suffix, dpi=160)
+        assert (figure.canvas, figure.dpi) == (canvas, dpi)
+        saved = io.BytesIO()
+        names = {".svg": ["Date"], ".png": ["Software"], ".pdf": ["CreationDate", "Producer", "Creator"]}
+        figure.savefig(saved, format=suffix[1:], dpi=160, metadata=dict.fromkeys(names[suffix]))
+    assert content == saved.getvalue()

@@ -3,7 +3,6 @@
 import base64
 import functools
 import hashlib
-import io
 import json
 from collections.abc import Sequence
 from importlib.resources import files
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from anser.report.style import page_color_of, page_colors
+from anser.report.style import drawn_figure, page_color_of, page_colors
 from anser.results.arrival import format_duration
 
 if TYPE_CHECKING:
@@ -45,9 +44,7 @@ def svg_markup(figure: "Figure") -> "Markup":
     """Return a figure as an SVG element for a page."""
     from markupsafe import Markup
 
-    content = io.StringIO()
-    figure.savefig(content, format="svg", metadata={"Date": None})
-    text = content.getvalue()
+    text = drawn_figure(figure, ".svg").decode()
     return Markup(text[text.index("<svg") :])
 
 

@@ -1,6 +1,7 @@
 """Style of figures and pages: colours, line styles of aircraft, and reproducible figure files."""
 
 import functools
+import importlib
 import io
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -84,6 +85,11 @@ PRINT_STYLE: dict[str, Any] = {
 }
 MAP_STYLE: dict[str, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.titlesize": 9}
 """Style of maps over the envelope and of studies."""
+_CANVASES = {
+    ".svg": ("backend_svg", "FigureCanvasSVG", "print_svg"),
+    ".png": ("backend_agg", "FigureCanvasAgg", "print_png"),
+    ".pdf": ("backend_pdf", "FigureCanvasPdf", "print_pdf"),
+}
 _METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {"Software": None},
@@ -113,9 +119,7 @@ def _figure_class() -> Any:
         """A figure that needs no window."""
 
         def _repr_png_(self) -> bytes:
-            content = io.BytesIO()
-            self.savefig(content, format="png", dpi=120)
-            return content.getvalue()
+            return drawn_figure(self, ".png", dpi=120)
 
     return Drawing
 
@@ -144,11 +148,27 @@ def marker_style(index: int) -> dict[str, Any]:
 
 def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
     """Write a figure to files, in formats by suffix; raises FileExistsError if one exists, unless `overwrite`."""
-    for path in paths:
-        content = io.BytesIO()  # in memory: on a full disk, matplotlib would raise misleading errors
-        figure.savefig(content, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
-        write_file(path, content.getvalue(), overwrite=overwrite)
+    for path in paths:  # in memory first: on a full disk, matplotlib would raise misleading errors
+        write_file(path, drawn_figure(figure, path.suffix, dpi=160), overwrite=overwrite)
         figure.set_layout_engine("none")  # the layout is computed only once
+
+
+def drawn_figure(figure: "Figure", suffix: str, dpi: float | None = None) -> bytes:
+    """Return the content of a figure's file (`.svg`, `.png` or `.pdf`); `dpi` None: the resolution of the figure.
+
+    The content is that of `figure.savefig`, which draws each figure twice: the first time for its layout alone.
+    """
+    module, canvas, method = _CANVASES[suffix]
+    content, previous = io.BytesIO(), (figure.canvas, figure.dpi)
+    try:
+        if dpi is not None:
+            figure.dpi = dpi
+        printer = getattr(importlib.import_module(f"matplotlib.backends.{module}"), canvas)(figure)
+        getattr(printer, method)(content, metadata=_METADATA[suffix])
+    finally:
+        figure.set_canvas(previous[0])
+        figure.dpi = previous[1]
+    return content.getvalue()
 
 
 def save_drawings(
