@@ -6,7 +6,7 @@ import re
 import pytest
 
 from anser.report.page_templates import read_asset
-from anser.report.style import COLORS, DARK_COLORS, PRINT_STYLE, drawn_figure, new_figure
+from anser.report.style import COLORS, DARK_COLORS, PRINT_STYLE, figure_content, new_figure
 
 BACKGROUNDS = ("paper", "panel", "chosen", "pressed")
 TEXTS = [
@@ -48,7 +48,7 @@ def test_aircraft_colours_have_enough_contrast_in_the_dark():
 
 
 @pytest.mark.parametrize("suffix", [".svg", ".png", ".pdf"])
-def test_a_drawn_figure_is_the_file_of_savefig(suffix):
+def test_a_figure_content_is_the_file_of_savefig(suffix):
     matplotlib, figure = new_figure((3.0, 2.0))
     with matplotlib.rc_context(PRINT_STYLE):
         axes = figure.subplots()
@@ -56,7 +56,7 @@ def test_a_drawn_figure_is_the_file_of_savefig(suffix):
         axes.set(xlabel="time, s", ylabel="altitude, m", title="a title")
         axes.legend()
         canvas, dpi = figure.canvas, figure.dpi
-        content = drawn_figure(figure, suffix, dpi=160)
+        content = figure_content(figure, suffix, dpi=160)
         assert (figure.canvas, figure.dpi) == (canvas, dpi)
         saved = io.BytesIO()
         names = {".svg": ["Date"], ".png": ["Software"], ".pdf": ["CreationDate", "Producer", "Creator"]}

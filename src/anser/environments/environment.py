@@ -35,8 +35,8 @@ from anser.units import RAD_DEG
 
 Observations = Float[Array, "*aircraft entry"]
 Actions = Float[Array, "*aircraft action"]
-_EPISODE = np.uint32(0x9E3779B9)
-"""Separates the random numbers of an episode from those that its user draws with the same key."""
+_EPISODE_MASK = np.uint32(0x9E3779B9)
+"""An arbitrary number that separates an episode's random numbers from those that a user draws with the same key."""
 _ALPHA_MARGIN_DEG = 10.0
 """Angle of attack beyond the aircraft's data at which an episode ends, deg."""
 
@@ -149,7 +149,7 @@ class AbstractEnvironment(abc.ABC):
         if entropy.shape != (2,):
             raise ValueError(f"key: arrived words of shape {entropy.shape}; expected (2,), as of jax.random.key(seed)")
         row = ((entropy[0] ^ entropy[1]) % np.uint32(len(params.decisions))).astype(jnp.int32)
-        state = self.start_of_case(row, entropy ^ _EPISODE, params)
+        state = self.start_of_case(row, entropy ^ _EPISODE_MASK, params)
         if params.observations is not None:
             return params.observations[row], state
         return self.observe(key, state, None, params), state

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from anser.report.style import drawn_figure, page_color_of, page_colors
+from anser.report.style import figure_content, page_color_of, page_colors
 from anser.results.arrival import format_duration
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def svg_markup(figure: "Figure") -> "Markup":
     """Return a figure as an SVG element for a page."""
     from markupsafe import Markup
 
-    text = drawn_figure(figure, ".svg").decode()
+    text = figure_content(figure, ".svg").decode()
     return Markup(text[text.index("<svg") :])
 
 

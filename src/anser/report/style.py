@@ -119,7 +119,7 @@ def _figure_class() -> Any:
         """A figure that needs no window."""
 
         def _repr_png_(self) -> bytes:
-            return drawn_figure(self, ".png", dpi=120)
+            return figure_content(self, ".png", dpi=120)
 
     return Drawing
 
@@ -149,25 +149,25 @@ def marker_style(index: int) -> dict[str, Any]:
 def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
     """Write a figure to files, in formats by suffix; raises FileExistsError if one exists, unless `overwrite`."""
     for path in paths:  # in memory first: on a full disk, matplotlib would raise misleading errors
-        write_file(path, drawn_figure(figure, path.suffix, dpi=160), overwrite=overwrite)
+        write_file(path, figure_content(figure, path.suffix, dpi=160), overwrite=overwrite)
         figure.set_layout_engine("none")  # the layout is computed only once
 
 
-def drawn_figure(figure: "Figure", suffix: str, dpi: float | None = None) -> bytes:
+def figure_content(figure: "Figure", suffix: str, dpi: float | None = None) -> bytes:
     """Return the content of a figure's file (`.svg`, `.png` or `.pdf`); `dpi` None: the resolution of the figure.
 
     The content is that of `figure.savefig`, which draws each figure twice: the first time for its layout alone.
     """
-    module, canvas, method = _CANVASES[suffix]
-    content, previous = io.BytesIO(), (figure.canvas, figure.dpi)
+    module, canvas_class, method = _CANVASES[suffix]
+    canvas, resolution, content = figure.canvas, figure.dpi, io.BytesIO()
     try:
         if dpi is not None:
             figure.dpi = dpi
-        printer = getattr(importlib.import_module(f"matplotlib.backends.{module}"), canvas)(figure)
+        printer = getattr(importlib.import_module(f"matplotlib.backends.{module}"), canvas_class)(figure)
         getattr(printer, method)(content, metadata=_METADATA[suffix])
     finally:
-        figure.set_canvas(previous[0])
-        figure.dpi = previous[1]
+        figure.set_canvas(canvas)
+        figure.dpi = resolution
     return content.getvalue()
 
 

@@ -342,16 +342,13 @@ class AdaptiveEstimator(AbstractEstimator):
         condition = belief.condition
         increment = corrected.increment(condition.air_data, belief.state.rates_b, belief.state.surfaces)
         condition = eqx.tree_at(lambda c: c.aerodynamic, condition, condition.aerodynamic + increment)
+        estimates = AerodynamicEstimates(
+            state.derivatives, state.increments, state.covariance, state.faults.code, state.faults.size
+        )
         return eqx.tree_at(
             lambda b: (b.airframe, b.condition, b.estimates),
             belief,
-            (
-                corrected,
-                condition,
-                AerodynamicEstimates(
-                    state.derivatives, state.increments, state.covariance, state.faults.code, state.faults.size
-                ),
-            ),
+            (corrected, condition, estimates),
             is_leaf=lambda leaf: leaf is None,
         )
 
