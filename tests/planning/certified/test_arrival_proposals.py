@@ -181,11 +181,11 @@ def test_the_outcome_has_the_last_failed_attempt_before_the_plan(monkeypatch, st
     """Paths exist from 66 s on; with the standard candidates only later, so that some later attempts fail too."""
     first_s = 66.0
 
-    def plan_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
+    def plans_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
         is_late = np.asarray(times) >= first_s * (standard_delay if candidate_set in (MINIMAL, STANDARD) else 1.0)
-        return SimpleNamespace(arrival_times=np.asarray(times), feasible=is_late, candidate_set=candidate_set)
+        yield SimpleNamespace(arrival_times=np.asarray(times), feasible=is_late, candidate_set=candidate_set)
 
-    monkeypatch.setattr(search_module, "plan_at", plan_at)
+    monkeypatch.setattr(search_module, "plans_at", plans_at)
     fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
     outcome = search(0.0, fleet.tasks, fleet.airspace, fleet.request)
     assert first_s <= outcome.plan.arrival_times[0] <= first_s * NEAR_ENOUGH
@@ -200,11 +200,12 @@ def test_extra_candidates_are_not_tried_for_want_of_a_hold(monkeypatch):
     """Paths are proven at every time; holds exist from 75 s on."""
     first_s, candidate_sets = 75.0, []
 
-    def plan_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
+    def plans_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
         candidate_sets.append(candidate_set)
-        return SimpleNamespace(arrival_times=np.asarray(times), feasible=np.ones(SIZE, dtype=bool))
+        for _ in range(2):
+            yield SimpleNamespace(arrival_times=np.asarray(times), feasible=np.ones(SIZE, dtype=bool))
 
-    monkeypatch.setattr(search_module, "plan_at", plan_at)
+    monkeypatch.setattr(search_module, "plans_at", plans_at)
     fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
     outcome = search(
         0.0,

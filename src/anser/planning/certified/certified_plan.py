@@ -33,6 +33,7 @@ from anser.planning.certified.clearance import (
     Track,
     bounded_track,
     clearance_from_keep_outs,
+    continue_straight,
     fleet_clearance_ratio,
     fleet_clearance_ratios,
     fleet_cylinders,
@@ -323,19 +324,28 @@ def _choose_and_certify(
     fixed_paths: FixedPaths | None,
     members: Bool[Array, " candidates"] | None = None,  # candidates to choose from; None: all
     extra: tuple[Candidates, ...] = (),  # further candidates, the splines last
+    # time after its arrival, s, for which each aircraft is kept separated, as far as possible, while it flies straight
+    # on; None: none
+    look_ahead: ScalarLike | None = None,
 ) -> CertifiedPlan:
     """Choose among candidates, and certify the plan."""
     if members is not None:
         present = candidates.valid & members[None], jnp.where(members[None], candidates.cost, ABSENT)
         candidates = eqx.tree_at(lambda c: (c.valid, c.cost), candidates, present)
     candidates = functools.reduce(concatenate_candidates, extra, candidates)
-    fleet = jnp.arange(durations.shape[0])
+    fleet, continuing = jnp.arange(durations.shape[0]), tasks.active > 0.0
     if fixed_paths is not None:
+        continuing = continuing & ~fixed_paths.selected
         candidates = _with_fixed_paths(candidates, fixed_paths, airspace, start_time, durations, intervals)
         tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(fixed_paths.selected, 1.0, tasks.active))
 
+    compared = candidates
+    if look_ahead is not None:
+        tracks = continue_straight(candidates.tracks, durations, look_ahead, continuing)
+        compared = eqx.tree_at(lambda c: c.tracks, candidates, tracks)
+
     def place_and_certify(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placement]:
-        remaining = eqx.tree_at(lambda c: c.valid, candidates, valid)
+        remaining = eqx.tree_at(lambda c: c.valid, compared, valid)
         placement = place_candidates(remaining, airspace.separation, choice_order(remaining))
         paths, arrivals = candidates.paths(start_time, placement.chosen), start_time + durations
         if fixed_paths is not None:
@@ -364,7 +374,15 @@ _generate = compiled_by_older_generator(("intervals", "candidate_set"), "paths")
 _choose = compiled_by_older_generator(("intervals",), "choice of paths")(_choose_and_certify)
 
 
-def plan_at(
+LOOK_AHEAD_S = 5.0
+"""Time after the arrivals, s, in which the second choice of `plans_at` keeps aircraft separated that fly straight on.
+
+Two aircraft that meet after their arrivals close at up to twice their airspeed, so that no turn into a hold separates
+them in this time.
+"""
+
+
+def plans_at(
     start_time: ScalarLike,
     tasks: AircraftTask,
     airspace: Airspace,
@@ -374,8 +392,11 @@ def plan_at(
     extra_for: Bool[Array, " aircraft"]
     | None = None,  # aircraft that get `candidate_set.extra`; None: every active one
     fixed_paths: FixedPaths | None = None,
-) -> CertifiedPlan:
-    """Choose and certify candidates as `plan_fleet_at` does, by a compiled program for each part; same arguments.
+) -> Iterator[CertifiedPlan]:
+    """Yield two plans: candidates chosen as by `plan_fleet_at`, then with regard to the time after the arrivals.
+
+    The arguments are those of `plan_fleet_at`. The second choice keeps aircraft separated for `LOOK_AHEAD_S` after the
+    arrivals, as far as possible, for cases without holds after the first choice.
 
     One program generates the candidates of `STANDARD`, of which smaller sets are members, for as many profiles as the
     set needs; a program for each kind of extra candidates generates these; one program chooses and certifies. Absent
@@ -393,7 +414,20 @@ def plan_at(
             _generate.prepare(*arguments, intervals, kind, selected).start()
         extra[extra_set] = _generate(*arguments, intervals, extra_set, selected)
     choice = _choice_arguments(candidates, intervals, candidate_set, extra, fixed_paths)
-    return _choose(*arguments, *choice)
+    for look_ahead_s in (0.0, LOOK_AHEAD_S):
+        yield _choose(*arguments, *choice, as_array(look_ahead_s))
+
+
+def plan_at(
+    start_time: ScalarLike,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    intervals: int,
+    candidate_set: CandidateSet,
+) -> CertifiedPlan:
+    """Choose and certify candidates as `plan_fleet_at` does, by the compiled programs of `plans_at`."""
+    return next(plans_at(start_time, tasks, airspace, durations, intervals, candidate_set))
 
 
 def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
@@ -403,7 +437,8 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
     candidates = _generate.prepare(*arguments, intervals, STANDARD, profile_count=_profile_count(MINIMAL))
     yield candidates
     extra = _absent_extra(candidates.shapes, STANDARD.extra)
-    yield _choose.prepare(*arguments, *_choice_arguments(candidates.shapes, intervals, STANDARD, extra, None))
+    choice = _choice_arguments(candidates.shapes, intervals, STANDARD, extra, None)
+    yield _choose.prepare(*arguments, *choice, as_array(0.0))
 
 
 def prepare_extra_candidates(

@@ -25,6 +25,7 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 _TINY = 1e-9  # m^2
+_ROUNDING_S = 1e-6  # of instants
 
 
 class Track(eqx.Module):
@@ -77,6 +78,33 @@ def clearance_from_keep_outs(
         return jnp.min(jnp.where(track.included > 0.0, clearance, jnp.inf))
 
     return jax.vmap(volume_clearance)(volumes)
+
+
+CONTINUATION_INTERVALS = 4
+"""Intervals that `continue_straight` appends to a track; a multiple of `INTERVALS_PER_CYLINDER`."""
+
+
+def continue_straight(
+    tracks: Track,  # tracks from time 0 to the last of the arrivals, (aircraft, candidate, ...)
+    arrivals: Float[Array, " aircraft"],  # times of arrival, s, to which the tracks are included
+    seconds: ScalarLike,  # duration for which each track is included after its arrival, s; 0: as before
+    continuing: Bool[Array, " aircraft"],  # mask of the aircraft whose tracks are continued
+) -> Track:
+    """Continue tracks beyond the arrivals at constant velocity, as an aircraft flies before it turns into its hold."""
+    last_s, intervals = jnp.max(arrivals), tracks.error_bound.shape[-1]
+    step = last_s / intervals
+    ends_n = tracks.positions_n[..., -1:, :]
+    velocities_n = (ends_n - tracks.positions_n[..., -2:-1, :]) / step
+    later = seconds / CONTINUATION_INTERVALS * jnp.arange(CONTINUATION_INTERVALS + 1)
+    begins = jnp.concatenate([step * jnp.arange(intervals), last_s + later[:-1]])
+    since_arrival = begins - arrivals[:, None] + _ROUNDING_S
+    after_arrival = continuing[:, None] & (since_arrival >= 0.0) & (since_arrival < seconds)
+    appended = jnp.zeros((*tracks.error_bound.shape[:-1], CONTINUATION_INTERVALS))
+    return Track(
+        jnp.concatenate([tracks.positions_n, ends_n + later[1:, None] * velocities_n], axis=-2),
+        jnp.concatenate([tracks.error_bound, appended], axis=-1),
+        jnp.where(after_arrival[:, None], 1.0, jnp.concatenate([tracks.included, appended], axis=-1)),
+    )
 
 
 def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
@@ -297,7 +325,7 @@ def route_track(
     bound = jnp.minimum(
         jnp.maximum(motions.acceleration[1:], motions.acceleration[:-1]) + ramp_allowance, acceleration_max / tightest
     )
-    included = active * jnp.where(times[:-1] < table.profile.duration - 1e-6, 1.0, 0.0)
+    included = active * jnp.where(times[:-1] < table.profile.duration - _ROUNDING_S, 1.0, 0.0)
     return Track(motions.position_n, chord_error_bound(bound, step), included), jnp.all(motions.within_limits)
 
 
@@ -324,7 +352,7 @@ def path_track(
     bounds = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
     for touched in (first_cells, last_cells):
         bounds = bounds.at[jnp.clip(touched, 0, count - 1)].max(accelerations)
-    flown = (times[:-1] < path.times[-1] - 1e-6) & (times[1:] > jnp.maximum(from_time, path.times[0]))
+    flown = (times[:-1] < path.times[-1] - _ROUNDING_S) & (times[1:] > jnp.maximum(from_time, path.times[0]))
     included = active * jnp.where(flown, 1.0, 0.0)
     return Track(positions, chord_error_bound(bounds, step), included)
 

@@ -421,7 +421,7 @@ def correct_or_replace_plan(
     for delay, limits in problem.ladder.attempts():
         durations = as_array(times_to_go + delay)
         tasks_with_limits = _with_limits(problem.planned_tasks, limits)
-        new_plan = plan_at(time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL, None)
+        new_plan = plan_at(time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL)
         is_new, new_plan = _accept(problem, new_plan, durations)
         if is_new:
             return new_plan, REPLANNED

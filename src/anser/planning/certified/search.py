@@ -32,7 +32,7 @@ from anser.planning.certified.certified_plan import (
     CertifiedPlan,
     FixedPaths,
     choose_interval_count,
-    plan_at,
+    plans_at,
 )
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLINES, WITH_TURN_LEG_PATHS, CandidateSet
@@ -502,27 +502,34 @@ class _Search:
     ) -> _Attempt:
         """Make a plan for arrival times (s); return it with the aircraft that fail before or after their arrivals.
 
-        A plan of which only holds are missing is stored as `plan_without_holds`.
+        If only holds are missing, the plan is stored as `plan_without_holds`, and paths are chosen once more with
+        regard to the time after the arrivals.
         """
-        fleet = self.fleet
-        plan = plan_at(
+        plans = plans_at(
             self.start_time,
-            fleet.tasks,
-            fleet.airspace,
+            self.fleet.tasks,
+            self.fleet.airspace,
             as_array(times),
             choose_interval_count(float(np.max(times))) if self.intervals is None else self.intervals,
             candidate_set,
             None if extra_for is None else as_array(extra_for, bool),
             *(() if self.fixed_paths is None else (self.fixed_paths,)),
         )
-        failed = fleet.active & ~np.asarray(plan.feasible)
-        fails_after_arrival = False
-        if not failed.any():
-            failed = fleet.active & self.failed_after_arrival(plan)
-            fails_after_arrival = bool(failed.any())
-            if fails_after_arrival:
-                self.plan_without_holds = plan
-        return _Attempt(times, candidate_set, failed, plan, fails_after_arrival)
+        attempt = self._judge(times, candidate_set, next(plans))
+        if attempt.fails_after_arrival:
+            self.plan_without_holds = attempt.plan
+            again = self._judge(times, candidate_set, next(plans))
+            if not again.failed.any():
+                return again
+        return attempt
+
+    def _judge(self, times: ArrivalTimes, candidate_set: CandidateSet, plan: CertifiedPlan) -> _Attempt:
+        """Find the aircraft that fail in a plan, before their arrivals or, if none does, after them."""
+        failed = self.fleet.active & ~np.asarray(plan.feasible)
+        if failed.any():
+            return _Attempt(times, candidate_set, failed, plan, fails_after_arrival=False)
+        failed = self.fleet.active & self.failed_after_arrival(plan)
+        return _Attempt(times, candidate_set, failed, plan, fails_after_arrival=bool(failed.any()))
 
 
 def search(
