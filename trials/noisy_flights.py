@@ -21,7 +21,7 @@ from scipy import stats
 from anser.compiling import enable_compilation_cache
 from anser.missions.consensus import negotiate_plan
 from anser.missions.first_plan import aircraft_planner, arrival_request
-from anser.missions.segments import padded_batches, without_replanning
+from anser.missions.segments import without_replanning
 from anser.numerics import flight_randomness
 from anser.numerics.arrays import as_array, stack_rows
 from anser.parts import Instant

@@ -1,13 +1,15 @@
 """Many flights in batches: flights of equal structure are computed together and summarized while they are flown."""
 
 import dataclasses
+import functools
 import hashlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Int
 
 from anser.compiling.options import compiled, compiled_by_older_generator, enable_compilation_cache
 from anser.config.errors import ScenarioError
@@ -21,7 +23,7 @@ from anser.missions.first_plan import (
 )
 from anser.missions.flight_outputs import OutputRecording
 from anser.missions.runs import needs_single_flight, precision_problems, run
-from anser.missions.segments import padded_batches, without_replanning
+from anser.missions.segments import replan_stopped_flight, without_replanning
 from anser.missions.series import SeriesSelection
 from anser.numerics.arrays import Stacked, as_array, stack_objects, stack_rows, tree_signature
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
@@ -40,7 +42,7 @@ from anser.simulation.fleet_summary import SummaryRecorder
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precision, cast_flight, cast_state, fly
 from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight
 
-_REPLAN_BATCH = 8  # flights of a segment that are repeated together, with replanning
+_CARE_PERIODS = 6  # planning periods after a new plan in which a batch flies from one planning time to the next
 NO_PLAN = "no plan: the certified planner found none within the limits, the separation and the keep-outs"
 
 
@@ -85,6 +87,7 @@ def _fly_segment(
     summaries: Any,
     required: _RequiredDistances,
     first_sample: Integer,
+    step_count: Integer,
     last_sample: Integer,
     series: SeriesSelection | None = None,
     outputs: OutputRecording | None = None,
@@ -95,7 +98,9 @@ def _fly_segment(
         )
         recorder = summary if series is None else series.recorder(summary)
         recorder = recorder if outputs is None else outputs.recorder(recorder, last_sample)
-        return fly(flight, state, first_sample, SEGMENT_STEPS, recorder, recorder_state)
+        return fly(
+            flight, state, first_sample, recorder=recorder, recorder_state=recorder_state, active_steps=step_count
+        )
 
     return flights.map(fly_one, states, summaries, required)
 
@@ -441,29 +446,26 @@ def _summarize_flights(
         lambda leaf: as_array(np.broadcast_to(np.asarray(leaf), (size, *np.shape(leaf))), None),
         recorder.init(len(cases[0].scenario.aircraft)),
     )
+    replan_steps = round(timing.replan_period_s / timing.step_s)
+    if series is not None:
+        series = series.for_segments(math.gcd(SEGMENT_STEPS, replan_steps))
     flights_without_replanning = Stacked(without_replanning(flights.batched), without_replanning(flights.shared))
     # the program of flights without outputs has no argument for them
     selections: tuple[Any, ...] = (series,) if outputs is None else (series, outputs)
+
+    def fly_on(former: _BatchState, first_sample: int, step_count: int) -> tuple[_BatchState, Any]:
+        numbers = as_array(first_sample, np.int32), as_array(step_count, np.int32), last_sample
+        flown = _fly_segment(flights_without_replanning, *former, required, *numbers, *selections)
+        return _BatchState(*flown[:2]), flown[2]
+
+    replan = functools.partial(_replan_flights, flights)
     parts: list[dict[str, np.ndarray]] = []
-    for first_sample in range(0, steps + 1, SEGMENT_STEPS):
-        number = as_array(first_sample, np.int32)
-        segment = _fly_segment(
-            flights_without_replanning, states, summaries, required, number, last_sample, *selections
-        )
-        final_states = segment[0]
-        replan_needed = flights.shared.planner.replan_needed(final_states.planner)
-        for indices in padded_batches(np.flatnonzero(np.asarray(replan_needed)), _REPLAN_BATCH):
-            # the segment is repeated from its start
-            chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
-            chosen = _select((states, summaries, required), indices)
-            replanned = _fly_segment(chosen_flights, *chosen, number, last_sample, *selections)
-            segment = jax.tree.map(
-                lambda leaf, values, indices=indices: _replace_rows(leaf, indices, values), segment, replanned
-            )
-        states, summaries, recorded = segment
-        on_share(min(first_sample + SEGMENT_STEPS, steps) / steps)
+    start = _BatchState(states, summaries)
+    for segment in _fly_segments(fly_on, replan, start, positions, steps, replan_steps):
+        states, summaries = segment.state
         if series is not None:
-            parts.append(series.segment_rows(recorded, first_sample, steps))
+            parts.append(series.segment_rows(segment.rows, segment.first_sample, segment.end - 1))
+        on_share(min(segment.end, steps) / steps)
     final_summaries = jax.tree.map(np.asarray, summaries)
     fleet_summaries, output_state = final_summaries if outputs is not None else (final_summaries, ())
     arrivals = np.asarray(_arrival_times(flights, states))
@@ -474,6 +476,74 @@ def _summarize_flights(
         output_values = {} if outputs is None else outputs.values(output_state, position)
         finished_rows.append(dataclasses.replace(flight_row, series=series_values, outputs=output_values))
     return finished_rows
+
+
+class _BatchState(NamedTuple):
+    """State of a batch between two steps."""
+
+    flights: FlightState
+    summaries: Any
+
+
+class _Segment(NamedTuple):
+    """Flown segment of a batch."""
+
+    first_sample: int
+    end: int  # sample after the last one
+    state: _BatchState  # state after the last step
+    rows: Any  # recorded rows
+
+
+def _fly_segments(
+    # function from a state, the first sample and the number of steps to the state after them and the recorded rows
+    fly_on: Callable[[_BatchState, int, int], tuple[_BatchState, Any]],
+    replan: Callable[[FlightState, Int[np.ndarray, " chosen"], int], FlightState],  # see `_replan_flights`
+    state: _BatchState,
+    positions: Sequence[int],  # indices of the flights in the batch, without the padding
+    last_sample: int,
+    replan_steps: int,  # number of steps between two planning times; 0: none
+) -> Iterator[_Segment]:
+    """Fly a batch to the last sample, and yield each segment.
+
+    The compiled steps make no new plans. A segment in which a flight needs one is flown again from one planning time to
+    the next: the first step of such a short segment, flown in advance, tells which flights need a new plan, and they
+    are replanned before it. Where new plans are needed, they are soon needed again, hence the care for some time.
+    """
+
+    def stopped_flights(after: _BatchState) -> Int[np.ndarray, " stopped"]:
+        is_stopped = np.asarray(after.flights.replan_sample) != np.asarray(state.flights.replan_sample)
+        return np.intersect1d(np.flatnonzero(is_stopped), positions)
+
+    sample, careful_periods = 0, 0
+    while sample <= last_sample:
+        step_count = min(SEGMENT_STEPS, last_sample + 1 - sample)
+        if careful_periods:
+            step_count, careful_periods = min(step_count, replan_steps - sample % replan_steps), careful_periods - 1
+            stopped = stopped_flights(fly_on(state, sample, 1)[0])
+            if stopped.size:
+                state, careful_periods = state._replace(flights=replan(state.flights, stopped, sample)), _CARE_PERIODS
+        next_state, recorded = fly_on(state, sample, step_count)
+        if stopped_flights(next_state).size:
+            careful_periods = _CARE_PERIODS
+            continue
+        yield _Segment(sample, sample + step_count, next_state, recorded)
+        state, sample = next_state, sample + step_count
+
+
+def _replan_flights(
+    flights: _FlightBatch, states: FlightState, indices: Int[np.ndarray, " chosen"], sample: int
+) -> FlightState:
+    """Replan the chosen flights of a batch before the step from sample `sample` on; return the states of the batch."""
+    batched, rows = (jax.tree.map(np.asarray, tree) for tree in (flights.batched, states))
+    host_flights = Stacked(batched, flights.shared)
+    replanned = [replan_stopped_flight(host_flights.at(k), _index_row(rows, k), sample) for k in indices]
+
+    def with_replanned(leaf: Array, *new_rows: Array) -> Array:
+        copy = np.array(leaf)
+        copy[indices] = np.stack(new_rows)
+        return as_array(copy, None)
+
+    return jax.tree.map(with_replanned, states, *replanned)
 
 
 @compiled
@@ -499,12 +569,6 @@ def _index_row(tree: Any, k: int) -> Any:
 
 def _select(tree: Any, indices: np.ndarray) -> Any:
     return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[indices], None), tree)
-
-
-def _replace_rows(table: Array, indices: np.ndarray, values: Array) -> Array:
-    copy = np.array(table)
-    copy[indices] = np.asarray(values)
-    return as_array(copy, None)
 
 
 def _content_hash(value: Any) -> bytes:

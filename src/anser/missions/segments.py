@@ -6,7 +6,6 @@ programs of its own: the program of the loop stays small, and the programs of a 
 
 import dataclasses
 import functools
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -84,10 +83,3 @@ def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> Fl
     else:
         planner_state = _replan(planner, state.planner, as_array(time_s), reports)
     return FlightState(state.vehicles, planner_state, number)
-
-
-def padded_batches(indices: np.ndarray, size: int) -> Iterator[np.ndarray]:
-    """Yield batches of `size` indices; the last batch is padded with its last index."""
-    for k in range(0, indices.size, size):
-        batch = indices[k : k + size]
-        yield np.concatenate([batch, np.repeat(batch[-1:], size - batch.size)])

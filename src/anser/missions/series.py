@@ -3,6 +3,7 @@
 A row of a series contains the values at one time.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,8 @@ class SeriesSelection(eqx.Module):
 
     keys: tuple[str, ...] = eqx.field(static=True)  # keys of `anser.variables.CATALOGUE`
     stride: int = eqx.field(static=True)  # steps between two rows
+    # number of steps of which every segment is a multiple
+    segment_divisor: int = eqx.field(static=True, default=SEGMENT_STEPS)
 
     @classmethod
     def from_period(cls, scenario: Scenario, keys: Sequence[str], every_s: float) -> "SeriesSelection":
@@ -35,11 +38,15 @@ class SeriesSelection(eqx.Module):
 
     @property
     def recording_stride(self) -> int:
-        """Steps between two rows that the compiled program records: a divisor of the segment length.
+        """Steps between two rows that the compiled program records: a divisor of every segment's length.
 
         It may record more rows than the series has; `segment_rows` selects.
         """
-        return math.gcd(self.stride, SEGMENT_STEPS)
+        return math.gcd(self.stride, self.segment_divisor)
+
+    def for_segments(self, divisor: int) -> "SeriesSelection":
+        """Return the selection for segments that are multiples of `divisor` steps."""
+        return dataclasses.replace(self, segment_divisor=divisor)
 
     def rows(self, scenario: Scenario) -> int:
         """Number of rows of one flight, the start included."""
@@ -50,7 +57,7 @@ class SeriesSelection(eqx.Module):
         return np.arange(self.rows(scenario)) * (self.stride * scenario.timing.step_s)
 
     def segment_rows(self, recorded: Mapping[str, Array], first_sample: int, last_sample: int) -> dict[str, np.ndarray]:
-        """Select the rows of the series from the rows recorded in a segment.
+        """Select the rows of the series from the rows recorded in a segment, up to its last sample.
 
         Returns arrays (flights, rows, aircraft) by key.
         """

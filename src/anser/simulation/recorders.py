@@ -331,7 +331,7 @@ def scan_steps(
     count: int,  # number of steps, a multiple of the recorder's stride
     recorder: AbstractRecorder,
     recorder_state: Any,
-    # number of steps to run, known only at run time; requires a stride of 1. None: `count`
+    # number of steps to run, known only at run time; rows of later steps are meaningless. None: `count`
     active_steps: Integer | None = None,
 ) -> tuple[Any, Any, Any]:
     """Run `count` steps in one compiled loop and record a row every `stride` samples.
@@ -351,11 +351,13 @@ def scan_steps(
         return (next_state, recorder.update(recorder_state, sample, instant)), recorder.output(sample, instant)
 
     numbers = first_sample + jnp.arange(count, dtype=first_sample.dtype)
-    if active_steps is not None:
-        if stride != 1:
-            raise ValueError(f"a row every {stride} samples does not fit a number of steps that is not known")
+    if active_steps is not None and stride == 1:
         # traced once, for its shapes and for the loop
         traced, shapes = jax.make_jaxpr(step, return_shape=True)((state, recorder_state), first_sample)
+        if not jax.tree.leaves(shapes[1]):
+            step_numbers = first_sample, first_sample + active_steps
+            states = jax.lax.fori_loop(*step_numbers, lambda n, carry: step(carry, n)[0], (state, recorder_state))
+            return *states, shapes[1]
         empty, unpack_row = ravel_pytree(jax.tree.map(lambda row: jnp.zeros(row.shape, row.dtype), shapes[1]))
 
         def step_if_active(carry: tuple[Any, Any], number: Integer) -> tuple[tuple[Any, Any], Array]:
@@ -374,17 +376,17 @@ def scan_steps(
         return *states, records
     empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
-    def step_without_row(carry: tuple[Any, Any, Any], k: Integer) -> tuple[tuple[Any, Any, Any], None]:
+    def step_without_row(k: Integer, carry: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
         state, recorder_state, number = carry[0], carry[1], carry[2][0]
         next_state, sample, instant = advance_step(state, number)
         first_row = jax.lax.cond(k == 0, lambda: recorder.output(sample, instant), lambda: carry[2][1])
-        return (next_state, recorder.update(recorder_state, sample, instant), (number + 1, first_row)), None
+        return next_state, recorder.update(recorder_state, sample, instant), (number + 1, first_row)
 
     def block(carry: tuple[Any, Any, Integer], _: None) -> tuple[tuple[Any, Any, Integer], Any]:
         state, recorder_state, number = carry
-        block_start = (state, recorder_state, (number, empty))
-        (state, recorder_state, (number, first_record)), _ = jax.lax.scan(
-            step_without_row, block_start, jnp.arange(stride)
+        steps_left = stride if active_steps is None else jnp.clip(first_sample + active_steps - number, 0, stride)
+        state, recorder_state, (number, first_record) = jax.lax.fori_loop(
+            0, steps_left, step_without_row, (state, recorder_state, (number, empty))
         )
         return (state, recorder_state, number), first_record
 

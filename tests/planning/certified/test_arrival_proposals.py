@@ -217,3 +217,27 @@ def test_extra_candidates_are_not_tried_for_want_of_a_hold(monkeypatch):
     assert first_s <= outcome.plan.arrival_times[0] <= first_s * NEAR_ENOUGH
     assert set(candidate_sets) == {MINIMAL, STANDARD}
     assert len(candidate_sets) > 3
+
+
+def test_paths_are_chosen_again_where_only_holds_are_missing(monkeypatch):
+    """The second choice at the same times has holds and is taken, before any later time."""
+    chosen = []
+
+    def plans_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
+        for choice in range(2):
+            chosen.append((choice, float(times[0])))
+            yield SimpleNamespace(arrival_times=np.asarray(times), feasible=np.ones(SIZE, dtype=bool), choice=choice)
+
+    monkeypatch.setattr(search_module, "plans_at", plans_at)
+    fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
+    outcome = search(
+        0.0,
+        fleet.tasks,
+        fleet.airspace,
+        fleet.request,
+        failed_after_arrival=lambda plan: np.full(SIZE, plan.choice == 0),
+    )
+    first_s = chosen[0][1]
+    assert chosen == [(0, first_s), (1, first_s)]
+    assert outcome.plan.choice == 1
+    assert outcome.plan_without_holds is None

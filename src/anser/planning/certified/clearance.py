@@ -97,13 +97,13 @@ def continue_straight(
     velocities_n = (ends_n - tracks.positions_n[..., -2:-1, :]) / step
     later = seconds / CONTINUATION_INTERVALS * jnp.arange(CONTINUATION_INTERVALS + 1)
     begins = jnp.concatenate([step * jnp.arange(intervals), last_s + later[:-1]])
-    since_arrival = begins - arrivals[:, None] + _ROUNDING_S
+    since_arrival = begins[None, :] - arrivals[:, None] + _ROUNDING_S
     after_arrival = continuing[:, None] & (since_arrival >= 0.0) & (since_arrival < seconds)
     appended = jnp.zeros((*tracks.error_bound.shape[:-1], CONTINUATION_INTERVALS))
     return Track(
-        jnp.concatenate([tracks.positions_n, ends_n + later[1:, None] * velocities_n], axis=-2),
+        jnp.concatenate([tracks.positions_n, ends_n + later[None, None, 1:, None] * velocities_n], axis=-2),
         jnp.concatenate([tracks.error_bound, appended], axis=-1),
-        jnp.where(after_arrival[:, None], 1.0, jnp.concatenate([tracks.included, appended], axis=-1)),
+        jnp.where(after_arrival[:, None, :], 1.0, jnp.concatenate([tracks.included, appended], axis=-1)),
     )
 
 

@@ -1,0 +1,58 @@
+"""Loops over a number of steps that is known only at run time, with and without recorded rows."""
+
+from types import SimpleNamespace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.simulation.recorders import AbstractRecorder, scan_steps
+
+COUNT = 20
+
+
+class Sums(AbstractRecorder):
+    """Recorder of a sum; it stores a row of each `stride`-th sample, or none."""
+
+    stride: int = eqx.field(static=True)
+    has_rows: bool = eqx.field(static=True)
+
+    def init(self, aircraft):
+        return jnp.zeros(aircraft)
+
+    def update(self, recorder_state, sample, instant):
+        return recorder_state + sample
+
+    def output(self, sample, instant):
+        return {"sample": sample} if self.has_rows else None
+
+
+def steps(recorder, first, active):
+    """Each step adds the number of its sample to the state; a batch of two starts with different states."""
+
+    def advance(state, number):
+        return state + number, state, SimpleNamespace(number=number)
+
+    def run(start, recorded):
+        return scan_steps(advance, start, jnp.asarray(first), COUNT, recorder, recorded, active)
+
+    return jax.jit(jax.vmap(run))(jnp.array([[0.0], [100.0]]), jnp.zeros((2, 1)))
+
+
+@pytest.mark.parametrize(("stride", "has_rows"), [(1, True), (5, True), (1, False)])
+@pytest.mark.parametrize("active", [None, 20, 13, 1])
+def test_the_given_number_of_steps_is_flown_and_recorded(stride, has_rows, active):
+    first, flown = 7, COUNT if active is None else active
+    states = np.cumsum([0, *range(first, first + flown)])
+    dynamic = None if active is None else jnp.asarray(active)
+    final, recorded, rows = steps(Sums(stride, has_rows), first, dynamic)
+    np.testing.assert_array_equal(final[:, 0], states[-1] + np.array([0.0, 100.0]))
+    np.testing.assert_array_equal(recorded[:, 0], np.sum(states[:-1]) + flown * np.array([0.0, 100.0]))
+    if has_rows:
+        valid = -(-flown // stride)
+        assert rows["sample"].shape == (2, COUNT // stride, 1)
+        np.testing.assert_array_equal(rows["sample"][0, :valid, 0], states[:-1][::stride])
+    else:
+        assert rows is None
