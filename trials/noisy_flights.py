@@ -9,6 +9,7 @@ import argparse
 import dataclasses
 import functools
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -160,6 +161,13 @@ def _segment(flight: Flight, keys: Any, states: FlightState, first_step: Any, re
     return jax.vmap(fly_one)(keys, states, recorder_state)
 
 
+def _padded_batches(indices: np.ndarray, size: int) -> Iterator[np.ndarray]:
+    """Yield batches of `size` indices; the last batch is padded with its last index."""
+    for k in range(0, indices.size, size):
+        batch = indices[k : k + size]
+        yield np.concatenate([batch, np.repeat(batch[-1:], size - batch.size)])
+
+
 def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH) -> dict[str, np.ndarray]:
     """Fly many flights of a scenario; return arrays with one row per flight."""
     scenario = load(path)
@@ -194,7 +202,7 @@ def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH)
             )
             indices = np.flatnonzero(np.asarray(flight.planner.replan_needed(next_states.planner)))
             repeated_segments += indices.size
-            for padded_indices in padded_batches(indices, at_once):
+            for padded_indices in _padded_batches(indices, at_once):
                 batch_inputs = jax.tree.map(
                     lambda leaf, padded_indices=padded_indices: leaf[padded_indices], (keys, states, recorder_state)
                 )

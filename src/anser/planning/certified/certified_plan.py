@@ -415,7 +415,7 @@ def plans_at(
         extra[extra_set] = _generate(*arguments, intervals, extra_set, selected)
     choice = _choice_arguments(candidates, intervals, candidate_set, extra, fixed_paths)
     for look_ahead_s in (0.0, LOOK_AHEAD_S):
-        yield _choose(*arguments, *choice, as_array(look_ahead_s))
+        yield _choose(*arguments, *choice, look_ahead=as_array(look_ahead_s))
 
 
 def plan_at(
@@ -438,7 +438,7 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
     yield candidates
     extra = _absent_extra(candidates.shapes, STANDARD.extra)
     choice = _choice_arguments(candidates.shapes, intervals, STANDARD, extra, None)
-    yield _choose.prepare(*arguments, *choice, as_array(0.0))
+    yield _choose.prepare(*arguments, *choice, look_ahead=as_array(0.0))
 
 
 def prepare_extra_candidates(
