@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from anser.missions import segments
-from anser.missions.flight_batches import _BatchState, _fly_segments
 from anser.missions.segments import fly_with_replanning
 from anser.numerics.arrays import as_array
 from anser.scenario import build_flight, load
@@ -46,43 +45,6 @@ def test_a_flight_is_replanned_where_a_new_plan_is_needed(monkeypatch, needs):
     state, rows = fly_with_replanning("flight", SimpleNamespace(replan_sample=-1), 500, 25)
     assert (tuple(replanned), state.reached) == (needs, 525)
     np.testing.assert_array_equal(rows["sample"], np.arange(500, 525))
-
-
-@pytest.mark.parametrize(
-    ("needs", "short_segments"),
-    [
-        ({}, 0),
-        ({1: [300]}, 10),
-        ({0: [0], 2: [1100]}, 12),
-        ({0: [500, 600, 700], 1: [600]}, 7),
-        ({3: [200]}, 0),  # padding
-    ],
-)
-def test_flights_of_a_batch_are_replanned_at_the_planning_times_that_need_it(needs, short_segments):
-    """A fake flight counts its steps; from a planning time on that needs a new plan, a wrong plan counts as missed."""
-    replan_steps, last_sample, replanned = 100, 1234, []
-
-    def fly_on(state, first, count):
-        samples = state.flights.replan_sample.copy()
-        for k, times in needs.items():
-            due = [t for t in times if first <= t < first + count and t > samples[k]]
-            samples[k] = due[0] if due else samples[k]
-        rows = np.where(np.arange(500) < count, first + np.arange(500), -1)
-        return _BatchState(SimpleNamespace(replan_sample=samples), state.summaries + count), rows
-
-    def replan(states, indices, sample):
-        replanned.extend((int(k), sample) for k in indices)
-        samples = states.replan_sample.copy()
-        samples[indices] = sample
-        return SimpleNamespace(replan_sample=samples)
-
-    start = _BatchState(SimpleNamespace(replan_sample=np.full(4, -1)), 0)
-    flown = list(_fly_segments(fly_on, replan, start, range(3), last_sample, replan_steps))
-    assert sorted(replanned) == sorted((k, t) for k, times in needs.items() if k < 3 for t in times)
-    assert flown[-1].state.summaries == last_sample + 1
-    numbers = np.concatenate([part.rows[: part.end - part.first_sample] for part in flown])
-    np.testing.assert_array_equal(numbers, np.arange(last_sample + 1))
-    assert sum(part.end - part.first_sample <= replan_steps for part in flown[:-1]) == short_segments
 
 
 @pytest.mark.long

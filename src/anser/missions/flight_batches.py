@@ -42,7 +42,7 @@ from anser.simulation.fleet_summary import SummaryRecorder
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precision, cast_flight, cast_state, fly
 from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight
 
-_CARE_PERIODS = 6  # planning periods after a new plan in which a batch flies from one planning time to the next
+_SHORT_SEGMENTS = 6  # number of segments from one planning time to the next that a batch flies after a new plan
 NO_PLAN = "no plan: the certified planner found none within the limits, the separation and the keep-outs"
 
 
@@ -505,26 +505,27 @@ def _fly_segments(
 ) -> Iterator[_Segment]:
     """Fly a batch to the last sample, and yield each segment.
 
-    The compiled steps make no new plans. A segment in which a flight needs one is flown again from one planning time to
-    the next: the first step of such a short segment, flown in advance, tells which flights need a new plan, and they
-    are replanned before it. Where new plans are needed, they are soon needed again, hence the care for some time.
+    The compiled steps make no new plans. Where a flight needs one, the segment is discarded, and the batch flies short
+    segments, from one planning time to the next. The first step of a short segment, flown in advance, tells which
+    flights need a new plan; they are replanned, and the segment is flown. Long segments follow after `_SHORT_SEGMENTS`
+    without a new plan.
     """
 
-    def stopped_flights(after: _BatchState) -> Int[np.ndarray, " stopped"]:
-        is_stopped = np.asarray(after.flights.replan_sample) != np.asarray(state.flights.replan_sample)
-        return np.intersect1d(np.flatnonzero(is_stopped), positions)
+    def flights_to_replan(after: _BatchState) -> Int[np.ndarray, " flights"]:
+        is_needed = np.asarray(after.flights.replan_sample) != np.asarray(state.flights.replan_sample)
+        return np.intersect1d(np.flatnonzero(is_needed), positions)
 
-    sample, careful_periods = 0, 0
+    sample, short_segments = 0, 0
     while sample <= last_sample:
         step_count = min(SEGMENT_STEPS, last_sample + 1 - sample)
-        if careful_periods:
-            step_count, careful_periods = min(step_count, replan_steps - sample % replan_steps), careful_periods - 1
-            stopped = stopped_flights(fly_on(state, sample, 1)[0])
-            if stopped.size:
-                state, careful_periods = state._replace(flights=replan(state.flights, stopped, sample)), _CARE_PERIODS
+        if short_segments:
+            step_count, short_segments = min(step_count, replan_steps - sample % replan_steps), short_segments - 1
+            indices = flights_to_replan(fly_on(state, sample, 1)[0])
+            if indices.size:
+                state, short_segments = state._replace(flights=replan(state.flights, indices, sample)), _SHORT_SEGMENTS
         next_state, recorded = fly_on(state, sample, step_count)
-        if stopped_flights(next_state).size:
-            careful_periods = _CARE_PERIODS
+        if flights_to_replan(next_state).size:
+            short_segments = _SHORT_SEGMENTS
             continue
         yield _Segment(sample, sample + step_count, next_state, recorded)
         state, sample = next_state, sample + step_count

@@ -25,7 +25,7 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 _TINY = 1e-9  # m^2
-_ROUNDING_S = 1e-6  # of instants
+_ROUNDING_S = 1e-6  # tolerance of comparisons of times
 
 
 class Track(eqx.Module):
@@ -80,14 +80,13 @@ def clearance_from_keep_outs(
     return jax.vmap(volume_clearance)(volumes)
 
 
-CONTINUATION_INTERVALS = 4
-"""Intervals that `continue_straight` appends to a track; a multiple of `INTERVALS_PER_CYLINDER`."""
+_CONTINUATION_INTERVALS = 4  # intervals that `continue_straight` appends; a multiple of `INTERVALS_PER_CYLINDER`
 
 
 def continue_straight(
     tracks: Track,  # tracks from time 0 to the last of the arrivals, (aircraft, candidate, ...)
     arrivals: Float[Array, " aircraft"],  # times of arrival, s, to which the tracks are included
-    seconds: ScalarLike,  # duration for which each track is included after its arrival, s; 0: as before
+    seconds: ScalarLike,  # duration for which each track is included after its arrival, s
     continuing: Bool[Array, " aircraft"],  # mask of the aircraft whose tracks are continued
 ) -> Track:
     """Continue tracks beyond the arrivals at constant velocity, as an aircraft flies before it turns into its hold."""
@@ -95,11 +94,11 @@ def continue_straight(
     step = last_s / intervals
     ends_n = tracks.positions_n[..., -1:, :]
     velocities_n = (ends_n - tracks.positions_n[..., -2:-1, :]) / step
-    later = seconds / CONTINUATION_INTERVALS * jnp.arange(CONTINUATION_INTERVALS + 1)
+    later = seconds / _CONTINUATION_INTERVALS * jnp.arange(_CONTINUATION_INTERVALS + 1)
     begins = jnp.concatenate([step * jnp.arange(intervals), last_s + later[:-1]])
     since_arrival = begins[None, :] - arrivals[:, None] + _ROUNDING_S
     after_arrival = continuing[:, None] & (since_arrival >= 0.0) & (since_arrival < seconds)
-    appended = jnp.zeros((*tracks.error_bound.shape[:-1], CONTINUATION_INTERVALS))
+    appended = jnp.zeros((*tracks.error_bound.shape[:-1], _CONTINUATION_INTERVALS))
     return Track(
         jnp.concatenate([tracks.positions_n, ends_n + later[None, None, 1:, None] * velocities_n], axis=-2),
         jnp.concatenate([tracks.error_bound, appended], axis=-1),

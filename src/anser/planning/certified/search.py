@@ -518,9 +518,9 @@ class _Search:
         attempt = self._judge(times, candidate_set, next(plans))
         if attempt.fails_after_arrival:
             self.plan_without_holds = attempt.plan
-            again = self._judge(times, candidate_set, next(plans))
-            if not again.failed.any():
-                return again
+            second = self._judge(times, candidate_set, next(plans))
+            if not second.failed.any():
+                return second
         return attempt
 
     def _judge(self, times: ArrivalTimes, candidate_set: CandidateSet, plan: CertifiedPlan) -> _Attempt:
