@@ -46,7 +46,9 @@ class FleetSnapshot(NamedTuple):
     flying_tasks: AircraftTask  # the same tasks with every flying aircraft active, departed aircraft included
 
 
-def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport) -> FleetSnapshot:
+def take_snapshot(
+    flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport, is_departed: Bool[Array, " aircraft"]
+) -> FleetSnapshot:
     """Collect the data with which the certified planner replans a fleet in flight at a time (s).
 
     These are the tasks of the aircraft that can be replanned, and the fixed paths of the others (arrived, about to
@@ -56,24 +58,12 @@ def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: Air
     plan = plan_state.plan
     flying_tasks = planner.aircraft_tasks(reports, plan_state.limits)
     can_replan = reports.active & (plan.arrival_times - time > jnp.maximum(planner.freeze, COMMITTED_S))
-    is_departed = has_departed(flight, state, time)
     tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, flying_tasks, time)
     tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(can_replan, 1.0, 0.0))
     is_flying = reports.active | is_departed
     fixed_paths = FixedPaths(is_flying & ~can_replan, plan.paths, plan.arrival_times)
     flying_tasks = eqx.tree_at(lambda t: t.active, flying_tasks, jnp.where(is_flying, 1.0, 0.0))
     return FleetSnapshot(tasks, fixed_paths, flying_tasks)
-
-
-def has_departed(flight: Flight, state: FlightState, time: Array) -> Bool[Array, " aircraft"]:
-    """Mask of the aircraft that have left the fleet by a time (s) and still fly."""
-    is_departed = jnp.zeros(flight.count, dtype=bool)
-    for group, states in zip(flight.groups, state.vehicles, strict=True):
-        group_departed = group.vehicles.map(
-            lambda vehicle, vehicle_state: vehicle.faults.has_departed(time) & ~vehicle_state.stopped, states
-        )
-        is_departed = is_departed.at[jnp.asarray(group.members)].set(group_departed)
-    return is_departed
 
 
 def plan_exit(
@@ -293,8 +283,11 @@ def _with_gentle_acceleration(limits: PathLimits) -> PathLimits:
 
 def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapshot:
     """Take the snapshot of a fleet in flight at a sample, by compiled programs."""
-    time, reports = as_array(sample * float(flight.timing.step)), sense_fleet(flight, state, as_array(sample, np.int32))
-    return _take_snapshot(flight, state, time, reports)
+    time, readings = (
+        as_array(sample * float(flight.timing.step)),
+        sense_fleet(flight, state, as_array(sample, np.int32)),
+    )
+    return _take_snapshot(flight, state, time, *readings)
 
 
 def replan_fleet(

@@ -8,7 +8,9 @@ import dataclasses
 import functools
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool
 
 from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram
@@ -63,10 +65,20 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
 
 
 @compiled_quickly
-def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> AircraftReport:
-    """Reports of a fleet in flight to its planner at sample `sample`, in fleet order, by a compiled program."""
+def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> tuple[AircraftReport, Bool[Array, " aircraft"]]:
+    """Reports of a fleet in flight to its planner at sample `sample`, and a mask of the departed aircraft, compiled.
+
+    A departed aircraft has left the fleet and still flies. Both are in fleet order.
+    """
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
-    return cast_to_precision(fleet_reports(flight, state, instant)[1], float)
+    reports = cast_to_precision(fleet_reports(flight, state, instant)[1], float)
+    is_departed = jnp.zeros(flight.count, dtype=bool)
+    for group, states in zip(flight.groups, state.vehicles, strict=True):
+        group_departed = group.vehicles.map(
+            lambda vehicle, vehicle_state: vehicle.faults.has_departed(instant.time) & ~vehicle_state.stopped, states
+        )
+        is_departed = is_departed.at[jnp.asarray(group.members)].set(group_departed)
+    return reports, is_departed
 
 
 @compiled_by_older_generator(None)
@@ -77,9 +89,9 @@ def _replan(planner: AbstractPlanner, planner_state: Any, time: Scalar, reports:
 def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> FlightState:
     """Replan a fleet in flight before the step from sample `sample` on, as the planner does in a compiled loop."""
     number, planner = as_array(sample, np.int32), flight.planner
-    reports, time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
+    (reports, is_departed), time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
     if isinstance(planner, CertifiedPlanner):
-        planner_state = planner.replan_outside_loop(state.planner, time_s, reports)
+        planner_state = planner.replan_outside_loop(state.planner, time_s, reports, np.asarray(is_departed))
     else:
         planner_state = _replan(planner, state.planner, as_array(time_s), reports)
     return FlightState(state.vehicles, planner_state, number)

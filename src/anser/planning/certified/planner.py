@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram
@@ -20,11 +20,25 @@ from anser.planning.certified.certified_plan import (
     choose_interval_count,
     prepare_plan_at,
 )
-from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, correct_or_replace_plan, replan_certified
+from anser.planning.certified.replanning import (
+    COMMITTED_S,
+    FIRST_PLAN,
+    REPLANNED,
+    correct_or_replace_plan,
+    interval_count,
+    replan_certified,
+    tasks_from_plan,
+)
 from anser.planning.certified.search import SearchOutcome, search
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
 from anser.planning.holds.assignment import assign_holds
-from anser.planning.holds.hold_paths import PlannedHolds, broadcast_holds, choose_cell_count, move_with_goals
+from anser.planning.holds.hold_paths import (
+    PlannedHolds,
+    broadcast_holds,
+    choose_cell_count,
+    goals_have_shifted,
+    move_with_goals,
+)
 from anser.planning.limits import PathLimits, acceleration_limits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike
@@ -217,27 +231,55 @@ class CertifiedPlanner(AbstractPlanner):
             self.correction_limits(planner_state.limits),
         )
         former, replan_needed = planner_state.holds, planner_state.replan_needed | result.replan_needed
-        if former is None or not self.allow_replanning:
-            return CertifiedPlanState(result.plan, result.status, former, planner_state.limits, replan_needed)
-        planned_anew = result.status == REPLANNED
+        if former is None:
+            return CertifiedPlanState(result.plan, result.status, None, planner_state.limits, replan_needed)
+        must_choose = self._must_choose_holds(planner_state, time, tasks, reports.goal_covariance)
+        if not self.allow_replanning:
+            return CertifiedPlanState(
+                result.plan, result.status, former, planner_state.limits, replan_needed | must_choose
+            )
+        must_choose = must_choose | (result.status == REPLANNED)
 
         def assign_again() -> PlannedHolds:
             end_time, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
             moved = move_with_goals(former, tasks, time)
             return assign_holds(result.plan.paths, tasks, self.airspace, self.guidance, time, end_time, cells, moved)
 
-        holds = jax.lax.cond(any_in_batch(planned_anew), assign_again, lambda: former)
-        holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
+        holds = jax.lax.cond(any_in_batch(must_choose), assign_again, lambda: former)
+        holds = jax.tree.map(lambda new, old: jnp.where(must_choose, new, old), holds, former)
         return CertifiedPlanState(result.plan, result.status, holds, planner_state.limits, replan_needed)
 
+    def _must_choose_holds(
+        self,
+        planner_state: CertifiedPlanState,
+        time: ScalarLike,
+        tasks: AircraftTask,
+        covariances: Float[Array, "aircraft 6 6"] | None,
+    ) -> Flag:
+        """Whether goals have shifted so far that holds must be chosen again, while an aircraft can still change its."""
+        plan, holds = planner_state.plan, planner_state.holds
+        if holds is None:
+            return jnp.asarray(False)
+        can_choose = (tasks.active > 0.0) & (plan.arrival_times - time > self.freeze)
+        shifted = goals_have_shifted(holds, tasks, plan.arrival_times, time, self.airspace.separation, covariances)
+        return jnp.any(can_choose) & jnp.any(shifted)
+
     def replan_outside_loop(
-        self, planner_state: CertifiedPlanState, time: float, reports: AircraftReport
+        self,
+        planner_state: CertifiedPlanState,
+        time: float,
+        reports: AircraftReport,
+        is_departed: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
     ) -> CertifiedPlanState:
         """Correct, replace or keep the plan at a time (s), by the compiled programs of a search; not traceable by JAX.
 
-        The same attempts as `replan`, which a compiled loop contains.
+        The attempts are those of `replan`, which a compiled loop contains, and one more: where no holds are clear, a
+        plan with other paths and the same arrival times is searched.
         """
-        tasks, correction_limits = _replanning_tasks(self, planner_state, reports)
+        former = planner_state.holds
+        tasks, planned_tasks, correction_limits, must_choose = _replanning_tasks(
+            self, planner_state, as_array(time), reports
+        )
         plan, status = correct_or_replace_plan(
             planner_state.plan,
             time,
@@ -249,10 +291,22 @@ class CertifiedPlanner(AbstractPlanner):
             reports.goal_covariance,
             correction_limits,
         )
-        holds = former = planner_state.holds
-        if former is not None and status == REPLANNED:
+        holds = former
+        if former is not None and (must_choose or status == REPLANNED):
             end_time = float(np.max(np.asarray(former.paths.times)))
-            holds = self.assign_holds(plan.paths, tasks, time, end_time, former)
+            active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
+            flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(np.where(active | is_departed, 1.0, 0.0)))
+            # Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
+            are_under_way = bool(np.all(arrivals[active] > time))
+            holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, None if are_under_way else former)
+            is_open = active.any() and np.min(arrivals[active]) - time > max(COMMITTED_S, float(self.freeze))
+            if is_open and not np.all(holds.clear) and not np.any(is_departed):
+                times_to_go = np.where(active, arrivals, np.max(arrivals[active])) - time
+                request = ArrivalRequest("times", float(self.latest_arrival) - time, times_s=times_to_go)
+                intervals = interval_count(plan.paths)
+                outcome, new_holds = self.search_plan(time, planned_tasks, request, end_time, intervals=intervals)
+                if outcome.plan is not None:
+                    plan, holds, status = outcome.plan, new_holds, REPLANNED
         status_index = as_array(status, planner_state.replanning.dtype)
         return CertifiedPlanState(plan, status_index, holds, planner_state.limits, planner_state.replan_needed)
 
@@ -296,7 +350,13 @@ class CertifiedPlanner(AbstractPlanner):
 
 @compiled_quickly
 def _replanning_tasks(
-    planner: CertifiedPlanner, planner_state: CertifiedPlanState, reports: AircraftReport
-) -> tuple[AircraftTask, PathLimits]:
+    planner: CertifiedPlanner, planner_state: CertifiedPlanState, time: Scalar, reports: AircraftReport
+) -> tuple[AircraftTask, AircraftTask, PathLimits, Flag]:
+    """Tasks to the measured goals, the same from the planned states on, limits of corrected paths, and a flag.
+
+    The flag tells whether holds must be chosen again.
+    """
     limits = planner_state.limits
-    return planner.aircraft_tasks(reports, limits), planner.correction_limits(limits)
+    tasks = planner.aircraft_tasks(reports, limits)
+    must_choose = planner._must_choose_holds(planner_state, time, tasks, reports.goal_covariance)
+    return tasks, tasks_from_plan(planner_state.plan, tasks, time), planner.correction_limits(limits), must_choose

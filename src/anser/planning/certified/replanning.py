@@ -110,11 +110,18 @@ def rendezvous_has_moved(
     covariance
         Covariance of the goal's current position and velocity, NED, m and m/s; extrapolated at steady velocity.
     """
-    offset = rendezvous_offset_n(path, task, to_go)
+    return exceeds_uncertainty(rendezvous_offset_n(path, task, to_go), covariance, to_go)
+
+
+def exceeds_uncertainty(offset: Vector3, covariance: Float[Array, "6 6"], to_go: ScalarLike) -> Flag:
+    """Whether a position expected in `to_go` seconds is farther off than its uncertainty explains.
+
+    The threshold for the offset (NED, m) is `SIGNIFICANT_DEVIATIONS` standard deviations along it; `covariance` is that
+    of the current position and velocity, NED, m and m/s, extrapolated at steady velocity.
+    """
     weights = jnp.concatenate([offset, to_go * offset])
-    variance = jnp.sum(
-        weights[:, None] * covariance * weights[None, :]
-    )  # variance along the offset, times the offset's square
+    # variance along the offset, times the offset's square
+    variance = jnp.sum(weights[:, None] * covariance * weights[None, :])
     return jnp.sum(offset**2) ** 2 > SIGNIFICANT_DEVIATIONS**2 * variance
 
 
@@ -129,6 +136,16 @@ def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> Air
         task,
         (air[0] + drift[0], air[1], air[2]),
     )
+
+
+def tasks_from_plan(plan: CertifiedPlan, tasks: AircraftTask, time: ScalarLike) -> AircraftTask:
+    """Return the planning problems of a fleet that start at its planned states at a time (s).
+
+    The preferred airspeeds are the planned mean ones: an idle engine may be unable to decelerate an aircraft in a
+    descent.
+    """
+    planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
+    return eqx.tree_at(lambda t: t.speed, planned_tasks, jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed))
 
 
 def arrival_delays(
@@ -295,12 +312,8 @@ def replanning_problem(
     """Collect the data of the attempts at another plan, for a plan whose corrected paths violate a constraint."""
     active = tasks.active > 0.0
     replannable = active & (plan.arrival_times - time > jnp.maximum(freeze, COMMITTED_S))
-    planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
-    # Keep the planned mean airspeed: an idle engine may be unable to decelerate the aircraft in a descent.
-    speeds = jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed)
-    planned_tasks = eqx.tree_at(
-        lambda t: (t.active, t.speed), planned_tasks, (jnp.where(replannable, tasks.active, 0.0), speeds)
-    )
+    planned_tasks = tasks_from_plan(plan, tasks, time)
+    planned_tasks = eqx.tree_at(lambda t: t.active, planned_tasks, jnp.where(replannable, tasks.active, 0.0))
     active_arrivals = jnp.where(active, plan.arrival_times, -jnp.inf)
     delays, tries = arrival_delays(active_arrivals, time, replannable | ~active, arrival_is_free, latest_arrival)
     return ReplanningProblem(

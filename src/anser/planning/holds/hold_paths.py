@@ -17,7 +17,9 @@ from anser.numerics.integration import rk4_step
 from anser.parts.paths import AbstractReference, PathPoint
 from anser.planning.certified import clearance
 from anser.planning.certified.clearance import Track, bounded_track, fleet_clearance_ratios
+from anser.planning.certified.replanning import exceeds_uncertainty
 from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot, safe_norm
@@ -91,6 +93,48 @@ def move_with_goals(
             time,
         ),
     )
+
+
+_LOSS_MIN = 0.05  # least change of the ratio of distance to separation that counts as a shift of the goals
+
+
+def goals_have_shifted(
+    holds: PlannedHolds,
+    tasks: AircraftTask,  # tasks with the currently measured goals
+    arrival_times: Float[Array, " aircraft"],  # planned times of arrival, s
+    time: ScalarLike,  # current time, s
+    separation: Separation,
+    # covariances of the goals' positions and velocities, NED, m and m/s; None: the goals are known exactly
+    covariances: Float[Array, "aircraft 6 6"] | None,
+) -> Bool[Array, "aircraft aircraft"]:
+    """Whether the goals of each pair have shifted so far relative to each other that their holds may lack separation.
+
+    The shift is that of the goals expected at the first arrival of the pair, relative to the forecast of the holds. The
+    ratio of distance to separation falls by at most the ratio of the shift. With covariances the shift must also be
+    greater than the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with an arrived aircraft do not
+    count.
+    """
+    to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
+    elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
+    offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
+    changes_n = tasks.goal_velocity_n - holds.goal_velocities_n
+    relative_n, rates_n = (values[:, None] - values[None, :] for values in (offsets_n, changes_n))
+    shifts_n = relative_n + to_go[:, :, None] * rates_n
+    loss = jnp.zeros_like(to_go)
+    for distance, required in (
+        (safe_hypot(shifts_n[..., 0], shifts_n[..., 1]), separation.horizontal),
+        (jnp.abs(shifts_n[..., 2]), separation.vertical),
+    ):
+        loss = jnp.maximum(loss, jnp.where(required > 0.0, distance / jnp.where(required > 0.0, required, 1.0), 0.0))
+    flying = tasks.active > 0.0
+    may_lack = loss > jnp.maximum(holds.clearance_ratio - 1.0, 0.0) + _LOSS_MIN
+    may_lack = may_lack & flying[:, None] & flying[None, :] & (to_go > 0.0)
+    if covariances is None:
+        return may_lack
+    is_significant = jax.vmap(jax.vmap(exceeds_uncertainty))(
+        shifts_n, covariances[:, None] + covariances[None, :], jnp.maximum(to_go, 0.0)
+    )
+    return may_lack & is_significant
 
 
 class HoldReference(AbstractReference):
