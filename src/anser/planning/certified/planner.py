@@ -23,14 +23,17 @@ from anser.planning.certified.certified_plan import (
 from anser.planning.certified.replanning import (
     COMMITTED_S,
     FIRST_PLAN,
+    GENTLE_ACCELERATION,
     REPLANNED,
+    arrival_delays,
     correct_or_replace_plan,
     interval_count,
     replan_certified,
     tasks_from_plan,
 )
-from anser.planning.certified.search import SearchOutcome, search
+from anser.planning.certified.search import FleetTask, SearchOutcome, search
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
+from anser.planning.certified.timed_profiles import STANDARD, WITH_SPLINES, WITH_TURN_LEG_PATHS, CandidateSet
 from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import (
     PlannedHolds,
@@ -43,6 +46,8 @@ from anser.planning.limits import PathLimits, acceleration_limits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.steady.performance import ACCELERATION_FLOOR
+
+_WITHOUT_SPLINES = STANDARD, WITH_TURN_LEG_PATHS
 
 
 @compiled_by_older_generator(None, "holds")
@@ -149,6 +154,7 @@ class CertifiedPlanner(AbstractPlanner):
         intervals: int | None = None,  # number of intervals of the paths; None: by their duration
         hold_tasks: AircraftTask | None = None,  # tasks of all flying aircraft, which all need holds; None: `tasks`
         former_holds: PlannedHolds | None = None,  # holds in use; None before the flight
+        candidate_sets: tuple[CandidateSet, ...] = FleetTask.candidate_sets,  # see `FleetTask`
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
         """Search for a plan and its holds.
 
@@ -173,6 +179,7 @@ class CertifiedPlanner(AbstractPlanner):
             failed_after_arrival=check_holds,
             fixed_paths=fixed_paths,
             intervals=intervals,
+            candidate_sets=candidate_sets,
         )
         selected_plan = outcome.plan_without_holds if outcome.plan is None else outcome.plan
         return outcome, next((holds for plan, holds in tried if plan is selected_plan), None)
@@ -302,13 +309,39 @@ class CertifiedPlanner(AbstractPlanner):
             is_open = active.any() and np.min(arrivals[active]) - time > max(COMMITTED_S, float(self.freeze))
             if is_open and not np.all(holds.clear) and not np.any(is_departed):
                 times_to_go = np.where(active, arrivals, np.max(arrivals[active])) - time
-                request = ArrivalRequest("times", float(self.latest_arrival) - time, times_s=times_to_go)
                 intervals = interval_count(plan.paths)
-                outcome, new_holds = self.search_plan(time, planned_tasks, request, end_time, intervals=intervals)
-                if outcome.plan is not None:
-                    plan, holds, status = outcome.plan, new_holds, REPLANNED
+                new_plan = self._search_in_flight(time, planned_tasks, times_to_go, end_time, intervals)
+                if new_plan is not None:
+                    (plan, holds), status = new_plan, REPLANNED
         status_index = as_array(status, planner_state.replanning.dtype)
         return CertifiedPlanState(plan, status_index, holds, planner_state.limits, planner_state.replan_needed)
+
+    def _search_in_flight(
+        self,
+        time: float,  # current time, s
+        tasks: AircraftTask,  # tasks from the planned states on, see `tasks_from_plan`
+        times_to_go: Float[np.ndarray, " aircraft"],  # times to the arrivals in force, s
+        end_time: float,  # end of the flight, s
+        intervals: int,  # number of intervals of the paths
+    ) -> tuple[CertifiedPlan, PlannedHolds] | None:
+        """Search for a plan with clear holds, later than planned where the rule allows it; None if none is found.
+
+        The acceleration is limited to `GENTLE_ACCELERATION`; splines, which take the most time, are tried last.
+        """
+        latest_to_go = float(self.latest_arrival) - time
+        all_aircraft = as_array(np.ones(times_to_go.shape), bool)
+        delays, count = arrival_delays(as_array(times_to_go), 0.0, all_aircraft, self.arrival_is_free, latest_to_go)
+        attempts = [(float(delay), _WITHOUT_SPLINES) for delay in np.asarray(delays)[: int(count)]]
+        gentle = np.minimum(np.asarray(tasks.limits.acceleration_max), GENTLE_ACCELERATION)
+        tasks = eqx.tree_at(lambda t: t.limits.acceleration_max, tasks, as_array(gentle))
+        for delay, candidate_sets in [*attempts, (0.0, (WITH_SPLINES,))]:
+            request = ArrivalRequest("times", latest_to_go, times_s=times_to_go + delay)
+            outcome, holds = self.search_plan(
+                time, tasks, request, end_time, intervals=intervals, candidate_sets=candidate_sets
+            )
+            if outcome.plan is not None and holds is not None:
+                return outcome.plan, holds
+        return None
 
     def replan_needed(self, planner_state: CertifiedPlanState) -> Flag:
         """Whether a new plan was due but not allowed (`allow_replanning`): the flight then stops for it."""

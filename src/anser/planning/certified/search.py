@@ -61,6 +61,8 @@ class FleetTask:
     tasks: AircraftTask  # planning problem of each aircraft, stacked
     airspace: Airspace  # environment that the aircraft share
     request: ArrivalRequest  # arrival rule
+    # candidate sets in the order of trial, from the cheapest to the most thorough; a large fleet tries `STANDARD` only
+    candidate_sets: tuple[CandidateSet, ...] = (STANDARD, WITH_TURN_LEG_PATHS, WITH_SPLINES)
 
     @cached_property
     def active(self) -> Bool[np.ndarray, " aircraft"]:
@@ -90,7 +92,7 @@ class FleetTask:
     @property
     def levels(self) -> tuple[CandidateSet, ...]:
         """Candidate sets in the order of trial, from the cheapest to the most thorough."""
-        return (STANDARD, WITH_TURN_LEG_PATHS, WITH_SPLINES) if self.is_small else (STANDARD,)
+        return self.candidate_sets if self.is_small else (STANDARD,)
 
     @cached_property
     def preferred_times(self) -> ArrivalTimes:
@@ -545,6 +547,7 @@ def search(
     fixed_paths: FixedPaths | None = None,
     # number of equal intervals between the knots of the paths; None: derived from the arrival times
     intervals: int | None = None,
+    candidate_sets: tuple[CandidateSet, ...] = FleetTask.candidate_sets,  # see `FleetTask`
 ) -> SearchOutcome:
     """Find a plan whose limits, separation and keep-outs are all proven by its certificate.
 
@@ -552,7 +555,7 @@ def search(
     paths per aircraft; the earliest feasible times after them; the times at which each aircraft alone can arrive, with
     increasingly thorough candidates; for the rule "earliest", finally, times before those of the plan.
     """
-    fleet = FleetTask(tasks, airspace, request)
+    fleet = FleetTask(tasks, airspace, request, candidate_sets)
     progress = _Search(start_time, fleet, on_progress, failed_after_arrival, fixed_paths, intervals)
     on_progress("planning")
     progress.run(first_stage(fleet, thorough))
