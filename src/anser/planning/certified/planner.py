@@ -36,6 +36,7 @@ from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
 from anser.planning.certified.timed_profiles import STANDARD, WITH_SPLINES, WITH_TURN_LEG_PATHS, CandidateSet
 from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import (
+    CELL_S,
     PlannedHolds,
     broadcast_holds,
     choose_cell_count,
@@ -281,7 +282,7 @@ class CertifiedPlanner(AbstractPlanner):
         """Correct, replace or keep the plan at a time (s), by the compiled programs of a search; not traceable by JAX.
 
         The attempts are those of `replan`, which a compiled loop contains, and one more: where no holds are clear, a
-        plan with other paths and the same arrival times is searched.
+        plan with other paths is searched.
         """
         former = planner_state.holds
         tasks, planned_tasks, correction_limits, must_choose = _replanning_tasks(
@@ -300,7 +301,7 @@ class CertifiedPlanner(AbstractPlanner):
         )
         holds = former
         if former is not None and (must_choose or status == REPLANNED):
-            end_time = float(np.max(np.asarray(former.paths.times)))
+            end_time = _end_of_holds(former)
             active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
             flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(np.where(active | is_departed, 1.0, 0.0)))
             # Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
@@ -379,6 +380,13 @@ class CertifiedPlanner(AbstractPlanner):
             roll_rate_max=self.roll_rates_max,
             active=jnp.where(reports.active, 1.0, 0.0),
         )
+
+
+def _end_of_holds(holds: PlannedHolds) -> float:
+    """Time of the end of the holds, s, at most the greatest with which new holds have the same number of cells."""
+    times = np.asarray(holds.paths.times)
+    cells = times.shape[1] - 1
+    return min(float(np.max(times)), CELL_S * cells)
 
 
 @compiled_quickly

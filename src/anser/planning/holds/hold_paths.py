@@ -34,6 +34,8 @@ _PULL_SHARE = 0.75  # share of the load factor beyond 1 for the level-off
 _BANK_FRACTION = 0.95  # of the greatest bank angle
 GOAL_VELOCITY_TOLERANCE = 0.1
 """Greatest deviation of a goal's velocity from the prediction, relative to the airspeed, for flying a planned hold."""
+CELL_S = 2.0
+"""Greatest duration of a cell of a hold's path, s, in flights of up to 4096 cells."""
 
 
 class HoldCircle(eqx.Module):
@@ -62,8 +64,8 @@ class PlannedHolds(eqx.Module):
 
 
 def choose_cell_count(duration_s: float) -> int:
-    """Cells of a hold's path for a duration (s): a power of two from 128 to 4096, of at most 2 s if possible."""
-    return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
+    """Cells of a hold's path for a duration (s): a power of two from 128 to 4096, of at most `CELL_S` if possible."""
+    return next((cells for cells in (128, 256, 512, 1024, 2048) if CELL_S * cells >= duration_s), 4096)
 
 
 def move_with_goals(
