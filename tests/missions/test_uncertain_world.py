@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from anser.missions import run
+from anser.planning.certified.replanning import REPLANNED
 from anser.scenario import load, loads
 
 pytestmark = pytest.mark.long
@@ -52,6 +53,14 @@ def test_the_seed_determines_the_flight(noisy):
         np.testing.assert_array_equal(repeated.dataset[name], noisy.dataset[name])
     reseeded = run(load("scenarios/uncertain-world.toml").replace("seed", 2))
     assert np.abs(reseeded.dataset["gust_w_m_s"] - noisy.dataset["gust_w_m_s"]).max() > 1.0
+
+
+def test_other_paths_are_planned_where_goals_turn_out_to_be_elsewhere():
+    """By the holds of the first plan, two aircraft pass each other at 124 m seconds after their arrivals."""
+    flown = run(load("scenarios/uncertain-world.toml").replace("seed", 3))
+    assert flown.met
+    assert (flown.dataset["renewal"].values == REPLANNED).any()
+    assert flown.summary["fleet"]["separation_min_m"] > 180.0  # the separation of the plan: 150 m and a reserve of 30 m
 
 
 def test_turning_ships_are_tracked_from_ais_reports():
