@@ -283,11 +283,8 @@ def _with_gentle_acceleration(limits: PathLimits) -> PathLimits:
 
 def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapshot:
     """Take the snapshot of a fleet in flight at a sample, by compiled programs."""
-    time, readings = (
-        as_array(sample * float(flight.timing.step)),
-        sense_fleet(flight, state, as_array(sample, np.int32)),
-    )
-    return _take_snapshot(flight, state, time, *readings)
+    readings = sense_fleet(flight, state, as_array(sample, np.int32))
+    return _take_snapshot(flight, state, as_array(sample * float(flight.timing.step)), *readings)
 
 
 def replan_fleet(
