@@ -26,7 +26,7 @@ from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, c
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import COMMITTED_S, REPLANNED, exit_path, interval_count, task_from_plan
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts
-from anser.planning.limits import PathLimits
+from anser.planning.limits import PathLimits, with_gentle_acceleration
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, GOAL_EVENTS, Event
@@ -275,12 +275,6 @@ def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
     return eqx.tree_at(lambda task: task.limits, tasks, limits)
 
 
-def _with_gentle_acceleration(limits: PathLimits) -> PathLimits:
-    """Return the limits with an acceleration along the path (m/s^2) that an engine delivers within a few seconds."""
-    limited = np.minimum(np.asarray(limits.acceleration_max), _ACCELERATION_M_S2)
-    return eqx.tree_at(lambda fields: fields.acceleration_max, limits, as_array(limited))
-
-
 def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapshot:
     """Take the snapshot of a fleet in flight at a sample, by compiled programs."""
     readings = sense_fleet(flight, state, as_array(sample, np.int32))
@@ -352,7 +346,10 @@ def _search_plan(
     can_replan = np.asarray(snapshot.replannable_tasks.active) > 0.0
     times_s = np.asarray(plan_state.plan.arrival_times)
     requests = _requests(scenario, times_s, can_replan, now_s, target_times_s)
-    limit_sets = _with_gentle_acceleration(plan_state.limits), planner.correction_limits(plan_state.limits)
+    limit_sets = (
+        with_gentle_acceleration(plan_state.limits, _ACCELERATION_M_S2),
+        planner.correction_limits(plan_state.limits),
+    )
     for request, limits in itertools.product(requests, limit_sets):
         outcome, holds = planner.search_plan(
             now_s,

@@ -66,9 +66,10 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
 
 @compiled_quickly
 def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> tuple[AircraftReport, Bool[Array, " aircraft"]]:
-    """Reports of a fleet in flight to its planner at sample `sample`, and a mask of the departed aircraft, compiled.
+    """Sense a fleet in flight at sample `sample`, by a compiled program.
 
-    A departed aircraft has left the fleet and still flies. Both are in fleet order.
+    Returns the reports to the planner, and the mask of the aircraft that have left the fleet and still fly; both in
+    fleet order.
     """
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     reports = cast_to_precision(fleet_reports(flight, state, instant)[1], float)

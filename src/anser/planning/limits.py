@@ -51,6 +51,12 @@ def acceleration_limits(limits: PathLimits) -> tuple[Scalar, Scalar]:
     return limits.acceleration_max, limits.deceleration_max
 
 
+def with_gentle_acceleration(limits: PathLimits, greatest: float) -> PathLimits:
+    """Return the limits with an acceleration along the path of at most `greatest` (m/s^2); not traceable by JAX."""
+    limited = np.minimum(np.asarray(limits.acceleration_max), greatest)
+    return eqx.tree_at(lambda fields: fields.acceleration_max, limits, as_array(limited))
+
+
 def _largest_magnitude(values: np.ndarray, axis: int) -> np.ndarray:
     return np.max(np.abs(values), axis)
 

@@ -23,7 +23,6 @@ from anser.planning.certified.certified_plan import (
 from anser.planning.certified.replanning import (
     COMMITTED_S,
     FIRST_PLAN,
-    GENTLE_ACCELERATION,
     REPLANNED,
     arrival_delays,
     correct_or_replace_plan,
@@ -43,11 +42,14 @@ from anser.planning.holds.hold_paths import (
     goals_have_shifted,
     move_with_goals,
 )
-from anser.planning.limits import PathLimits, acceleration_limits
+from anser.planning.limits import PathLimits, acceleration_limits, with_gentle_acceleration
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.steady.performance import ACCELERATION_FLOOR
 
+# Greatest acceleration, m/s^2, along the paths searched in flight for want of holds: with more, an aircraft with a
+# longer path accelerates first and then decelerates with an idling engine, so that it has no reserve for corrections.
+_ACCELERATION_M_S2 = 1.0
 _WITHOUT_SPLINES = STANDARD, WITH_TURN_LEG_PATHS
 
 
@@ -241,30 +243,30 @@ class CertifiedPlanner(AbstractPlanner):
         former, replan_needed = planner_state.holds, planner_state.replan_needed | result.replan_needed
         if former is None:
             return CertifiedPlanState(result.plan, result.status, None, planner_state.limits, replan_needed)
-        must_choose = self._must_choose_holds(planner_state, time, tasks, reports.goal_covariance)
+        is_outdated = self._holds_are_outdated(planner_state, time, tasks, reports.goal_covariance)
         if not self.allow_replanning:
             return CertifiedPlanState(
-                result.plan, result.status, former, planner_state.limits, replan_needed | must_choose
+                result.plan, result.status, former, planner_state.limits, replan_needed | is_outdated
             )
-        must_choose = must_choose | (result.status == REPLANNED)
+        choose_again = is_outdated | (result.status == REPLANNED)
 
         def assign_again() -> PlannedHolds:
             end_time, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
             moved = move_with_goals(former, tasks, time)
             return assign_holds(result.plan.paths, tasks, self.airspace, self.guidance, time, end_time, cells, moved)
 
-        holds = jax.lax.cond(any_in_batch(must_choose), assign_again, lambda: former)
-        holds = jax.tree.map(lambda new, old: jnp.where(must_choose, new, old), holds, former)
+        holds = jax.lax.cond(any_in_batch(choose_again), assign_again, lambda: former)
+        holds = jax.tree.map(lambda new, old: jnp.where(choose_again, new, old), holds, former)
         return CertifiedPlanState(result.plan, result.status, holds, planner_state.limits, replan_needed)
 
-    def _must_choose_holds(
+    def _holds_are_outdated(
         self,
         planner_state: CertifiedPlanState,
         time: ScalarLike,
         tasks: AircraftTask,
         covariances: Float[Array, "aircraft 6 6"] | None,
     ) -> Flag:
-        """Whether goals have shifted so far that holds must be chosen again, while an aircraft can still change its."""
+        """Whether goals have shifted so far that holds must be chosen again, and an aircraft can still change its own."""
         plan, holds = planner_state.plan, planner_state.holds
         if holds is None:
             return jnp.asarray(False)
@@ -282,10 +284,10 @@ class CertifiedPlanner(AbstractPlanner):
         """Correct, replace or keep the plan at a time (s), by the compiled programs of a search; not traceable by JAX.
 
         The attempts are those of `replan`, which a compiled loop contains, and one more: where no holds are clear, a
-        plan with other paths is searched.
+        plan with other paths is searched (`_search_in_flight`).
         """
         former = planner_state.holds
-        tasks, planned_tasks, correction_limits, must_choose = _replanning_tasks(
+        tasks, planned_tasks, correction_limits, is_outdated = _replanning_tasks(
             self, planner_state, as_array(time), reports
         )
         plan, status = correct_or_replace_plan(
@@ -300,15 +302,15 @@ class CertifiedPlanner(AbstractPlanner):
             correction_limits,
         )
         holds = former
-        if former is not None and (must_choose or status == REPLANNED):
+        if former is not None and (is_outdated or status == REPLANNED):
             end_time = _end_of_holds(former)
             active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
             flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(np.where(active | is_departed, 1.0, 0.0)))
             # Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
             are_under_way = bool(np.all(arrivals[active] > time))
             holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, None if are_under_way else former)
-            is_open = active.any() and np.min(arrivals[active]) - time > max(COMMITTED_S, float(self.freeze))
-            if is_open and not np.all(holds.clear) and not np.any(is_departed):
+            can_search = active.any() and np.min(arrivals[active]) - time > max(COMMITTED_S, float(self.freeze))
+            if can_search and not np.all(holds.clear) and not np.any(is_departed):
                 times_to_go = np.where(active, arrivals, np.max(arrivals[active])) - time
                 intervals = interval_count(plan.paths)
                 new_plan = self._search_in_flight(time, planned_tasks, times_to_go, end_time, intervals)
@@ -327,14 +329,13 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> tuple[CertifiedPlan, PlannedHolds] | None:
         """Search for a plan with clear holds, later than planned where the rule allows it; None if none is found.
 
-        The acceleration is limited to `GENTLE_ACCELERATION`; splines, which take the most time, are tried last.
+        The acceleration is limited to `_ACCELERATION_M_S2`; splines, which take the most time, are tried last.
         """
         latest_to_go = float(self.latest_arrival) - time
         all_aircraft = as_array(np.ones(times_to_go.shape), bool)
         delays, count = arrival_delays(as_array(times_to_go), 0.0, all_aircraft, self.arrival_is_free, latest_to_go)
         attempts = [(float(delay), _WITHOUT_SPLINES) for delay in np.asarray(delays)[: int(count)]]
-        gentle = np.minimum(np.asarray(tasks.limits.acceleration_max), GENTLE_ACCELERATION)
-        tasks = eqx.tree_at(lambda t: t.limits.acceleration_max, tasks, as_array(gentle))
+        tasks = eqx.tree_at(lambda t: t.limits, tasks, with_gentle_acceleration(tasks.limits, _ACCELERATION_M_S2))
         for delay, candidate_sets in [*attempts, (0.0, (WITH_SPLINES,))]:
             request = ArrivalRequest("times", latest_to_go, times_s=times_to_go + delay)
             outcome, holds = self.search_plan(
@@ -393,11 +394,12 @@ def _end_of_holds(holds: PlannedHolds) -> float:
 def _replanning_tasks(
     planner: CertifiedPlanner, planner_state: CertifiedPlanState, time: Scalar, reports: AircraftReport
 ) -> tuple[AircraftTask, AircraftTask, PathLimits, Flag]:
-    """Tasks to the measured goals, the same from the planned states on, limits of corrected paths, and a flag.
+    """Compute the inputs of `replan_outside_loop`.
 
-    The flag tells whether holds must be chosen again.
+    These are the tasks to the measured goals, the same tasks from the planned states on, the limits of corrected paths,
+    and whether the holds are outdated (`_holds_are_outdated`).
     """
     limits = planner_state.limits
     tasks = planner.aircraft_tasks(reports, limits)
-    must_choose = planner._must_choose_holds(planner_state, time, tasks, reports.goal_covariance)
-    return tasks, tasks_from_plan(planner_state.plan, tasks, time), planner.correction_limits(limits), must_choose
+    is_outdated = planner._holds_are_outdated(planner_state, time, tasks, reports.goal_covariance)
+    return tasks, tasks_from_plan(planner_state.plan, tasks, time), planner.correction_limits(limits), is_outdated

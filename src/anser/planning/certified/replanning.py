@@ -46,12 +46,6 @@ REPLANNING_MESSAGES = (
 )
 COMMITTED_S = 15.0
 """Time to go, s, below which an aircraft's path is corrected, but not replaced."""
-GENTLE_ACCELERATION = 1.0
-"""Greatest acceleration along a new path in flight, m/s^2, where holds require other paths.
-
-With more, an aircraft with a longer path accelerates first and then decelerates with an idling engine, so that it has
-no reserve for corrections.
-"""
 _SAME_POSITION_M = 1e-6
 SIGNIFICANT_DEVIATIONS = 3.0
 """Shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan. A smaller shift may

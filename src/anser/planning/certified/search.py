@@ -520,9 +520,9 @@ class _Search:
         attempt = self._judge(times, candidate_set, next(plans))
         if attempt.fails_after_arrival:
             self.plan_without_holds = attempt.plan
-            second = self._judge(times, candidate_set, next(plans))
-            if not second.failed.any():
-                return second
+            separated_later = self._judge(times, candidate_set, next(plans))
+            if not separated_later.failed.any():
+                return separated_later
         return attempt
 
     def _judge(self, times: ArrivalTimes, candidate_set: CandidateSet, plan: CertifiedPlan) -> _Attempt:

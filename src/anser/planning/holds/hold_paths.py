@@ -19,7 +19,7 @@ from anser.planning.certified import clearance
 from anser.planning.certified.clearance import Track, bounded_track, fleet_clearance_ratios
 from anser.planning.certified.replanning import exceeds_uncertainty
 from anser.planning.certified.task import AircraftTask, Airspace
-from anser.planning.separation import Separation
+from anser.planning.separation import Separation, separation_ratio
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot, safe_norm
@@ -68,6 +68,15 @@ def choose_cell_count(duration_s: float) -> int:
     return next((cells for cells in (128, 256, 512, 1024, 2048) if CELL_S * cells >= duration_s), 4096)
 
 
+def _forecast_errors(
+    holds: PlannedHolds, tasks: AircraftTask, time: Scalar | Float[Array, " aircraft"]
+) -> tuple[Float[Array, "aircraft 3"], Float[Array, "aircraft 3"]]:
+    """Offsets of the measured goals from the forecast of the holds at a time (s), and of their velocities, NED."""
+    elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
+    offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
+    return offsets_n, tasks.goal_velocity_n - holds.goal_velocities_n
+
+
 def move_with_goals(
     holds: PlannedHolds, tasks: AircraftTask, time: ScalarLike | Float[Array, " aircraft"]
 ) -> PlannedHolds:
@@ -77,9 +86,7 @@ def move_with_goals(
     velocity. `time` may be one time per aircraft, as is then `forecast_time` of the result.
     """
     time = jnp.asarray(time, dtype=float)
-    elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
-    offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
-    changes_n = tasks.goal_velocity_n - holds.goal_velocities_n
+    offsets_n, changes_n = _forecast_errors(holds, tasks, time)
 
     def moved_path(path: TimedPath, goal_offset_n: Vector3, change_n: Vector3, start_time: Scalar) -> TimedPath:
         offset_n = goal_offset_n[None, :] + (path.times - start_time)[:, None] * change_n[None, :]
@@ -89,7 +96,7 @@ def move_with_goals(
         lambda h: (h.paths, h.goal_positions_n, h.goal_velocities_n, h.forecast_time),
         holds,
         (
-            jax.vmap(moved_path)(holds.paths, offsets_n, changes_n, jnp.broadcast_to(time, elapsed.shape)),
+            jax.vmap(moved_path)(holds.paths, offsets_n, changes_n, jnp.broadcast_to(time, holds.clear.shape)),
             tasks.goal_position_n,
             tasks.goal_velocity_n,
             time,
@@ -117,17 +124,11 @@ def goals_have_shifted(
     count.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
-    elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
-    offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
-    changes_n = tasks.goal_velocity_n - holds.goal_velocities_n
+    offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))
     relative_n, rates_n = (values[:, None] - values[None, :] for values in (offsets_n, changes_n))
     shifts_n = relative_n + to_go[:, :, None] * rates_n
-    loss = jnp.zeros_like(to_go)
-    for distance, required in (
-        (safe_hypot(shifts_n[..., 0], shifts_n[..., 1]), separation.horizontal),
-        (jnp.abs(shifts_n[..., 2]), separation.vertical),
-    ):
-        loss = jnp.maximum(loss, jnp.where(required > 0.0, distance / jnp.where(required > 0.0, required, 1.0), 0.0))
+    level, height = safe_hypot(shifts_n[..., 0], shifts_n[..., 1]), jnp.abs(shifts_n[..., 2])
+    loss = separation_ratio(level, height, separation.horizontal, separation.vertical)
     flying = tasks.active > 0.0
     may_lack = loss > jnp.maximum(holds.clearance_ratio - 1.0, 0.0) + _LOSS_MIN
     may_lack = may_lack & flying[:, None] & flying[None, :] & (to_go > 0.0)
