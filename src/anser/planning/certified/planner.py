@@ -266,7 +266,7 @@ class CertifiedPlanner(AbstractPlanner):
         tasks: AircraftTask,
         covariances: Float[Array, "aircraft 6 6"] | None,
     ) -> Flag:
-        """Whether goals have shifted so far that holds must be chosen again, and an aircraft can still change its own."""
+        """Whether goals have shifted too far for the holds in use, and an aircraft can still change its hold."""
         plan, holds = planner_state.plan, planner_state.holds
         if holds is None:
             return jnp.asarray(False)
