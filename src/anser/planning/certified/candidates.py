@@ -205,24 +205,61 @@ def routed_candidates(
     altitude_detours = jnp.asarray(candidate_set.altitude_detours)[selected.numbers]
     speeds = selected.middle_speeds, selected.final_speeds
     timed = timed_profiles(task, airspace, duration, intervals, altitude_detours, speeds)
-    detours = functools.partial(_detours, task, airspace.gravity, candidate_set)
-    over_kinds = jax.vmap(detours, in_axes=(None, None, 0, 0, 0))
-    tables = candidate_set.direct_ranks, candidate_set.detour_kinds, candidate_set.sides
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
-    candidates = jax.vmap(over_kinds, in_axes=(0, 0, None, None, None))(
-        timed, (costs, selected.numbers), *map(jnp.asarray, tables)
-    )
-    candidates = jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]), candidates)
-    if candidate_set.turn_leg_starts:
-        turn_leg_candidates = jax.vmap(
-            functools.partial(_turn_leg_paths, task, airspace, candidate_set.turn_leg_starts)
-        )(timed, (costs, selected.numbers))
-        candidates = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), candidates, turn_leg_candidates)
+    of_profile = functools.partial(_profile_candidates, task, airspace, candidate_set)
+    if candidate_set.max_candidates is None:
+        candidates = jax.vmap(of_profile)(timed, costs, selected.numbers)
+    else:
+        candidates = _candidates_within_limits(of_profile, timed, costs, selected.numbers)
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), candidates)
     if candidate_set.max_candidates is not None and candidate_set.max_candidates < candidate_set.size:
         best = jnp.argsort(jnp.where(flat.valid, flat.cost, jnp.inf))[: candidate_set.max_candidates]
         flat = jax.tree.map(lambda leaf: leaf[best], flat)
     return flat, timed.table
+
+
+def _profile_candidates(
+    task: AircraftTask,
+    airspace: Airspace,
+    candidate_set: CandidateSet,
+    timed: TimedProfile,
+    cost: Scalar,  # cost of the profile
+    number: Integer,  # index of the profile in the set
+) -> _Routed:
+    """Detours and turn-and-leg paths of one profile, stacked."""
+    detours = functools.partial(_detours, task, airspace.gravity, candidate_set, timed, (cost, number))
+    tables = candidate_set.direct_ranks, candidate_set.detour_kinds, candidate_set.sides
+    candidates = jax.vmap(detours)(*map(jnp.asarray, tables))
+    candidates = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), candidates)
+    if candidate_set.turn_leg_starts:
+        turn_leg_candidates = _turn_leg_paths(task, airspace, candidate_set.turn_leg_starts, timed, (cost, number))
+        candidates = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), candidates, turn_leg_candidates)
+    return candidates
+
+
+def _candidates_within_limits(
+    of_profile: Callable[[TimedProfile, Scalar, Integer], _Routed],
+    timed: TimedProfile,  # profiles, stacked
+    costs: Float[Array, " profiles"],
+    numbers: Int[Array, " profiles"],
+) -> _Routed:
+    """Candidates of the profiles within limits, one profile after another: often a fifth of all.
+
+    The candidates of the rest are invalid, at the cost of absent ones. Shape (profile, candidate).
+    """
+    of_profile = jax.jit(of_profile)  # traced once, for its shapes and for the loop
+    profiles = timed, costs, numbers
+    shapes = jax.eval_shape(of_profile, *jax.tree.map(lambda leaf: leaf[0], profiles))
+    empty = jax.tree.map(lambda leaf: jnp.zeros((*numbers.shape, *leaf.shape), leaf.dtype), shapes)
+    empty = empty._replace(cost=jnp.full_like(empty.cost, ABSENT))
+    queue = jnp.argsort(~timed.within_limits, stable=True)
+
+    def add(k: Integer, candidates: _Routed) -> _Routed:
+        row = queue[k]
+        added = of_profile(*jax.tree.map(lambda leaf: leaf[row], profiles))
+        return jax.tree.map(lambda stored, leaf: stored.at[row].set(leaf), candidates, added)
+
+    return jax.lax.fori_loop(0, jnp.sum(timed.within_limits), add, empty)
 
 
 def _detours(
