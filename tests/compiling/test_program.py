@@ -73,6 +73,14 @@ def test_a_stored_program_accepts_numpy_arrays(store):
     assert len(store.files()) == 1
 
 
+def test_results_have_types_with_which_another_program_is_compiled_once(store):
+    choose = compiled(lambda is_active: {"active": jnp.where(is_active, 1.0, 0.0)})
+    total = compiled(lambda values: jnp.sum(values["active"]))
+    chosen = choose(jnp.array([True, False]))
+    assert total(chosen) == total({"active": jnp.array([1.0, 0.0])}) == 1.0
+    assert len(list(total)) == 1
+
+
 def test_shapes_and_options_distinguish_programs(store):
     solved()(MATRIX, VECTOR)
     solved(compiled_quickly)(MATRIX, VECTOR)

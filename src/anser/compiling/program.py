@@ -229,6 +229,14 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(array.shape, array.dtype, weak_type=getattr(array, "weak_type", False))
 
 
+def _with_fixed_type(leaf: Any) -> Any:
+    """Fix the type of an array that a Python number has left open ("weak type").
+
+    As an argument of another program, an array of open type would have it compiled once more.
+    """
+    return jnp.asarray(leaf, leaf.dtype) if eqx.is_array(leaf) else leaf
+
+
 def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
     """Wrap a compiled function of flat arrays, so that the result has its original structure."""
     leaves, structure = jax.tree.flatten(result)
@@ -435,7 +443,8 @@ class Program(Generic[_P, _R]):
 
         def flat(arrays: list[Any]) -> list[Any]:
             args, kwargs = self._join_arguments(arrays, static)
-            leaves, structure = jax.tree.flatten(function(*args, **kwargs))
+            result = jax.tree.map(_with_fixed_type, function(*args, **kwargs))
+            leaves, structure = jax.tree.flatten(result)
             results.append(structure.unflatten([_shape_of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]))
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 

@@ -59,10 +59,10 @@ def take_snapshot(
     flying_tasks = planner.aircraft_tasks(reports, plan_state.limits)
     can_replan = reports.active & (plan.arrival_times - time > jnp.maximum(planner.freeze, COMMITTED_S))
     tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, flying_tasks, time)
-    tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(can_replan, 1.0, 0.0))
+    tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(can_replan))
     is_flying = reports.active | is_departed
     fixed_paths = FixedPaths(is_flying & ~can_replan, plan.paths, plan.arrival_times)
-    flying_tasks = eqx.tree_at(lambda t: t.active, flying_tasks, jnp.where(is_flying, 1.0, 0.0))
+    flying_tasks = eqx.tree_at(lambda t: t.active, flying_tasks, as_array(is_flying))
     return FleetSnapshot(tasks, fixed_paths, flying_tasks)
 
 

@@ -407,9 +407,6 @@ def plans_at(
     extra = _absent_extra(candidates, extra_set)
     if extra_set is not None:
         selected = as_array(tasks.active if extra_for is None else extra_for, bool)
-        # The programs compile at the same time; after one kind without success, the search tries the other.
-        for kind in (extra_set, *EXTRA_SETS):
-            _generate.prepare(*arguments, intervals, kind, selected).start()
         extra[extra_set] = _generate(*arguments, intervals, extra_set, selected)
     choice = _choice_arguments(candidates, intervals, candidate_set, extra, fixed_paths)
     for look_ahead_s in (0.0, _LOOK_AHEAD_S):

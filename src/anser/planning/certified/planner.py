@@ -305,7 +305,7 @@ class CertifiedPlanner(AbstractPlanner):
         if former is not None and (is_outdated or status == REPLANNED):
             end_time = _end_of_holds(former)
             active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
-            flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(np.where(active | is_departed, 1.0, 0.0)))
+            flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(active | is_departed))
             # Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
             are_under_way = bool(np.all(arrivals[active] > time))
             holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, None if are_under_way else former)
@@ -379,7 +379,7 @@ class CertifiedPlanner(AbstractPlanner):
             side=self.sides,
             limits=limits,
             roll_rate_max=self.roll_rates_max,
-            active=jnp.where(reports.active, 1.0, 0.0),
+            active=as_array(reports.active),
         )
 
 
