@@ -176,6 +176,12 @@ def test_the_proposals_do_not_depend_on_the_heading():
     assert np.ptp(arrivals) < 1e-6
 
 
+def replace_plans(monkeypatch, plans_at):
+    """Replace the plans of the search; no candidates are generated."""
+    monkeypatch.setattr(search_module, "standard_candidates", lambda *arguments: None)
+    monkeypatch.setattr(search_module, "plans_at", plans_at)
+
+
 @pytest.mark.parametrize("standard_delay", [1.0, 1.1])
 def test_the_outcome_has_the_last_failed_attempt_before_the_plan(monkeypatch, standard_delay):
     """Paths exist from 66 s on; with the standard candidates only later, so that some later attempts fail too."""
@@ -185,7 +191,7 @@ def test_the_outcome_has_the_last_failed_attempt_before_the_plan(monkeypatch, st
         is_late = np.asarray(times) >= first_s * (standard_delay if candidate_set in (MINIMAL, STANDARD) else 1.0)
         yield SimpleNamespace(arrival_times=np.asarray(times), feasible=is_late, candidate_set=candidate_set)
 
-    monkeypatch.setattr(search_module, "plans_at", plans_at)
+    replace_plans(monkeypatch, plans_at)
     fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
     outcome = search(0.0, fleet.tasks, fleet.airspace, fleet.request)
     assert first_s <= outcome.plan.arrival_times[0] <= first_s * NEAR_ENOUGH
@@ -205,7 +211,7 @@ def test_extra_candidates_are_not_tried_for_want_of_a_hold(monkeypatch):
         for _ in range(2):
             yield SimpleNamespace(arrival_times=np.asarray(times), feasible=np.ones(SIZE, dtype=bool))
 
-    monkeypatch.setattr(search_module, "plans_at", plans_at)
+    replace_plans(monkeypatch, plans_at)
     fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
     outcome = search(
         0.0,
@@ -228,7 +234,7 @@ def test_paths_are_chosen_again_where_only_holds_are_missing(monkeypatch):
             chosen.append((choice, float(times[0])))
             yield SimpleNamespace(arrival_times=np.asarray(times), feasible=np.ones(SIZE, dtype=bool), choice=choice)
 
-    monkeypatch.setattr(search_module, "plans_at", plans_at)
+    replace_plans(monkeypatch, plans_at)
     fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
     outcome = search(
         0.0,

@@ -380,6 +380,22 @@ _choose = compiled_by_older_generator(("intervals",), "choice of paths")(_choose
 _LOOK_AHEAD_S = 5.0
 
 
+def standard_candidates(
+    start_time: ScalarLike,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    intervals: int,
+    candidate_set: CandidateSet = STANDARD,
+) -> Candidates:
+    """Generate the candidates of `STANDARD`, of which smaller sets are members, by a compiled program.
+
+    Only the profiles that `candidate_set` needs are generated; candidates of the rest are absent.
+    """
+    arguments = as_array(start_time), tasks, airspace, durations
+    return _generate(*arguments, intervals, STANDARD, profile_count=_profile_count(candidate_set))
+
+
 def plans_at(
     start_time: ScalarLike,
     tasks: AircraftTask,
@@ -387,23 +403,21 @@ def plans_at(
     durations: Float[Array, " aircraft"],
     intervals: int,
     candidate_set: CandidateSet,
+    candidates: Candidates,  # from `standard_candidates`, for the set and the same arguments
     extra_for: Bool[Array, " aircraft"]
     | None = None,  # aircraft that get `candidate_set.extra`; None: every active one
     fixed_paths: FixedPaths | None = None,
 ) -> Iterator[CertifiedPlan]:
     """Yield two plans: candidates chosen as by `plan_fleet_at`, then with regard to the time after the arrivals.
 
-    The arguments are those of `plan_fleet_at`. The second choice keeps the aircraft separated, as far as
+    The first arguments are those of `plan_fleet_at`. The second choice keeps the aircraft separated, as far as
     possible, also while they fly straight on after the arrivals; it is for fleets without clear holds after the first.
 
-    One program generates the candidates of `STANDARD`, of which smaller sets are members, for as many profiles as the
-    set needs; a program for each kind of extra candidates generates these; one program chooses and certifies. Absent
-    candidates and absent fixed paths stand in for those that are not requested, so that these programs serve every
-    search.
+    A program for each kind of extra candidates generates these; one program chooses and certifies. Absent candidates
+    and absent fixed paths stand in for those that are not requested, so that these programs serve every search.
     """
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
-    candidates = _generate(*arguments, intervals, STANDARD, profile_count=_profile_count(candidate_set))
     extra = _absent_extra(candidates, extra_set)
     if extra_set is not None:
         selected = as_array(tasks.active if extra_for is None else extra_for, bool)
@@ -422,7 +436,8 @@ def plan_at(
     candidate_set: CandidateSet,
 ) -> CertifiedPlan:
     """Choose and certify candidates as `plan_fleet_at` does, by the compiled programs of `plans_at`."""
-    return next(plans_at(start_time, tasks, airspace, durations, intervals, candidate_set))
+    arguments = start_time, tasks, airspace, durations, intervals, candidate_set
+    return next(plans_at(*arguments, standard_candidates(*arguments)))
 
 
 def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,12 +27,14 @@ from anser.planning.certified.arrival_times import (
     sample_interval,
     straight_times,
 )
+from anser.planning.certified.candidates import Candidates
 from anser.planning.certified.certified_plan import (
     SMALL_FLEET,
     CertifiedPlan,
     FixedPaths,
     choose_interval_count,
     plans_at,
+    standard_candidates,
 )
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLINES, WITH_TURN_LEG_PATHS, CandidateSet
@@ -40,8 +42,9 @@ from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLI
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # factors of the first time
 DELAY_RATIO = 1.008
 """Ratio of two consecutive arrival times of the search."""
-# Factors of the first time: every kind of candidate is tried before a longer delay.
-_DELAY_BOUNDS = (1.0, 1.03, 1.3, 3.0)
+# Factors of the first time: every kind of candidate is tried before a longer delay; first for two consecutive times,
+# because an arrival at most one step later is preferred to further candidates.
+_DELAY_BOUNDS = (1.0, DELAY_RATIO**1.5, 1.03, 1.3, 3.0)
 _LONG_DELAY = 1.3  # factor up to which the standard candidates are tried in single steps
 # Slightly later than by the direct path: a path of exactly its length may not exist, to rounding.
 _DIRECT_TIME_FACTOR = 1.0002
@@ -425,6 +428,7 @@ class _Search:
     plan: CertifiedPlan | None = None
     best_attempt: CertifiedPlan | None = None
     plan_without_holds: CertifiedPlan | None = None
+    standard: tuple[ArrivalTimes, Candidates] | None = None  # the last arrival times, and candidates for these
 
     def outcome(self, arrivals: list[Intervals] | None = None) -> SearchOutcome:
         if self.plan is not None:
@@ -507,13 +511,21 @@ class _Search:
         If only holds are missing, the plan is stored as `plan_without_holds`, and paths are chosen once more with
         regard to the time after the arrivals.
         """
-        plans = plans_at(
+        arguments = (
             self.start_time,
             self.fleet.tasks,
             self.fleet.airspace,
             as_array(times),
             choose_interval_count(float(np.max(times))) if self.intervals is None else self.intervals,
+        )
+        if candidate_set is MINIMAL:
+            candidates = standard_candidates(*arguments, MINIMAL)
+        else:
+            candidates = self._standard_candidates(times, arguments)
+        plans = plans_at(
+            *arguments,
             candidate_set,
+            candidates,
             None if extra_for is None else as_array(extra_for, bool),
             *(() if self.fixed_paths is None else (self.fixed_paths,)),
         )
@@ -524,6 +536,12 @@ class _Search:
             if not separated_later.failed.any():
                 return separated_later
         return attempt
+
+    def _standard_candidates(self, times: ArrivalTimes, arguments: tuple[Any, ...]) -> Candidates:
+        """Standard candidates for arrival times (s); those of the last times are kept for the next kind of paths."""
+        if self.standard is None or not np.array_equal(times, self.standard[0]):
+            self.standard = times.copy(), standard_candidates(*arguments)
+        return self.standard[1]
 
     def _judge(self, times: ArrivalTimes, candidate_set: CandidateSet, plan: CertifiedPlan) -> _Attempt:
         """Find the aircraft that fail in a plan, before their arrivals or, if none does, after them."""
