@@ -18,15 +18,16 @@ if "ANSER_TEST_CACHE" not in os.environ:
 os.environ.setdefault("ANSER_COMPILATION_CACHE", os.environ["ANSER_TEST_CACHE"])
 
 # Compiling is most of what the tests take. XLA's older code generator compiles these programs in about half the time of
-# its fusion emitters, and LLVM's lowest optimisation takes another sixth off; the results differ in rounding. Left alone
-# where XLA_FLAGS are set. Newer versions no longer have that generator, and XLA ends a process that names a flag it does
-# not know: so it is asked.
+# its fusion emitters, LLVM's lowest optimisation takes another sixth off, and code in one piece a fifth, which otherwise
+# is divided among threads; the results differ in rounding. Left alone where XLA_FLAGS are set. Newer versions no longer
+# have that generator, and XLA ends a process that names a flag it does not know: so it is asked.
 if "XLA_FLAGS" not in os.environ:
     lowest = "--xla_backend_optimization_level=0"
-    asking = {**os.environ, "XLA_FLAGS": f"{lowest} --xla_cpu_use_fusion_emitters=false"}
-    asked = [sys.executable, "-c", "import jax; jax.devices()"]
+    quickest = f"{lowest} --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+    asked = [sys.executable, "-c", "from jaxlib.xla_client import make_cpu_client; make_cpu_client()"]
+    asking = {**os.environ, "XLA_FLAGS": quickest}
     known = subprocess.run(asked, env=asking, capture_output=True, check=False).returncode == 0
-    os.environ["XLA_FLAGS"] = asking["XLA_FLAGS"] if known else lowest
+    os.environ["XLA_FLAGS"] = quickest if known else lowest
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # JAX reads it when it is imported
 # NumPy's linear algebra otherwise occupies every core for each small product: twice the CPU time in tests of
