@@ -1,5 +1,7 @@
 """Profiles of altitude and airspeed over time, in wind."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
