@@ -44,11 +44,13 @@ install_import_hook(["anser.environment"], "shape_checks.checked")  # before the
 from anser import cli  # noqa: E402
 from anser.compiling import enable_compilation_cache  # noqa: E402
 from anser.compiling.program import limit_memory_regions, release_all_programs  # noqa: E402
+from support.shared_context import share_contexts  # noqa: E402
 
 # A shell that starts the tests in the background lets them, and the commands that they start, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
+share_contexts()
 # JAX keeps the programs that tests compile themselves, single operations included, for the other worker and for use
 # after a release of the programs in memory.
 jax.config.update("jax_compilation_cache_dir", os.environ["ANSER_TEST_CACHE"])
