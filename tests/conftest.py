@@ -1,6 +1,7 @@
 """Strict tests: float64, no silent rank promotion, warnings are errors, stated shapes checked in the room `environment`."""
 
 import atexit
+import functools
 import gc
 import os
 import shutil
@@ -36,6 +37,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 import pytest
+import typer
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
@@ -48,6 +50,7 @@ from support.shared_context import share_contexts  # noqa: E402
 
 # A shell that starts the tests in the background lets them, and the commands that they start, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+typer.main.get_command = functools.cache(typer.main.get_command)  # built once, as in a process of the command line
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
 share_contexts()
