@@ -13,7 +13,6 @@ power proportional to density, response a first-order lag of 0.8 s; throttle and
 """
 
 import jax.numpy as jnp
-import numpy as np
 
 from anser.aircraft import AbstractAirframe, AbstractEngine, AirData, FirstOrderActuators, MassProperties, Wrench
 from anser.aircraft.engines import EnginePower, thrust_along_body_x
@@ -124,8 +123,8 @@ class LightAircraft(AbstractAirframe):
 
 def light_aircraft() -> AbstractAirframe:
     """Build the Navion."""
-    inertia_b = jnp.asarray(np.diag([1048.0, 3000.0, 3530.0]) * SLUG_FT2_KG_M2)
-    limit = jnp.asarray(np.array([25.0, 20.0, 20.0]) * DEG_RAD)
+    inertia_b = jnp.diag(jnp.array([1048.0, 3000.0, 3530.0])) * SLUG_FT2_KG_M2
+    limit = jnp.array([25.0, 20.0, 20.0]) * DEG_RAD
     return LightAircraft(
         mass_properties=MassProperties(
             mass=jnp.asarray(2750.0 * POUND_KG),
