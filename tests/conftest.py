@@ -1,6 +1,7 @@
 """Strict tests: float64, no silent rank promotion, warnings are errors, stated shapes checked in the room `environment`."""
 
 import atexit
+import functools
 import gc
 import os
 import shutil
@@ -18,15 +19,16 @@ if "ANSER_TEST_CACHE" not in os.environ:
 os.environ.setdefault("ANSER_COMPILATION_CACHE", os.environ["ANSER_TEST_CACHE"])
 
 # Compiling is most of what the tests take. XLA's older code generator compiles these programs in about half the time of
-# its fusion emitters, and LLVM's lowest optimisation takes another sixth off; the results differ in rounding. Left alone
-# where XLA_FLAGS are set. Newer versions no longer have that generator, and XLA ends a process that names a flag it does
-# not know: so it is asked.
+# its fusion emitters, LLVM's lowest optimisation takes another sixth off, and code in one piece a fifth, which otherwise
+# is divided among threads; the results differ in rounding. Left alone where XLA_FLAGS are set. Newer versions no longer
+# have that generator, and XLA ends a process that names a flag it does not know: so it is asked.
 if "XLA_FLAGS" not in os.environ:
     lowest = "--xla_backend_optimization_level=0"
-    asking = {**os.environ, "XLA_FLAGS": f"{lowest} --xla_cpu_use_fusion_emitters=false"}
-    asked = [sys.executable, "-c", "import jax; jax.devices()"]
+    quickest = f"{lowest} --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+    asked = [sys.executable, "-c", "from jaxlib.xla_client import make_cpu_client; make_cpu_client()"]
+    asking = {**os.environ, "XLA_FLAGS": quickest}
     known = subprocess.run(asked, env=asking, capture_output=True, check=False).returncode == 0
-    os.environ["XLA_FLAGS"] = asking["XLA_FLAGS"] if known else lowest
+    os.environ["XLA_FLAGS"] = quickest if known else lowest
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # JAX reads it when it is imported
 # NumPy's linear algebra otherwise occupies every core for each small product: twice the CPU time in tests of
@@ -35,6 +37,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 import pytest
+import typer
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
@@ -43,11 +46,14 @@ install_import_hook(["anser.environment"], "shape_checks.checked")  # before the
 from anser import cli  # noqa: E402
 from anser.compiling import enable_compilation_cache  # noqa: E402
 from anser.compiling.program import limit_memory_regions, release_all_programs  # noqa: E402
+from support.shared_context import share_contexts  # noqa: E402
 
 # A shell that starts the tests in the background lets them, and the commands that they start, ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+typer.main.get_command = functools.cache(typer.main.get_command)  # built once, as in a process of the command line
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
+share_contexts()
 # JAX keeps the programs that tests compile themselves, single operations included, for the other worker and for use
 # after a release of the programs in memory.
 jax.config.update("jax_compilation_cache_dir", os.environ["ANSER_TEST_CACHE"])

@@ -21,6 +21,7 @@ from support.made_flight import make_flight
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 THREE = (SCENARIOS / "three-aircraft.toml").read_text()
+BRIEFLY = ("--set", "timing.duration_s=65", "--set", "timing.step_s=0.02")  # all arrive at 60 s
 
 
 def _scenario(tmp_path, *changes):
@@ -35,8 +36,7 @@ def _scenario(tmp_path, *changes):
 
 def test_run_writes_the_files_and_a_table(anser, tmp_path):
     out = tmp_path / "deep" / "run"
-    shorter = ("--set", "timing.duration_s=65")
-    code, printed, _ = anser("run", SCENARIOS / "three-aircraft.toml", "--out", out, *shorter)
+    code, printed, _ = anser("run", SCENARIOS / "three-aircraft.toml", "--out", out, *BRIEFLY)
     assert code == 0
     assert sorted(p.name for p in out.iterdir()) == ["flight.nc", "report.html", "summary.json"]
     for name in ("aircraft-1", "aircraft-2", "aircraft-3"):
@@ -71,14 +71,14 @@ def test_a_run_without_out_leaves_the_earlier_run_unchanged(anser, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     earlier = tmp_path / "runs" / "three-aircraft"
     earlier.mkdir(parents=True)
-    values = ("--set", "wind.speed_m_s=8", "--set", "wind.from_deg=240", "--set", "timing.duration_s=75")
-    code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", *values)
+    values = ("--set", "wind.speed_m_s=2", "--set", "wind.from_deg=240")
+    code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", *BRIEFLY, *values)
     assert code == 0
     assert "runs/three-aircraft-2: flight.nc, summary.json, report.html written" in err
     assert (tmp_path / "runs" / "three-aircraft-2" / "summary.json").is_file()
     assert not list(earlier.iterdir())
     meant = load(SCENARIOS / "three-aircraft.toml").replace(
-        "wind.speed_m_s", 8, "wind.from_deg", 240, "timing.duration_s", 75
+        "wind.speed_m_s", 2, "wind.from_deg", 240, "timing.duration_s", 65, "timing.step_s", 0.02
     )
     with xr.open_dataset(tmp_path / "runs" / "three-aircraft-2" / "flight.nc", engine="netcdf4") as flight:
         assert validate(json.loads(flight.attrs["scenario"])) == meant
@@ -102,7 +102,7 @@ def test_the_time_of_an_aircraft_s_stop_is_printed(anser, tmp_path, monkeypatch)
 
 
 def test_an_unmet_requirement_is_named_and_ends_with_1(anser, tmp_path):
-    shorter = ("duration_s = 150.0", "duration_s = 65.0")
+    shorter = ("duration_s = 150.0", "duration_s = 65.0\nstep_s = 0.02")
     path = _scenario(tmp_path, ("[requirements]", "[requirements]\nmiss_max_m = 0.0001"), shorter)
     code, printed, err = anser("run", path, "--out", tmp_path / "run", "--json")
     assert code == 1

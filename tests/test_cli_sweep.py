@@ -15,7 +15,7 @@ THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
 
 def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
     out, shorter = tmp_path / "sweep", tmp_path / "three.toml"
-    shorter.write_text(THREE.read_text().replace("duration_s = 150.0", "duration_s = 75.0"))
+    shorter.write_text(THREE.read_text().replace("duration_s = 150.0", "duration_s = 75.0\nstep_s = 0.02"))
     code, printed, said = anser("sweep", shorter, "--set", "wind.speed_m_s=0:8:8", "--out", out)
     assert code == 0
     assert "wind.speed_m_s" in printed

@@ -50,7 +50,7 @@ def test_the_verbosity_of_xla_is_left_to_the_user(tmp_path, monkeypatch):
 def test_a_flight_imports_only_what_it_uses(tmp_path):
     program = f"""
 import sys
-sys.argv = ["anser", "run", {SCENARIO!r}, "--set", "timing.duration_s=65", "--out", "flight"]
+sys.argv = ["anser", "run", {SCENARIO!r}, "--set", "timing.duration_s=62", "--set", "timing.step_s=0.02", "--out", "flight"]
 from anser.cli import main
 try:
     main()

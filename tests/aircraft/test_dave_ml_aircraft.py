@@ -20,7 +20,6 @@ from support.trims import target_deg, trim
 NASA = resources.files("anser.dave_ml").joinpath("nasa")
 INPUTS = tuple(f"{surface}Deflection" for surface in ("elevator", "aileron", "rudder"))
 S119 = load_f16("s119", x_cg_over_c=0.25)
-SEA = StandardAtmosphere().at(0.0)
 
 
 def model(name):
@@ -50,7 +49,7 @@ def f16():
 @eqx.filter_vmap(in_axes=(None, 0))
 def wrench_of(airframe, x):
     flow = x[0] * jnp.stack([jnp.cos(x[1]) * jnp.cos(x[2]), jnp.sin(x[2]), jnp.sin(x[1]) * jnp.cos(x[2])])
-    wrench = airframe.aerodynamics(air_data(flow, 0.0, SEA), x[3:6], x[6:9])
+    wrench = airframe.aerodynamics(air_data(flow, 0.0, StandardAtmosphere().at(0.0)), x[3:6], x[6:9])
     return jnp.concatenate([wrench.force_b, wrench.moment_b])
 
 
@@ -97,7 +96,7 @@ def test_the_trim_equals_that_of_the_built_in_variant(f16):
 
 def test_slopes_are_finite_at_rest(f16):
     def total(x):
-        wrench = f16.aerodynamics(air_data(x[:3], 0.0, SEA), x[3:6], x[6:9])
+        wrench = f16.aerodynamics(air_data(x[:3], 0.0, StandardAtmosphere().at(0.0)), x[3:6], x[6:9])
         return jnp.sum(wrench.force_b) + jnp.sum(wrench.moment_b)
 
     assert np.all(np.isfinite(jax.jit(jax.grad(total))(jnp.zeros(9))))

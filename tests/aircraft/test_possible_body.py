@@ -14,11 +14,15 @@ from support.light_aircraft import light_aircraft
 GOOD = light_aircraft()
 FLAWS = {
     "mass": (lambda a: a.mass_properties.mass, jnp.asarray(0.0), "0 as mass_properties.mass; expected a positive"),
-    "moment": (lambda a: a.mass_properties.inertia_b, jnp.diag(jnp.array([1.0, 1.0, 3.0])), "3 as Jzz .*at most Jxx"),
-    "sign": (lambda a: a.mass_properties.inertia_b, -jnp.eye(3), "-1 as Jxx in mass_properties.inertia_b"),
-    "symmetry": (lambda a: a.mass_properties.inertia_b, jnp.eye(3).at[0, 1].set(0.1), "not symmetric"),
-    "shape": (lambda a: a.mass_properties.inertia_b, jnp.ones(3), r"of shape \(3,\)"),
-    "inverse": (lambda a: a.mass_properties.inertia_inverse_b, jnp.eye(3), "expected the inverse"),
+    "moment": (lambda a: a.mass_properties.inertia_b, jnp.asarray(np.diag([1.0, 1.0, 3.0])), "3 as Jzz .*at most Jxx"),
+    "sign": (lambda a: a.mass_properties.inertia_b, jnp.asarray(-np.eye(3)), "-1 as Jxx in mass_properties.inertia_b"),
+    "symmetry": (
+        lambda a: a.mass_properties.inertia_b,
+        jnp.asarray([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        "not symmetric",
+    ),
+    "shape": (lambda a: a.mass_properties.inertia_b, jnp.asarray(np.ones(3)), r"of shape \(3,\)"),
+    "inverse": (lambda a: a.mass_properties.inertia_inverse_b, jnp.asarray(np.eye(3)), "expected the inverse"),
     "span": (lambda a: a.span, jnp.asarray(-10.0), "-10 as span"),
     "area": (lambda a: a.wing_area, jnp.asarray(jnp.nan), "nan as wing_area"),
 }

@@ -1,5 +1,6 @@
 """Delayed sensors: the ring buffer and the readings."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -114,14 +115,16 @@ def test_readings_are_the_truth_of_the_delayed_time(periods):
     """In steady flight past a boat, state, air data and line of sight are those of `periods` samples ago."""
     truths, instants = zip(*(true_at(k) for k in range(12)), strict=True)
     sensors = DelayedSensors(jnp.asarray(periods * STEP), DELAY_MAX, STEP)
-    memory = sensors.init(truths[0], instants[0])
+    memory = eqx.filter_jit(sensors.init)(truths[0], instants[0])
+    read = eqx.filter_jit(sensors.read)
     for truth, instant in zip(truths, instants, strict=True):
-        reading, memory = sensors.read(memory, truth, instant)
+        reading, memory = read(memory, truth, instant)
     sample_number = 11 - periods
     np.testing.assert_allclose(reading.state.position_n[0], 150.0 * STEP * sample_number, atol=1e-9)
     np.testing.assert_allclose(float(jnp.linalg.norm(reading.state.quaternion)), 1.0, atol=1e-15)
     np.testing.assert_allclose(reading.condition.air_data.V, 150.0, rtol=1e-12)
     # the line of sight is never between samples: that of the even number next to it
-    ideal_reading, _ = IdealSensors().read(None, *true_at(round(sample_number)) if periods != 2.5 else true_at(9))
+    ideal_truth = true_at(round(sample_number)) if periods != 2.5 else true_at(9)
+    ideal_reading, _ = eqx.filter_jit(IdealSensors().read)(None, *ideal_truth)
     for ours, ideal in zip(jax.tree.leaves(reading.sight), jax.tree.leaves(ideal_reading.sight), strict=True):
         np.testing.assert_allclose(ours, ideal, rtol=1e-12)

@@ -12,9 +12,18 @@ FAULT_COUNT = 3 + SURFACES
 NOISE = np.array([0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005])
 
 
+@jax.jit
+def advance_along(responses, effects):
+    detection = fault_detection(SURFACES)
+
+    def advance(state, row):
+        return detection.advance(state, row[0], row[1], jnp.asarray(NOISE), 1.0, STEP_S), None
+
+    return jax.lax.scan(advance, detection.init(), (responses, effects))[0]
+
+
 def detect(share, noise, seed=0):
     """Final state for a part `share` of each fault (fault,), with white noise in units of the detection's noise."""
-    detection = fault_detection(SURFACES)
     rng = np.random.default_rng(seed)
     time_s = np.arange(SAMPLES) * STEP_S
     # each fault shows in its own mix of coefficients, with its own motion
@@ -22,11 +31,7 @@ def detect(share, noise, seed=0):
     motion = 1.0 + np.sin(2.0 * np.pi * np.outer(np.arange(1, FAULT_COUNT + 1) / 9.0, time_s))
     effects = motion.T[:, :, None] * mix
     response = np.einsum("f,nfc->nc", share, effects) + noise * NOISE * rng.normal(size=(SAMPLES, 6))
-
-    def advance(state, row):
-        return detection.advance(state, row[0], row[1], jnp.asarray(NOISE), 1.0, STEP_S), None
-
-    return jax.lax.scan(advance, detection.init(), (jnp.asarray(response), jnp.asarray(effects)))[0]
+    return advance_along(response, effects)
 
 
 @pytest.mark.parametrize("fault", range(FAULT_COUNT))

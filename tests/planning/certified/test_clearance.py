@@ -226,14 +226,15 @@ def test_tracks_continue_straight_after_the_arrivals():
     positions = times[:, None] * velocities[:, None, None]
     included = np.where(times[:-1] < arrivals[:, None, None] - 1e-6, 1.0, 0.0)
     tracks = Track(jnp.asarray(positions), jnp.ones((3, 1, 80)), jnp.asarray(included))
-    continued = continue_straight(tracks, jnp.asarray(arrivals), seconds, jnp.array([True, True, False]))
+    continue_by = jax.jit(continue_straight)
+    continued = continue_by(tracks, jnp.asarray(arrivals), seconds, jnp.array([True, True, False]))
     later = 40.0 + 1.5 * np.arange(5)
     np.testing.assert_allclose(continued.positions_n[:, 0, 80:], later[:, None] * velocities[:, None], atol=1e-9)
     begins = np.concatenate([times[:-1], later[:-1]])
     ends = np.array([38.0, 46.0, 32.0])[:, None]
     np.testing.assert_array_equal(continued.included[:, 0], begins < ends - 1e-6)
     np.testing.assert_array_equal(continued.error_bound[:, 0, 80:], 0.0)
-    unchanged = continue_straight(tracks, jnp.asarray(arrivals), 0.0, jnp.ones(3, dtype=bool))
+    unchanged = continue_by(tracks, jnp.asarray(arrivals), 0.0, jnp.ones(3, dtype=bool))
     np.testing.assert_array_equal(unchanged.included[..., :80], included)
     np.testing.assert_array_equal(unchanged.included[..., 80:], 0.0)
 
@@ -244,10 +245,11 @@ def test_a_meeting_after_the_arrivals_counts_in_the_look_ahead_only():
     along = np.stack([150.0 * (times - 60.0), 900.0 - 150.0 * (times - 60.0)])[:, None, :, None]
     tracks = Track(jnp.asarray(along * np.array([1.0, 0.0, 0.0])), jnp.zeros((2, 1, 120)), jnp.ones((2, 1, 120)))
 
+    @jax.jit
     def ratio(seconds):
         continued = continue_straight(tracks, jnp.full(2, 60.0), seconds, jnp.ones(2, dtype=bool))
         one, other = (jax.tree.map(lambda leaf, k=k: leaf[k, 0], continued) for k in range(2))
-        return float(pair_clearance_ratio(one, other, Separation(number(180.0), number(0.0))))
+        return pair_clearance_ratio(one, other, Separation(number(180.0), number(0.0)))
 
     np.testing.assert_allclose([ratio(0.0), ratio(2.0)], [5.0, 300.0 / 180.0], atol=1e-6)
     assert ratio(5.0) < 1e-3

@@ -1,5 +1,7 @@
 """Profiles of altitude and airspeed over time, in wind."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,7 +68,11 @@ def readings(table, times):
     return jax.vmap(one)(times)
 
 
-PROFILES = compiled_quickly(jax.vmap(make))(*INPUTS)
+@functools.cache
+def profiles():
+    return compiled_quickly(jax.vmap(make))(*INPUTS)
+
+
 kinks_of = compiled_quickly(jax.vmap(lambda profile: profile.kinks))
 along = compiled_quickly(jax.vmap(motions))
 tables_of = compiled_quickly(jax.vmap(tabulated, in_axes=(0, None)))
@@ -74,45 +80,47 @@ read = compiled_quickly(jax.vmap(readings))
 
 
 def test_profiles_start_and_end_as_prescribed():
-    end_times = jnp.stack([jnp.zeros(CASES), PROFILES.duration], axis=1)
-    initial, final = np.moveaxis(np.asarray(along(PROFILES, end_times)[0]), 1, 0)
+    end_times = jnp.stack([jnp.zeros(CASES), profiles().duration], axis=1)
+    initial, final = np.moveaxis(np.asarray(along(profiles(), end_times)[0]), 1, 0)
     expected = np.stack([ALTITUDES[0], CLIMBS[0], CLIMB_DOT, SPEED, SPEED_DOT], axis=1)
     np.testing.assert_allclose(initial, expected, rtol=1e-12, atol=1e-12)  # rounding
     np.testing.assert_allclose(final[:, 0], ALTITUDES[1], atol=1e-9)  # rounding of 1e3 m
     np.testing.assert_allclose(final[:, 1], CLIMBS[1], atol=1e-11)
-    np.testing.assert_allclose(final[:, 3], PROFILES.speed_2, rtol=1e-13)
-    np.testing.assert_allclose(PROFILES.speed_2 - PROFILES.speed_1, CHANGE, atol=1e-12)
+    np.testing.assert_allclose(final[:, 3], profiles().speed_2, rtol=1e-13)
+    np.testing.assert_allclose(profiles().speed_2 - profiles().speed_1, CHANGE, atol=1e-12)
     # It arrives without an acceleration.
     np.testing.assert_allclose(final[:, [2, 4]], 0.0, atol=1e-11)
 
 
 def test_mean_airspeed_is_the_prescribed_one_plus_known_corrections():
     t = np.linspace(0.0, 1.0, 40001)
-    speed = np.asarray(along(PROFILES, DURATION[:, None] * t)[0])[..., 3]
+    speed = np.asarray(along(profiles(), DURATION[:, None] * t)[0])[..., 3]
     mean = np.sum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (t.size - 1)
-    np.testing.assert_allclose(jax.jit(jax.vmap(lambda p: p.speed_mean))(PROFILES), mean, rtol=1e-8)  # the trapezoid's
+    np.testing.assert_allclose(
+        jax.jit(jax.vmap(lambda p: p.speed_mean))(profiles()), mean, rtol=1e-8
+    )  # the trapezoid's
     # The integral of t (1 - t/F)^3 over the F seconds in which it fades is F^2/20.
     expected = MEAN + SPEED_DOT * FADE_S**2 / 20 / DURATION
     once = CHANGE == 0.0
     np.testing.assert_allclose(mean[once], expected[once], rtol=1e-8)  # the trapezoid's, with steps of 7 ms
     # Half of the time of the second change is flown at the mean of both speeds.
-    later = 0.5 * np.asarray(PROFILES.speed_ramp_2) * CHANGE / DURATION
+    later = 0.5 * np.asarray(profiles().speed_ramp_2) * CHANGE / DURATION
     np.testing.assert_allclose(mean, expected + later, rtol=1e-8)
     # Not beyond the steady speed asked, but for making up the change: the mean lies between both ends.
-    final_speeds = np.asarray(PROFILES.speed_1)
+    final_speeds = np.asarray(profiles().speed_1)
     assert np.all((MEAN - SPEED) * (final_speeds - MEAN) >= 0.0)
 
 
 def test_rates_are_continuous_derivatives():
     grid = DURATION[:, None] * np.linspace(0.0, 1.0, 500)[1:-1]
-    value, slope = (np.asarray(x) for x in along(PROFILES, jnp.asarray(grid)))
+    value, slope = (np.asarray(x) for x in along(profiles(), jnp.asarray(grid)))
     np.testing.assert_allclose(slope[..., 0], value[..., 1], atol=1e-10)  # rounding
     np.testing.assert_allclose(slope[..., 1], value[..., 2], atol=1e-10)
     np.testing.assert_allclose(slope[..., 3], value[..., 4], atol=1e-10)
     # At the kinks themselves accelerations are continuous: a step of 1e-14 s, slopes of 1 m/s^3.
-    kinks = np.asarray(kinks_of(PROFILES))
+    kinks = np.asarray(kinks_of(profiles()))
     right_limit, left_limit = (
-        np.asarray(along(PROFILES, jnp.asarray(t))[0]) for t in (kinks, np.nextafter(kinks, 0.0))
+        np.asarray(along(profiles(), jnp.asarray(t))[0]) for t in (kinks, np.nextafter(kinks, 0.0))
     )
     np.testing.assert_allclose(right_limit, left_limit, rtol=1e-12, atol=1e-11)
 
@@ -121,9 +129,9 @@ def test_third_derivatives_jump_at_kinks_only():
     # Differences of the slopes of the accelerations over a millisecond: small within, except where a kink lies.
     step = 1e-3
     times = np.arange(2 * step, 20.0, step)
-    slope = np.asarray(along(PROFILES, jnp.asarray(np.tile(times, (CASES, 1))))[1])[..., [2, 4]]
+    slope = np.asarray(along(profiles(), jnp.asarray(np.tile(times, (CASES, 1))))[1])[..., [2, 4]]
     jumps = np.max(np.abs(np.diff(slope, axis=1)), axis=2) > 0.05  # fourth derivatives are below 10 m/s^4 in 1 ms
-    all_kinks = np.asarray(kinks_of(PROFILES))
+    all_kinks = np.asarray(kinks_of(profiles()))
     for k, kinks in enumerate(all_kinks):
         jump_times = times[1:][jumps[k]]
         assert all(np.min(np.abs(kinks - t)) <= 2 * step for t in jump_times)
@@ -131,9 +139,9 @@ def test_third_derivatives_jump_at_kinks_only():
 
 @pytest.mark.parametrize("wind", [STEADY, LAYERED], ids=["steady", "layered"])
 def test_lengths_and_drifts_are_integrals(wind):
-    table = tables_of(PROFILES, wind)
+    table = tables_of(profiles(), wind)
     t = np.linspace(0.0, 1.0, 40001)
-    value = np.asarray(along(PROFILES, DURATION[:, None] * t)[0])
+    value = np.asarray(along(profiles(), DURATION[:, None] * t)[0])
     for k in range(CASES):
         altitude, climb, _, speed, _ = value[k].T
         air = blowing(wind, altitude)
@@ -152,7 +160,7 @@ def test_lengths_and_drifts_are_integrals(wind):
 
 @pytest.fixture(scope="module")
 def layered():
-    return tables_of(PROFILES, LAYERED)
+    return tables_of(profiles(), LAYERED)
 
 
 def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(layered):
@@ -167,7 +175,7 @@ def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(lay
     np.testing.assert_allclose(times, between, atol=1e-5)
     assert np.all(np.diff(lengths, axis=1) > 0.0)
     # Rates are those of the profile in the wind.
-    value = np.asarray(along(PROFILES, jnp.asarray(between))[0])
+    value = np.asarray(along(profiles(), jnp.asarray(between))[0])
     for k in range(CASES):
         air = blowing(LAYERED, value[k, :, 0])
         np.testing.assert_allclose(winds[k], air, atol=1e-12)
@@ -195,7 +203,7 @@ def limits_of(value):
 
 def test_excess_is_measured_against_each_limit(layered):
     intervals = DURATION[:, None] * np.linspace(0.0, 1.0, INTERVALS + 1)
-    value = np.asarray(along(PROFILES, jnp.asarray(intervals))[0])
+    value = np.asarray(along(profiles(), jnp.asarray(intervals))[0])
     wide = {
         "speed_min": 50.0,
         "speed_max": 400.0,

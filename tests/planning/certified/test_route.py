@@ -1,5 +1,7 @@
 """Routes of turns and legs: end points, and smoothness of the curve."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +24,11 @@ ANGLES[:4, 1] = 0.0  # no turn
 ANGLES[2:6, 2] = 1e-3  # one without an arc
 LENGTHS = _RNG.uniform(0.0, 5000.0, (CASES, LEGS))
 LENGTHS[:2, 0] = 0.0
-ROUTES = compiled_quickly(jax.vmap(flown))(ENDS, jnp.asarray(ANGLES), jnp.asarray(LENGTHS))
+
+
+@functools.cache
+def routes():
+    return compiled_quickly(jax.vmap(flown))(ENDS, jnp.asarray(ANGLES), jnp.asarray(LENGTHS))
 
 
 def state(shape, length):
@@ -54,7 +60,7 @@ def expected_pieces(k):
 
 def test_a_route_follows_its_curvature():
     for k in range(CASES):
-        shape = picked(ROUTES, k)
+        shape = picked(routes(), k)
         pieces = expected_pieces(k)
         marks = np.cumsum([0.0] + [piece[0] for piece in pieces])
         positions, headings = integrated(ENDS.start[k], ENDS.heading[k], pieces)
@@ -66,10 +72,12 @@ def test_a_route_follows_its_curvature():
 
 def test_a_route_has_the_prescribed_end():
     start_headings = np.asarray(ENDS.heading + 0.5 * ENDS.curvature * jnp.abs(ENDS.curvature) / ENDS.sharpness)
-    np.testing.assert_allclose(ROUTES.headings[:, -1], start_headings + np.sum(ANGLES, axis=1), atol=1e-12)  # rounding
-    np.testing.assert_array_equal(ROUTES.curvatures[:, -1], 0.0)
+    np.testing.assert_allclose(
+        routes().headings[:, -1], start_headings + np.sum(ANGLES, axis=1), atol=1e-12
+    )  # rounding
+    np.testing.assert_array_equal(routes().curvatures[:, -1], 0.0)
     for k in range(CASES):
-        shape = picked(ROUTES, k)
+        shape = picked(routes(), k)
         (end_states, _) = along(shape, jnp.stack([number(0.0), shape.length]))
         expected_positions = [complex(ENDS.start[k]), complex(shape.positions[-1])]
         np.testing.assert_allclose(end_states[:, 0] + 1j * end_states[:, 1], expected_positions, atol=1e-8)
@@ -79,7 +87,7 @@ def test_a_route_has_the_prescribed_end():
 
 def test_every_point_is_on_a_curve_of_unit_speed_with_its_curvature():
     for k in range(CASES):
-        shape = picked(ROUTES, k)
+        shape = picked(routes(), k)
         lengths = float(shape.length) * np.linspace(0.0, 1.0, 801)[1:-1]
         value, slope = (np.asarray(x) for x in along(shape, jnp.asarray(lengths)))
         tangent = slope[:, 0] + 1j * slope[:, 1]
@@ -93,7 +101,7 @@ def test_every_point_is_on_a_curve_of_unit_speed_with_its_curvature():
 
 def test_position_heading_and_curvature_are_continuous_at_the_marks():
     for k in range(CASES):
-        shape = picked(ROUTES, k)
+        shape = picked(routes(), k)
         marks = np.unique(np.asarray(shape.marks))[1:-1]
         right_limit, left_limit = (
             np.asarray(along(shape, jnp.asarray(s))[0]) for s in (marks, np.nextafter(marks, 0.0))
@@ -105,7 +113,7 @@ def test_position_heading_and_curvature_are_continuous_at_the_marks():
 
 
 def test_a_route_continues_straight_after_its_end():
-    shape = picked(ROUTES, 7)
+    shape = picked(routes(), 7)
     distances = np.array([1e-3, 10.0, 4000.0])
     states, slope = (np.asarray(x) for x in along(shape, shape.length + jnp.asarray(distances)))
     heading = float(shape.headings[-1])

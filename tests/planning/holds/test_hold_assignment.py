@@ -95,7 +95,11 @@ def airspace(horizontal, vertical, keep_out=(9e5, 9e5, 100.0)):
 
 GOALS = [(0.0, 0.0), (1500.0, 900.0), (-300.0, 800.0)]
 DRIFTS = [(5.0, 0.0), (0.0, -4.0), (0.0, 0.0)]
-MEETING = fleet(GOALS, DRIFTS, [300.0, 320.0, 300.0], [20.0, 330.0, 190.0], [90.0, 90.0, 120.0])
+
+
+@functools.cache
+def meeting():
+    return fleet(GOALS, DRIFTS, [300.0, 320.0, 300.0], [20.0, 330.0, 190.0], [90.0, 90.0, 120.0])
 
 
 def ratios(approaches, holds, horizontal, vertical, step=0.05):
@@ -134,20 +138,20 @@ def own_circles(paths, tasks, space):
 @pytest.fixture(scope="module", params=[(500.0, 150.0), (450.0, 0.0)], ids=["or in altitude", "in the plane"])
 def assigned(request):
     space = airspace(*request.param)
-    return request.param, space, assign(*MEETING, space)
+    return request.param, space, assign(*meeting(), space)
 
 
 def test_assigned_holds_are_separated_unlike_the_scenarios_circles(assigned):
     separation, space, holds = assigned
-    lost = ratios(MEETING[0], compiled_quickly(own_circles)(*MEETING, space), *separation)
+    lost = ratios(meeting()[0], compiled_quickly(own_circles)(*meeting(), space), *separation)
     assert np.min(lost) < 0.8
     assert np.all(holds.clear)
-    assert np.min(ratios(MEETING[0], holds.paths, *separation)) >= 1.0
+    assert np.min(ratios(meeting()[0], holds.paths, *separation)) >= 1.0
 
 
 def test_bounds_are_valid_between_the_samples_and_close(assigned):
     separation, _, holds = assigned
-    sampled, proven = ratios(MEETING[0], holds.paths, *separation), np.asarray(holds.clearance_ratio)
+    sampled, proven = ratios(meeting()[0], holds.paths, *separation), np.asarray(holds.clearance_ratio)
     is_other = ~np.eye(3, dtype=bool)
     assert np.all(np.isinf(proven[~is_other]))
     assert np.all(proven[is_other] <= sampled[is_other] + 1e-9)
@@ -158,7 +162,7 @@ def test_bounds_are_valid_between_the_samples_and_close(assigned):
 def test_holds_start_smoothly_and_stay_within_limits(assigned):
     _, space, holds = assigned
     for k in range(3):
-        path, hold = (jax.tree.map(lambda leaf, k=k: leaf[k], p) for p in (MEETING[0], holds.paths))
+        path, hold = (jax.tree.map(lambda leaf, k=k: leaf[k], p) for p in (meeting()[0], holds.paths))
         arrival = path.times[-1]
         np.testing.assert_allclose(hold.position_n(arrival), path.position_n(arrival), atol=1e-6)
         np.testing.assert_allclose(hold.velocity_n(arrival), path.velocity_n(arrival), atol=1e-9)
@@ -203,7 +207,7 @@ def test_a_steep_arrival_is_levelled_off_with_the_necessary_pull():
 
 
 def test_holds_stay_out_of_keep_outs():
-    alone = jax.tree.map(lambda leaf: leaf[:1], MEETING)
+    alone = jax.tree.map(lambda leaf: leaf[:1], meeting())
     unrestricted = assign(*alone, airspace(500.0, 150.0))
     track = np.asarray(
         jax.vmap(jax.tree.map(lambda leaf: leaf[0], unrestricted.paths).position_n)(jnp.linspace(100.0, 239.0, 400))
@@ -230,14 +234,14 @@ def test_aircraft_without_a_clear_hold_are_flagged():
 
 def test_an_aircraft_in_its_hold_keeps_it(assigned):
     _, space, holds = assigned
-    _, tasks = MEETING
+    _, tasks = meeting()
     time = 95.0
     new_velocities = tasks.goal_velocity_n + jnp.array([[1.0, -2.0, 0.0]])
     new_positions = tasks.goal_position_n + time * tasks.goal_velocity_n + 3.0
     moved_tasks = eqx.tree_at(lambda t: (t.goal_position_n, t.goal_velocity_n), tasks, (new_positions, new_velocities))
     reassigned = compiled_quickly(
         lambda former: assign_holds(
-            MEETING[0], moved_tasks, space, SETTINGS, time, END, CELLS, move_with_goals(former, moved_tasks, time)
+            meeting()[0], moved_tasks, space, SETTINGS, time, END, CELLS, move_with_goals(former, moved_tasks, time)
         )
     )(holds)
     expected = move_with_goals(holds, moved_tasks, time)
@@ -269,7 +273,7 @@ def test_the_reference_moves_with_the_goal_and_is_invalid_after_a_change_of_velo
 
 @pytest.mark.parametrize("wind", [SteadyWind(jnp.array([3.0, 0.0, 0.0])), WIND], ids=["steady", "layers"])
 def test_a_hold_computed_by_one_kernel_a_cell_is_the_same(wind):
-    task = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
+    task = jax.tree.map(lambda leaf: leaf[0], meeting()[1])
     circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, airspace(500.0, 150.0), SETTINGS))
     begin = array_of([0.0, 0.0, -300.0]), array_of([150.0, 0.0, -5.0]), array_of(10.0)
     goal = jnp.zeros(3), array_of([5.0, 2.0, 0.0])
@@ -285,7 +289,7 @@ def test_a_hold_computed_by_one_kernel_a_cell_is_the_same(wind):
 
 
 def test_derivatives_are_finite():
-    task = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
+    task = jax.tree.map(lambda leaf: leaf[0], meeting()[1])
     space = airspace(500.0, 150.0)
     circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, space, SETTINGS))
 
