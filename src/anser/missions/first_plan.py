@@ -499,6 +499,26 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
     return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, *padded)
 
 
+def _rough_flight_time_s(scenario: Scenario) -> float:
+    """Rough time of the last arrival, s: straight to the goal's first position, or as prescribed."""
+    straight_s = [
+        math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))
+        / min(scenario.speed_for(aircraft), scenario.limits_for(aircraft).speed_max_m_s)
+        for aircraft in scenario.aircraft
+    ]
+    prescribed_s = [aircraft.arrive_s for aircraft in scenario.aircraft if aircraft.arrive_s is not None]
+    return max(*straight_s, *prescribed_s, scenario.arrival.time_s or 0.0)
+
+
+def start_search_programs(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> list[Any]:
+    """Start the compilation of the programs of a search for the shapes of the tasks; return the shapes of the results.
+
+    The last two are those of the plan and of the holds; the list is empty if the size of the paths is uncertain.
+    """
+    programs = planner.prepare_programs(tasks, _rough_flight_time_s(scenario), scenario.timing.duration_s)
+    return [program.start().shapes for program in programs]
+
+
 _started: "weakref.WeakKeyDictionary[PreparedProgram, set[tuple[Any, ...]]]" = weakref.WeakKeyDictionary()
 """Sizes of the plans and holds whose programs were started together with a program of the trim."""
 
@@ -512,24 +532,14 @@ def _start_programs(
     without work after it, are not prepared again.
     """
     fleet, tasks = trim.shapes
-    longest_s = max(
-        math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))
-        / min(scenario.speed_for(aircraft), scenario.limits_for(aircraft).speed_max_m_s)
-        for aircraft in scenario.aircraft
-    )
-    prescribed_s = [aircraft.arrive_s for aircraft in scenario.aircraft if aircraft.arrive_s is not None] + [
-        scenario.arrival.time_s or 0.0
-    ]
-    longest_s = max(longest_s, *prescribed_s)
+    longest_s = _rough_flight_time_s(scenario)
     if prepare_next is prepare_nothing:
         sizes = *(choose_interval_count(share * longest_s) for share in (0.95, 1.0, 1.2)), scenario.timing.duration_s
         started = _started.setdefault(trim, set())
         if sizes in started:
             return
         started.add(sizes)
-    planned_shapes = [
-        program.start().shapes for program in planner.prepare_programs(tasks, longest_s, scenario.timing.duration_s)
-    ]
+    planned_shapes = start_search_programs(scenario, planner, tasks)
     if planned_shapes:
         *_, plan, holds = planned_shapes
         start = initialize_compiled.prepare(flight, fleet, certified_plan_state(plan, holds, tasks.limits)).start()

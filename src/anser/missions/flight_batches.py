@@ -19,6 +19,7 @@ from anser.missions.first_plan import (
     aircraft_planner,
     arrival_request,
     certified_plan_state,
+    start_search_programs,
     trim_and_build_tasks,
 )
 from anser.missions.flight_outputs import OutputRecording
@@ -346,6 +347,7 @@ def _fly_batch(
         selected = [k for k in range(len(cases)) if k not in refusals]
         parts.append((selected, flights, states, selected))
     else:
+        _start_planning_programs(cases[0].scenario, single_flights[0], flights)
         fleets, tasks = _trim_and_build_tasks(flights)
         refusals = _find_untrimmable(cases, single_flights, fleets)
         plans = _search_plans(cases, single_flights, tasks, refusals, lambda share: on_share(0.5 * share))
@@ -370,6 +372,13 @@ def _fly_batch(
         )
         flight_rows |= dict(zip(selected, finished_rows, strict=True))
     return [flight_rows[k] for k in range(len(cases))]
+
+
+def _start_planning_programs(scenario: Scenario, flight: Flight, flights: _FlightBatch) -> None:
+    """Start the compilation of the programs that trim a batch and search the plans of its flights."""
+    _, tasks = _trim_and_build_tasks.prepare(flights).start().shapes
+    one_flight = jax.tree.map(lambda shape: jax.ShapeDtypeStruct(shape.shape[1:], shape.dtype), tasks)
+    start_search_programs(scenario, aircraft_planner(flight), one_flight)
 
 
 def _search_plans(
