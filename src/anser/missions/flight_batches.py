@@ -11,7 +11,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Int
 
-from anser.compiling.options import compiled, compiled_by_older_generator, enable_compilation_cache
+from anser.compiling.options import (
+    compiled,
+    compiled_by_older_generator,
+    compiled_quickly,
+    enable_compilation_cache,
+)
 from anser.config.errors import ScenarioError
 from anser.missions.batches import BATCH, Progress, no_progress
 from anser.missions.first_plan import (
@@ -59,17 +64,17 @@ class FlightCase(NamedTuple):
 _FlightBatch = Stacked[Flight]
 
 
-@compiled
+@compiled_quickly
 def _start_flights(flights: _FlightBatch) -> tuple[FlightState, TrimmedFleet]:
     return flights.map(start_flight)
 
 
-@compiled
+@compiled_quickly
 def _trim_and_build_tasks(flights: _FlightBatch) -> tuple[TrimmedFleet, AircraftTask]:
     return flights.map(lambda flight: trim_and_build_tasks(flight, aircraft_planner(flight)))
 
 
-@compiled
+@compiled_quickly
 def _initialize_flights(flights: _FlightBatch, fleets: TrimmedFleet, plans: CertifiedPlanState) -> FlightState:
     return flights.map(initialize_flight, fleets, plans)
 
