@@ -176,6 +176,37 @@ def test_the_proposals_do_not_depend_on_the_heading():
     assert np.ptp(arrivals) < 1e-6
 
 
+def test_further_kinds_of_paths_precede_a_delay_of_more_than_one_step():
+    """Without paths at the first two times, further kinds are tried there before a third time."""
+    fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
+    _, tried = planned(fleet, lambda times, kind: times > 1.015 * fleet.preferred_times[0])
+    ratios = [float(times[0]) / fleet.preferred_times[0] for times, kind in tried if kind is not MINIMAL]
+    kinds = [kind for _, kind in tried if kind is not MINIMAL]
+    third = next(k for k, ratio in enumerate(ratios) if ratio > 1.01)
+    assert [kind is STANDARD for kind in kinds[:third]] == [True, True, True] + [False] * (third - 3)
+    assert set(fleet.levels[1:]) <= set(kinds[:third])
+    assert kinds[third] is STANDARD
+
+
+def test_standard_candidates_are_generated_once_for_consecutive_attempts_at_a_time(monkeypatch):
+    generated = []
+
+    def standard_candidates(start_time, tasks, airspace, times, intervals, candidate_set=STANDARD):
+        if candidate_set is STANDARD:
+            generated.append(float(times[0]))
+
+    def plans_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
+        feasible = np.full(SIZE, candidate_set not in (MINIMAL, STANDARD))
+        yield SimpleNamespace(arrival_times=np.asarray(times), feasible=feasible)
+
+    monkeypatch.setattr(search_module, "standard_candidates", standard_candidates)
+    monkeypatch.setattr(search_module, "plans_at", plans_at)
+    fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
+    at_once = ArrivalRequest("at", LATEST_S, times_s=np.full(SIZE, 80.0))
+    assert search(0.0, fleet.tasks, fleet.airspace, at_once).plan is not None
+    assert generated == [80.0]
+
+
 def replace_plans(monkeypatch, plans_at):
     """Replace the plans of the search; no candidates are generated."""
     monkeypatch.setattr(search_module, "standard_candidates", lambda *arguments: None)
