@@ -16,7 +16,7 @@ from anser.analysis.linear_models import _open_model
 from anser.analysis.loop_margins import analyse_rows
 from anser.analysis.trim_points import map_points
 from anser.missions.first_plan import _start_flight
-from anser.missions.segments import fly_segment
+from anser.missions.segments import fly_large_segment, fly_segment
 from anser.results import to_dataset
 from anser.steady import solve_trim
 
@@ -57,7 +57,7 @@ def test_a_renamed_file_changes_the_hash(package):
 
 
 def test_programs_of_kernels_depend_on_kernels_only():
-    for program in (fly_segment, _start_flight, _open_model, analyse_rows):
+    for program in (fly_segment, fly_large_segment, _start_flight, _open_model, analyse_rows):
         assert keys._source_hash(keys.describe_value(program._function)) == keys._KERNEL_SOURCES
     for function in (to_dataset, (solve_trim, to_dataset), map_points._function):
         assert keys._source_hash(keys.describe_value(function)) == keys._ALL_SOURCES

@@ -39,7 +39,7 @@ def test_a_flight_is_replanned_where_a_new_plan_is_needed(monkeypatch, needs):
         replanned.append(sample)
         return SimpleNamespace(replan_sample=sample, reached=sample)
 
-    monkeypatch.setattr(segments, "fly_segment", fly_part)
+    monkeypatch.setattr(segments, "segment_program", lambda flight: fly_part)
     monkeypatch.setattr(segments, "without_replanning", lambda flight: "without replanning")
     monkeypatch.setattr(segments, "replan_stopped_flight", replan)
     state, rows = fly_with_replanning("flight", SimpleNamespace(replan_sample=-1), 500, 25)

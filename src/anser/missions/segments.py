@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
-from anser.compiling.program import PreparedProgram
+from anser.compiling.program import PreparedProgram, Program
 from anser.numerics.arrays import as_array, cast_to_precision
 from anser.parts.perception import Instant
 from anser.parts.planners import AbstractPlanner, AircraftReport
@@ -22,7 +22,17 @@ from anser.shapes import Integer, Scalar
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True), "flight")
-"""One segment of a single flight, compiled; see `anser.simulation.fly`."""
+"""One segment of a single flight of few aircraft, compiled; see `anser.simulation.fly`."""
+fly_large_segment = compiled_by_older_generator(None, "flight")(fly)
+"""One segment of a single flight of more aircraft, compiled."""
+# Greatest number of aircraft whose step is one kernel. With more, the kernel takes longer (on two cores 16 % for eight
+# aircraft, a third for twenty) and compiles twice as long or longer.
+_KERNEL_AIRCRAFT = 4
+
+
+def segment_program(flight: Flight) -> Program[..., Any]:
+    """Return the program of a flight's segments, by the number of its aircraft."""
+    return fly_segment if flight.count <= _KERNEL_AIRCRAFT else fly_large_segment
 
 
 def without_replanning(flight: Flight) -> Flight:
@@ -33,7 +43,7 @@ def without_replanning(flight: Flight) -> Flight:
 def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
     """Prepare the program of a flight's segments, for a state or the shapes of a state."""
     steps = as_array(SEGMENT_STEPS, np.int32)
-    return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32), active_steps=steps)
+    return segment_program(flight).prepare(without_replanning(flight), state, as_array(0, np.int32), active_steps=steps)
 
 
 def fly_with_replanning(
@@ -58,7 +68,7 @@ def fly_with_replanning(
 
 def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tuple[FlightState, dict[str, np.ndarray]]:
     steps = end - sample
-    final_state, _, rows = fly_segment(
+    final_state, _, rows = segment_program(flight)(
         flight, state, as_array(sample, np.int32), active_steps=as_array(steps, np.int32)
     )
     return final_state, {key: np.asarray(values)[:steps] for key, values in rows.items()}
