@@ -68,6 +68,7 @@ def return_freed_memory() -> None:
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
+_T = TypeVar("_T")
 _HIT = "/jax/compilation_cache/cache_hits"
 
 
@@ -229,12 +230,13 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(array.shape, array.dtype, weak_type=getattr(array, "weak_type", False))
 
 
-def _with_fixed_type(leaf: Any) -> Any:
-    """Fix the type of an array that a Python number has left open ("weak type").
+def strongly_typed(value: _T) -> _T:
+    """Fix the type of each array of a pytree that a Python number has left open ("weak type").
 
-    As an argument of another program, an array of open type would have it compiled once more.
+    A loop fixes the types of its state, and another program is compiled for each type of its arguments: an array of
+    open type would need a program of its own.
     """
-    return jnp.asarray(leaf, leaf.dtype) if eqx.is_array(leaf) else leaf
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype) if eqx.is_array(leaf) else leaf, value)
 
 
 def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
@@ -443,8 +445,7 @@ class Program(Generic[_P, _R]):
 
         def flat(arrays: list[Any]) -> list[Any]:
             args, kwargs = self._join_arguments(arrays, static)
-            result = jax.tree.map(_with_fixed_type, function(*args, **kwargs))
-            leaves, structure = jax.tree.flatten(result)
+            leaves, structure = jax.tree.flatten(strongly_typed(function(*args, **kwargs)))
             results.append(structure.unflatten([_shape_of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]))
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 

@@ -22,7 +22,7 @@ from anser.shapes import Integer, Scalar
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True), "flight")
-"""One segment of a single flight of few aircraft, compiled; see `anser.simulation.fly`."""
+"""One segment of a single flight of up to four aircraft, compiled; see `anser.simulation.fly`."""
 fly_large_segment = compiled_by_older_generator(None, "flight")(fly)
 """One segment of a single flight of more aircraft, compiled."""
 # Greatest number of aircraft whose step is one kernel. With more, the kernel takes longer (on two cores 16 % for eight

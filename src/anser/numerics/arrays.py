@@ -117,14 +117,6 @@ def cast_like(value: T, reference: T) -> T:
     return jax.tree.map(cast, value, reference)
 
 
-def strongly_typed(value: T) -> T:
-    """Fix the type of each array of a pytree that a Python number has left open ("weak type").
-
-    A loop fixes the types of its state: with an open type, the state before the loop would need a program of its own.
-    """
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=leaf.dtype) if eqx.is_array(leaf) else leaf, value)
-
-
 @functools.lru_cache(maxsize=8192)
 def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
     """Copy a small array to the device. Cached: flights of a campaign share most arrays, and copying is slow."""

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from anser.aircraft.motion import air_data_and_forces
-from anser.numerics.arrays import strongly_typed
+from anser.compiling.program import strongly_typed
 from anser.parts.perception import Instant
 from anser.parts.planners import AircraftReport, Performance
 from anser.shapes import Flag, Vector3
