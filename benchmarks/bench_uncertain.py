@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.missions.segments import without_replanning
 from anser.numerics import flight_randomness
 from anser.numerics.arrays import stack_rows
 from anser.scenario import build_flight, loads
@@ -54,7 +53,6 @@ def batch_of(text):
     flight = build_flight(scenario)
     fleet = jax.jit(trimmed_fleet)(flight)
     first_plan = flight.planner.first_plan(0.0, fleet.reports, fleet.performance)
-    flight = without_replanning(flight)
     flight = eqx.tree_at(lambda f: f.timing.replan_steps, flight, replace_fn=jnp.zeros_like)
     keys = stack_rows([flight_randomness(scenario.seed, number) for number in range(FLEETS)])
 

@@ -7,9 +7,7 @@ Decentralised first plans have several sizes, and few flights share a search: us
 
 import argparse
 import dataclasses
-import functools
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,9 +20,9 @@ from scipy import stats
 from anser.compiling import enable_compilation_cache
 from anser.missions.consensus import negotiate_plan
 from anser.missions.first_plan import aircraft_planner, arrival_request
-from anser.missions.segments import without_replanning
+from anser.missions.segments import BatchState, fly_segments, replan_flights
 from anser.numerics import flight_randomness
-from anser.numerics.arrays import as_array, stack_rows
+from anser.numerics.arrays import Stacked, as_array, stack_rows
 from anser.parts import Instant
 from anser.planning.certified.certified_plan import choose_interval_count
 from anser.planning.certified.planner import CertifiedPlanState
@@ -41,7 +39,6 @@ from anser.simulation.start import initialize_flight, trimmed_fleet
 from anser.spatial.rotations import rotate_back
 
 BATCH = 125
-_AGAIN = 8  # greatest number of flights of a segment repeated in one batch
 
 
 class AtFreeze(NamedTuple):
@@ -151,21 +148,19 @@ def _planned(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> tuple[A
 _holds = jax.jit(assign_holds, static_argnames=("cells",))
 
 
-@functools.partial(jax.jit, static_argnames=("count",))
-def _segment(flight: Flight, keys: Any, states: FlightState, first_step: Any, recorder_state: Any, count: int) -> Any:
-    def fly_one(randomness: Any, state: FlightState, recorder_state: Any) -> Any:
-        seeded_flight = dataclasses.replace(flight, randomness=randomness)
-        next_state, recorder_state, _ = fly(seeded_flight, state, first_step, count, Recorder(), recorder_state)
-        return next_state, recorder_state
-
-    return jax.vmap(fly_one)(keys, states, recorder_state)
+def _seeded(flight: Flight, keys: Any) -> Stacked[Flight]:
+    """Flights that differ in their random numbers only."""
+    others = dataclasses.replace(eqx.filter(flight, lambda _: False), randomness=keys)
+    return Stacked(others, dataclasses.replace(flight, randomness=eqx.filter(keys, lambda _: False)))
 
 
-def _padded_batches(indices: np.ndarray, size: int) -> Iterator[np.ndarray]:
-    """Yield batches of `size` indices; the last batch is padded with its last index."""
-    for k in range(0, indices.size, size):
-        batch = indices[k : k + size]
-        yield np.concatenate([batch, np.repeat(batch[-1:], size - batch.size)])
+@jax.jit
+def _segment(flights: Stacked[Flight], state: BatchState, first_step: Any, step_count: Any) -> BatchState:
+    def fly_one(flight: Flight, state: FlightState, recorder_state: Any) -> BatchState:
+        flown = fly(flight, state, first_step, SEGMENT_STEPS, Recorder(), recorder_state, active_steps=step_count)
+        return BatchState(*flown[:2])
+
+    return flights.map(fly_one, *state)
 
 
 def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH) -> dict[str, np.ndarray]:
@@ -173,8 +168,7 @@ def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH)
     scenario = load(path)
     flight = build_flight(scenario)
     timing = scenario.timing
-    steps = round(timing.duration_s / timing.step_s)
-    at_once = min(_AGAIN, batch)
+    steps, replan_steps = (round(time_s / timing.step_s) for time_s in (timing.duration_s, timing.replan_period_s))
     results: list[dict[str, np.ndarray]] = []
     for begin_at in range(first_flight, first_flight + flights, batch):
         start_time = time.perf_counter()
@@ -194,25 +188,25 @@ def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH)
         recorder_state = jax.tree.map(
             lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), Recorder().init(flight.count)
         )
-        repeated_segments = 0
-        for step in range(0, steps, SEGMENT_STEPS):
-            number = as_array(step, np.int32)
-            next_states, next_recorded = _segment(
-                without_replanning(flight), keys, states, number, recorder_state, SEGMENT_STEPS
-            )
-            indices = np.flatnonzero(np.asarray(flight.planner.replan_needed(next_states.planner)))
-            repeated_segments += indices.size
-            for padded_indices in _padded_batches(indices, at_once):
-                batch_inputs = jax.tree.map(
-                    lambda leaf, padded_indices=padded_indices: leaf[padded_indices], (keys, states, recorder_state)
-                )
-                full = _segment(flight, batch_inputs[0], batch_inputs[1], number, batch_inputs[2], SEGMENT_STEPS)
-                next_states, next_recorded = jax.tree.map(
-                    lambda stored, new, padded_indices=padded_indices: stored.at[padded_indices].set(new),
-                    (next_states, next_recorded),
-                    full,
-                )
-            states, recorder_state = next_states, next_recorded
+        replanned_count = 0
+
+        flights_of_batch = _seeded(flight, keys)
+
+        def fly_on(
+            state: BatchState, first_step: int, step_count: int, flown: Stacked[Flight] = flights_of_batch
+        ) -> tuple[BatchState, None]:
+            return _segment(flown, state, as_array(first_step, np.int32), as_array(step_count, np.int32)), None
+
+        def replan(
+            states: FlightState, indices: np.ndarray, sample: int, flown: Stacked[Flight] = flights_of_batch
+        ) -> FlightState:
+            nonlocal replanned_count
+            replanned_count += indices.size
+            return replan_flights(flown, states, indices, sample)
+
+        start = BatchState(states, recorder_state)
+        for segment in fly_segments(fly_on, replan, start, range(batch), steps, replan_steps, row_stride=1):
+            states, recorder_state = segment.state
         (summary, _), at_freeze, greatest = jax.tree.map(np.asarray, recorder_state)
         arrivals = np.asarray(states.planner.plan.arrival_times)
         results.append(
@@ -220,10 +214,10 @@ def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH)
                 "flight": np.array(numbers),
                 "planned": np.array(planned),
                 "planned_arrival_s": arrivals,
-                "arrival_s": summary.arrival_time,
-                "miss_m": summary.miss,
-                "speed_min_m_s": summary.speeds_until_arrival.least,
-                "speed_max_m_s": summary.speeds_until_arrival.greatest,
+                "arrival_s": summary.pass_time,
+                "miss_m": summary.pass_distance,
+                "speed_min_m_s": summary.speeds_until_pass.minimum,
+                "speed_max_m_s": summary.speeds_until_pass.maximum,
                 "bank_max_rad": greatest.bank,
                 "climb_rate_max_m_s": greatest.climb_rate,
                 "separation_m": summary.separation_min,
@@ -235,9 +229,7 @@ def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH)
             }
         )
         timing_text = f"{planned_at - start_time:.0f} s planning, {time.perf_counter() - planned_at:.0f} s flying"
-        timing_text += (
-            f", {repeated_segments} segments of {batch * (steps // SEGMENT_STEPS)} flown again with a plan made anew"
-        )
+        timing_text += f", {replanned_count} plans made anew"
         print(f"flights to {begin_at + batch}: {timing_text}", flush=True)  # noqa: T201
     return {key: np.concatenate([result[key] for result in results])[:flights] for key in results[0]}
 

@@ -1,7 +1,6 @@
 """Flights in batches: equality with single flights, and reasons for flights that cannot start."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -11,7 +10,7 @@ import pytest
 import anser
 from anser.config import ScenarioError
 from anser.missions import fly_many
-from anser.missions.flight_batches import FlightCase, _BatchState, _FlightGroup, _fly_segments
+from anser.missions.flight_batches import FlightCase, _FlightGroup
 from anser.missions.series import SeriesSelection
 from anser.numerics.arrays import as_array
 from anser.numerics.randomness import BlendedRandomness
@@ -218,40 +217,3 @@ def test_series_equal_the_records_of_single_flights(name, every_s):
         np.testing.assert_allclose(flight_row.series[key], single, rtol=0.0, atol=_SCALE * scale)
     assert flight_row.series["clock_lag"].shape == flight_row.series["north"].shape
     assert np.isnan(flight_row.series["clock_lag"]).all()
-
-
-@pytest.mark.parametrize(
-    ("needs", "short_segments"),
-    [
-        ({}, 0),
-        ({1: [300]}, 10),
-        ({0: [0], 2: [1100]}, 12),
-        ({0: [500, 600, 700], 1: [600]}, 7),
-        ({3: [200]}, 0),  # padding
-    ],
-)
-def test_flights_of_a_batch_are_replanned_at_the_planning_times_that_need_it(needs, short_segments):
-    """Each flight is replanned once at each sample in `needs`, before it; padding never; every sample is flown once."""
-    replan_steps, last_sample, replanned = 100, 1234, []
-
-    def fly_on(state, first, count):
-        samples = state.flights.replan_sample.copy()
-        for k, times in needs.items():
-            due = [t for t in times if first <= t < first + count and t > samples[k]]
-            samples[k] = due[0] if due else samples[k]
-        rows = np.where(np.arange(500) < count, first + np.arange(500), -1)
-        return _BatchState(SimpleNamespace(replan_sample=samples), state.summaries + count), rows
-
-    def replan(states, indices, sample):
-        replanned.extend((int(k), sample) for k in indices)
-        samples = states.replan_sample.copy()
-        samples[indices] = sample
-        return SimpleNamespace(replan_sample=samples)
-
-    start = _BatchState(SimpleNamespace(replan_sample=np.full(4, -1)), 0)
-    flown = list(_fly_segments(fly_on, replan, start, range(3), last_sample, replan_steps))
-    assert sorted(replanned) == sorted((k, t) for k, times in needs.items() if k < 3 for t in times)
-    assert flown[-1].state.summaries == last_sample + 1
-    numbers = np.concatenate([part.rows[: part.end - part.first_sample] for part in flown])
-    np.testing.assert_array_equal(numbers, np.arange(last_sample + 1))
-    assert sum(part.end - part.first_sample <= replan_steps for part in flown[:-1]) == short_segments

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array
 
 from anser.compiling.options import (
     compiled,
@@ -29,7 +29,7 @@ from anser.missions.first_plan import (
 )
 from anser.missions.flight_outputs import OutputRecording
 from anser.missions.runs import needs_single_flight, precision_problems, run
-from anser.missions.segments import replan_stopped_flight, without_replanning
+from anser.missions.segments import BatchState, fly_segments, replan_flights
 from anser.missions.series import SeriesSelection
 from anser.numerics.arrays import Stacked, as_array, stack_objects, stack_rows, tree_signature
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
@@ -48,7 +48,6 @@ from anser.simulation.fleet_summary import SummaryRecorder
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precision, cast_flight, cast_state, fly
 from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight
 
-_SHORT_SEGMENTS = 6  # number of segments from one planning time to the next that a batch flies after a new plan
 NO_PLAN = "no plan: the certified planner found none within the limits, the separation and the keep-outs"
 
 
@@ -355,7 +354,15 @@ def _fly_batch(
         _start_planning_programs(cases[0].scenario, single_flights[0], flights)
         fleets, tasks = _trim_and_build_tasks(flights)
         refusals = _find_untrimmable(cases, single_flights, fleets)
-        plans = _search_plans(cases, single_flights, tasks, refusals, lambda share: on_share(0.5 * share))
+        flown = _flown_batch(cases, flights, range(len(cases)), series, precision, outputs)
+        plans = _search_plans(
+            cases,
+            single_flights,
+            tasks,
+            refusals,
+            lambda share: on_share(0.5 * share),
+            lambda plan: _start_flight_programs(flown, flights, fleets, plan, precision),
+        )
         searched = 0.5
         for selected in _group_by_structure(plans):
             indices = np.array([*selected, *[selected[-1]] * (_size_of(flights) - len(selected))])
@@ -392,6 +399,7 @@ def _search_plans(
     tasks: AircraftTask,
     refusals: dict[int, str],
     on_share: Callable[[float], None],
+    on_first_plan: Callable[[CertifiedPlanState], None],  # called with the first plan that is found
 ) -> dict[int, CertifiedPlanState]:
     """Search the first plans of a batch; return them by index in the batch.
 
@@ -404,7 +412,10 @@ def _search_plans(
         # flights with equal starts and equal requests share the search
         input_hash = _content_hash((task, planner, arrival_request(scenario)))
         if input_hash not in plans_by_input:
-            plans_by_input[input_hash] = _first_plan(scenario, planner, task)
+            plan = _first_plan(scenario, planner, task)
+            if plan is not None and all(former is None for former in plans.values()):
+                on_first_plan(plan)
+            plans_by_input[input_hash] = plan
             on_share((k + 1) / len(cases))
         plans[k] = plans_by_input[input_hash]
     refusals |= {k: NO_PLAN for k, plan in plans.items() if plan is None}
@@ -430,6 +441,78 @@ def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTa
     return None if outcome.plan is None else certified_plan_state(outcome.plan, holds, tasks.limits)
 
 
+@dataclasses.dataclass(frozen=True)
+class _FlownBatch:
+    """Batch with everything that the program of its segments takes besides the state."""
+
+    flights: _FlightBatch
+    required: _RequiredDistances
+    first_summaries: Any  # summaries before the first step
+    steps: int  # number of steps of a flight
+    series: SeriesSelection | None
+    outputs: OutputRecording | None
+
+    @property
+    def row_stride(self) -> int:
+        """Number of steps between two recorded rows."""
+        return 1 if self.series is None else self.series.recording_stride
+
+    def arguments(self, state: BatchState, first_sample: int, step_count: int) -> tuple[Any, ...]:
+        """Arguments of the program that flies a segment from a state, or from the shapes of a state."""
+        numbers = (as_array(number, np.int32) for number in (first_sample, step_count, self.steps))
+        # the program of flights without outputs has no argument for them
+        selections = (self.series,) if self.outputs is None else (self.series, self.outputs)
+        return (self.flights, *state, self.required, *numbers, *selections)
+
+    def fly_on(self, state: BatchState, first_sample: int, step_count: int) -> tuple[BatchState, Any]:
+        """Fly a segment; returns the state after it and the recorded rows."""
+        flown = _fly_segment(*self.arguments(state, first_sample, step_count))
+        return BatchState(*flown[:2]), flown[2]
+
+
+def _flown_batch(
+    cases: Sequence[FlightCase],
+    flights: _FlightBatch,
+    positions: Sequence[int],  # indices of the cases in the batch
+    series: SeriesSelection | None,
+    precision: Precision,
+    outputs: OutputRecording | None,
+) -> _FlownBatch:
+    timing, size = cases[0].scenario.timing, _size_of(flights)
+    scenarios = [cases[0].scenario] * size
+    for case, position in zip(cases, positions, strict=True):
+        scenarios[position] = case.scenario
+    separations_m = np.array([scenario.separation.required_m or (0.0, 0.0) for scenario in scenarios])
+    recorder = SummaryRecorder() if outputs is None else outputs.recorder(SummaryRecorder(), None)
+    first_summaries = jax.tree.map(
+        lambda leaf: as_array(np.broadcast_to(np.asarray(leaf), (size, *np.shape(leaf))), None),
+        recorder.init(len(cases[0].scenario.aircraft)),
+    )
+    return _FlownBatch(
+        Stacked(cast_flight(flights.batched, precision), cast_flight(flights.shared, precision)),
+        _RequiredDistances(Separation(*map(as_array, separations_m.T)), keep_outs_of(*scenarios)),
+        first_summaries,
+        round(timing.duration_s / timing.step_s),
+        None if series is None else series.for_segments(math.gcd(SEGMENT_STEPS, _replan_steps(cases[0]))),
+        outputs,
+    )
+
+
+def _replan_steps(case: FlightCase) -> int:
+    return round(case.scenario.timing.replan_period_s / case.scenario.timing.step_s)
+
+
+def _start_flight_programs(
+    flown: _FlownBatch, flights: _FlightBatch, fleets: TrimmedFleet, plan: CertifiedPlanState, precision: Precision
+) -> None:
+    """Start the compilation of the programs that fly a batch, for plans of the shapes of one plan."""
+    size = _size_of(flights)
+    plans = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape), leaf.dtype), plan)
+    states = _initialize_flights.prepare(flights, fleets, plans).start().shapes
+    states = jax.eval_shape(lambda state: cast_state(state, precision), states)
+    _fly_segment.prepare(*flown.arguments(BatchState(states, flown.first_summaries), 0, 0)).start()
+
+
 def _summarize_flights(
     cases: Sequence[FlightCase],
     flights: _FlightBatch,
@@ -446,119 +529,26 @@ def _summarize_flights(
     """
     if not cases:
         return []
-    flights = Stacked(cast_flight(flights.batched, precision), cast_flight(flights.shared, precision))
-    states, timing = cast_state(states, precision), cases[0].scenario.timing
-    steps = round(timing.duration_s / timing.step_s)
-    size, last_sample = _size_of(flights), as_array(steps, np.int32)
-    scenarios = [cases[0].scenario] * size
-    for case, position in zip(cases, positions, strict=True):
-        scenarios[position] = case.scenario
-    separations_m = np.array([scenario.separation.required_m or (0.0, 0.0) for scenario in scenarios])
-    required = _RequiredDistances(Separation(*map(as_array, separations_m.T)), keep_outs_of(*scenarios))
-    recorder = SummaryRecorder() if outputs is None else outputs.recorder(SummaryRecorder(), None)
-    summaries = jax.tree.map(
-        lambda leaf: as_array(np.broadcast_to(np.asarray(leaf), (size, *np.shape(leaf))), None),
-        recorder.init(len(cases[0].scenario.aircraft)),
-    )
-    replan_steps = round(timing.replan_period_s / timing.step_s)
-    if series is not None:
-        series = series.for_segments(math.gcd(SEGMENT_STEPS, replan_steps))
-    flights_without_replanning = Stacked(without_replanning(flights.batched), without_replanning(flights.shared))
-    # the program of flights without outputs has no argument for them
-    selections: tuple[Any, ...] = (series,) if outputs is None else (series, outputs)
-
-    def fly_on(former: _BatchState, first_sample: int, step_count: int) -> tuple[_BatchState, Any]:
-        numbers = as_array(first_sample, np.int32), as_array(step_count, np.int32), last_sample
-        flown = _fly_segment(flights_without_replanning, *former, required, *numbers, *selections)
-        return _BatchState(*flown[:2]), flown[2]
-
-    replan = functools.partial(_replan_flights, flights)
+    flown, replan_steps = _flown_batch(cases, flights, positions, series, precision, outputs), _replan_steps(cases[0])
     parts: list[dict[str, np.ndarray]] = []
-    start = _BatchState(states, summaries)
-    for segment in _fly_segments(fly_on, replan, start, positions, steps, replan_steps):
-        states, summaries = segment.state
-        if series is not None:
-            parts.append(series.segment_rows(segment.rows, segment.first_sample, segment.end - 1))
-        on_share(min(segment.end, steps) / steps)
-    final_summaries = jax.tree.map(np.asarray, summaries)
+    state = BatchState(cast_state(states, precision), flown.first_summaries)
+    replan = functools.partial(replan_flights, flown.flights)
+    segments = fly_segments(flown.fly_on, replan, state, positions, flown.steps, replan_steps, flown.row_stride)
+    for segment in segments:
+        state = segment.state
+        if flown.series is not None:
+            parts.append(flown.series.segment_rows(segment.rows, segment.first_sample, segment.end - 1))
+        on_share(min(segment.end, flown.steps) / flown.steps)
+    final_summaries = jax.tree.map(np.asarray, state.summaries)
     fleet_summaries, output_state = final_summaries if outputs is not None else (final_summaries, ())
-    arrivals = np.asarray(_arrival_times(flights, states))
+    arrivals = np.asarray(_arrival_times(flown.flights, state.flights))
     finished_rows = []
     for case, position in zip(cases, positions, strict=True):
         flight_row = build_flight_row(_index_row(fleet_summaries[0], position), arrivals[position], case.scenario)
-        series_values = {} if series is None else series.values(parts, position, case.scenario)
+        series_values = {} if flown.series is None else flown.series.values(parts, position, case.scenario)
         output_values = {} if outputs is None else outputs.values(output_state, position)
         finished_rows.append(dataclasses.replace(flight_row, series=series_values, outputs=output_values))
     return finished_rows
-
-
-class _BatchState(NamedTuple):
-    """State of a batch between two steps."""
-
-    flights: FlightState
-    summaries: Any
-
-
-class _Segment(NamedTuple):
-    """Flown segment of a batch."""
-
-    first_sample: int
-    end: int  # sample after the last one
-    state: _BatchState  # state after the last step
-    rows: Any  # recorded rows
-
-
-def _fly_segments(
-    # function from a state, the first sample and the number of steps to the state after them and the recorded rows
-    fly_on: Callable[[_BatchState, int, int], tuple[_BatchState, Any]],
-    replan: Callable[[FlightState, Int[np.ndarray, " chosen"], int], FlightState],  # see `_replan_flights`
-    state: _BatchState,
-    positions: Sequence[int],  # indices of the flights in the batch, without the padding
-    last_sample: int,
-    replan_steps: int,  # number of steps between two planning times; 0: none
-) -> Iterator[_Segment]:
-    """Fly a batch to the last sample, and yield each segment.
-
-    The compiled steps make no new plans. Where a flight needs one, the segment is discarded, and the batch flies short
-    segments, from one planning time to the next. The first step of a short segment, flown in advance, tells which
-    flights need a new plan; they are replanned, and the segment is flown. Long segments follow after `_SHORT_SEGMENTS`
-    without a new plan.
-    """
-
-    def flights_to_replan(after: _BatchState) -> Int[np.ndarray, " flights"]:
-        is_needed = np.asarray(after.flights.replan_sample) != np.asarray(state.flights.replan_sample)
-        return np.intersect1d(np.flatnonzero(is_needed), positions)
-
-    sample, short_segments = 0, 0
-    while sample <= last_sample:
-        step_count = min(SEGMENT_STEPS, last_sample + 1 - sample)
-        if short_segments:
-            step_count, short_segments = min(step_count, replan_steps - sample % replan_steps), short_segments - 1
-            indices = flights_to_replan(fly_on(state, sample, 1)[0])
-            if indices.size:
-                state, short_segments = state._replace(flights=replan(state.flights, indices, sample)), _SHORT_SEGMENTS
-        next_state, recorded = fly_on(state, sample, step_count)
-        if flights_to_replan(next_state).size:
-            short_segments = _SHORT_SEGMENTS
-            continue
-        yield _Segment(sample, sample + step_count, next_state, recorded)
-        state, sample = next_state, sample + step_count
-
-
-def _replan_flights(
-    flights: _FlightBatch, states: FlightState, indices: Int[np.ndarray, " chosen"], sample: int
-) -> FlightState:
-    """Replan the chosen flights of a batch before the step from sample `sample` on; return the states of the batch."""
-    batched, rows = (jax.tree.map(np.asarray, tree) for tree in (flights.batched, states))
-    host_flights = Stacked(batched, flights.shared)
-    replanned = [replan_stopped_flight(host_flights.at(k), _index_row(rows, k), sample) for k in indices]
-
-    def with_replanned(leaf: Array, *new_rows: Array) -> Array:
-        copy = np.array(leaf)
-        copy[indices] = np.stack(new_rows)
-        return as_array(copy, None)
-
-    return jax.tree.map(with_replanned, states, *replanned)
 
 
 @compiled

@@ -1,24 +1,24 @@
-"""Segments of a flight: the steps that one compiled program flies, and replanning between two steps.
+"""Segments of flights: the steps that one compiled program flies, and replanning between two steps.
 
 The compiled loop corrects plans. Where a new plan is needed, the flight stops at this sample, and the plan is made by
 programs of its own: the program of the loop stays small, and the programs of a search serve here too.
 """
 
-import dataclasses
 import functools
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram, Program
-from anser.numerics.arrays import as_array, cast_to_precision
+from anser.numerics.arrays import Stacked, as_array, cast_to_precision
 from anser.parts.perception import Instant
-from anser.parts.planners import AbstractPlanner, AircraftReport
-from anser.planning.certified.planner import CertifiedPlanner
-from anser.shapes import Integer, Scalar
+from anser.parts.planners import AircraftReport
+from anser.shapes import Integer
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True), "flight")
@@ -28,6 +28,7 @@ fly_large_segment = compiled_by_older_generator(None, "flight")(fly)
 # Greatest number of aircraft whose step is one kernel. With more, the kernel takes longer (on two cores 16 % for eight
 # aircraft, a third for twenty) and compiles twice as long or longer.
 _KERNEL_AIRCRAFT = 4
+_SHORT_SEGMENTS = 6  # number of segments from one planning time to the next that a batch flies after a new plan
 
 
 def segment_program(flight: Flight) -> Program[..., Any]:
@@ -35,15 +36,10 @@ def segment_program(flight: Flight) -> Program[..., Any]:
     return fly_segment if flight.count <= _KERNEL_AIRCRAFT else fly_large_segment
 
 
-def without_replanning(flight: Flight) -> Flight:
-    """Return the flight with a planner that does not replan: a smaller program, sufficient for most segments."""
-    return dataclasses.replace(flight, planner=dataclasses.replace(flight.planner, allow_replanning=False))
-
-
 def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
     """Prepare the program of a flight's segments, for a state or the shapes of a state."""
     steps = as_array(SEGMENT_STEPS, np.int32)
-    return segment_program(flight).prepare(without_replanning(flight), state, as_array(0, np.int32), active_steps=steps)
+    return segment_program(flight).prepare(flight, state, as_array(0, np.int32), active_steps=steps)
 
 
 def fly_with_replanning(
@@ -53,13 +49,13 @@ def fly_with_replanning(
 
     Returns the state after the last step, and the recorded rows by key, each (step, aircraft).
     """
-    light_flight, end, parts = without_replanning(flight), sample + step_count, []
+    end, parts = sample + step_count, []
     while sample < end:
-        next_state, rows = _fly_until(end, light_flight, state, sample)
+        next_state, rows = _fly_until(end, flight, state, sample)
         reached = end
         if int(next_state.replan_sample) != int(state.replan_sample):
             reached = int(next_state.replan_sample)
-            next_state, rows = _fly_until(reached, light_flight, state, sample)
+            next_state, rows = _fly_until(reached, flight, state, sample)
             next_state = replan_stopped_flight(flight, next_state, reached)
         parts.append(rows)
         state, sample = next_state, reached
@@ -92,17 +88,89 @@ def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> tuple[Ai
     return reports, is_departed
 
 
-@compiled_by_older_generator(None)
-def _replan(planner: AbstractPlanner, planner_state: Any, time: Scalar, reports: AircraftReport) -> Any:
-    return planner.replan(planner_state, time, reports)
-
-
 def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> FlightState:
-    """Replan a fleet in flight before the step from sample `sample` on, as the planner does in a compiled loop."""
-    number, planner = as_array(sample, np.int32), flight.planner
+    """Replan a fleet in flight before the step from sample `sample` on."""
+    number = as_array(sample, np.int32)
     (reports, is_departed), time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
-    if isinstance(planner, CertifiedPlanner):
-        planner_state = planner.replan_outside_loop(state.planner, time_s, reports, np.asarray(is_departed))
-    else:
-        planner_state = _replan(planner, state.planner, as_array(time_s), reports)
+    planner_state = flight.planner.replan_between_steps(state.planner, time_s, reports, np.asarray(is_departed))
     return FlightState(state.vehicles, planner_state, number)
+
+
+class BatchState(NamedTuple):
+    """State of a batch between two steps."""
+
+    flights: FlightState
+    summaries: Any
+
+
+class Segment(NamedTuple):
+    """Flown segment of a batch."""
+
+    first_sample: int
+    end: int  # sample after the last one
+    state: BatchState  # state after the last step
+    rows: Any  # recorded rows
+
+
+def fly_segments(
+    # function from a state, the first sample and the number of steps to the state after them and the recorded rows
+    fly_on: Callable[[BatchState, int, int], tuple[BatchState, Any]],
+    replan: Callable[[FlightState, Int[np.ndarray, " chosen"], int], FlightState],  # see `replan_flights`
+    state: BatchState,
+    positions: Sequence[int],  # indices of the flights in the batch, without the padding
+    last_sample: int,
+    replan_steps: int,  # number of steps between two planning times; 0: none
+    row_stride: int,  # number of steps between two recorded rows, counted from the start of a segment
+) -> Iterator[Segment]:
+    """Fly a batch to the last sample, and yield each segment.
+
+    The compiled steps make no new plans. Where a flight needs one, the segment is discarded, and the batch flies short
+    segments, from one planning time to the next. The first step of a short segment, flown in advance, tells which
+    flights need a new plan; they are replanned, and the segment is flown. Without a need, the step is a segment of its
+    own, if the recorded rows allow it: the corrections of its plans need not be computed again. Long segments follow
+    after `_SHORT_SEGMENTS` without a new plan.
+    """
+
+    def flights_to_replan(after: BatchState) -> Int[np.ndarray, " flights"]:
+        is_needed = np.asarray(after.flights.replan_sample) != np.asarray(state.flights.replan_sample)
+        return np.intersect1d(np.flatnonzero(is_needed), positions)
+
+    sample, short_segments = 0, 0
+    while sample <= last_sample:
+        step_count = min(SEGMENT_STEPS, last_sample + 1 - sample)
+        if short_segments:
+            step_count, short_segments = min(step_count, replan_steps - sample % replan_steps), short_segments - 1
+            next_state, recorded = fly_on(state, sample, 1)
+            indices = flights_to_replan(next_state)
+            if indices.size:
+                state, short_segments = state._replace(flights=replan(state.flights, indices, sample)), _SHORT_SEGMENTS
+            elif row_stride == 1:
+                yield Segment(sample, sample + 1, next_state, recorded)
+                state, sample, step_count = next_state, sample + 1, step_count - 1
+                if step_count == 0:
+                    continue
+        next_state, recorded = fly_on(state, sample, step_count)
+        if flights_to_replan(next_state).size:
+            short_segments = _SHORT_SEGMENTS
+            continue
+        yield Segment(sample, sample + step_count, next_state, recorded)
+        state, sample = next_state, sample + step_count
+
+
+def replan_flights(
+    flights: Stacked[Flight], states: FlightState, indices: Int[np.ndarray, " chosen"], sample: int
+) -> FlightState:
+    """Replan the chosen flights of a batch before the step from sample `sample` on; return the states of the batch."""
+    batched, rows = (jax.tree.map(np.asarray, tree) for tree in (flights.batched, states))
+    host_flights = Stacked(batched, flights.shared)
+    replanned = [
+        replan_stopped_flight(host_flights.at(k), jax.tree.map(lambda leaf, k=k: leaf[k], rows), sample)
+        for k in indices
+    ]
+
+    def with_replanned(leaf: Array, *new_rows: Array) -> Array:
+        copy = np.array(leaf)
+        copy[indices] = np.stack(new_rows)
+        return as_array(copy, None)
+
+    return jax.tree.map(with_replanned, states, *replanned)

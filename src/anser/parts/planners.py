@@ -286,14 +286,12 @@ class AbstractPlanner(AbstractPart):
 
     The planner state (`planner_state`) is a pytree of arrays. `anser.simulation.flight` calls `plans` and `observe` at
     every step and `replan` when a replanning is due, in compiled code: these methods must return the same structure,
-    shapes and dtypes each time.
+    shapes and dtypes each time. A new plan that is too large a computation for the loop is requested by `replan_needed`
+    and made by `replan_between_steps`.
 
     Inactive aircraft are masked: they get no plan and do not constrain the others.
     """
 
-    #: Whether `replan` makes a new plan if a correction of the present plan is not sufficient. Without replanning the
-    #: compiled loop is much smaller, and `replan_needed` reports that a new plan is needed.
-    allow_replanning: bool = eqx.field(static=True, default=True, kw_only=True)
     #: Whether arrival times may be postponed in flight.
     arrival_is_free: Flag = eqx.field(default_factory=lambda: as_array(True, bool), kw_only=True)
 
@@ -312,14 +310,28 @@ class AbstractPlanner(AbstractPart):
         return plan_state
 
     def replan_needed(self, planner_state: Any) -> Flag:
-        """Whether a new plan was needed while `allow_replanning` is false; stays true after the first need.
+        """Whether the plan requires a new one that `replan` cannot make; stays true after the first need.
 
-        A single flight then returns to this sample, and `replan` makes the plan between two steps. By default never.
+        The flight then returns to this sample, and `replan_between_steps` makes the plan. By default never.
         """
         return as_array(False, bool)
 
+    def replan_between_steps(
+        self,
+        planner_state: Any,
+        time: float,  # current time, s
+        reports: AircraftReport,
+        is_departed: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
+    ) -> Any:
+        """Make the plan that `replan_needed` asks for, by any Python code; return the new planner state.
+
+        `anser.simulation.fly` alone never calls this method: flights of `anser.missions` do, before the step at which
+        the plan is needed.
+        """
+        raise NotImplementedError(f"{type(self).__name__}.replan_needed asks for a plan: define replan_between_steps")
+
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
-        """Make a new plan from the stacked reports at `time` (s), if possible; return the new planner state.
+        """Correct the plan from the stacked reports at `time` (s), or make a new one; return the new planner state.
 
         By default the plan stays as it is.
         """

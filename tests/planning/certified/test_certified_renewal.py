@@ -1,7 +1,5 @@
 """Replanning of a certified plan with stopped aircraft and with uncertain goals."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,8 +20,8 @@ from anser.planning.certified.replanning import (
     UNCHANGED,
     arrival_delays,
     correct_or_replace_plan,
+    correct_plan,
     rendezvous_has_moved,
-    replan_certified,
 )
 from anser.planning.certified.routes import PIECES
 from anser.planning.certified.task import stack_tasks
@@ -38,7 +36,7 @@ SPACE = airspace(SteadyWind(jnp.zeros(3)), 500.0, 150.0)
 # North at 150 m/s, side by side; the third flies 100 m beside the first, and at less than its least airspeed.
 EAST = (0.0, 4000.0, 100.0)
 SPEEDS = (150.0, 150.0, 120.0)
-_renew = compiled_quickly(replan_certified)
+_correct = compiled_quickly(correct_plan)
 _certify = compiled_quickly(lambda paths, fleet: certify(paths, fleet, SPACE, INTERVALS))
 
 
@@ -69,14 +67,20 @@ def plan():
 
 
 def replan(plan, tasks, arrival_is_free=YES, covariances=None, time=NOW):
-    """Replanned in a compiled loop; between two steps the same plan is made."""
-    numbers = jnp.asarray(2.0), jnp.asarray(jnp.inf)
-    result = _renew(plan, jnp.asarray(time), tasks, SPACE, arrival_is_free, *numbers, covariances=covariances)
-    outside, status = correct_or_replace_plan(plan, time, tasks, SPACE, arrival_is_free, *numbers, covariances)
-    assert status == int(result.status)
-    for leaf, reference in zip(jax.tree.leaves(outside), jax.tree.leaves(result.plan), strict=True):
-        np.testing.assert_allclose(leaf, reference, rtol=1e-9, atol=1e-6)
-    return result.plan, status
+    """Replanned between two steps; a compiled loop makes the same plan, or reports that another one is needed."""
+    freeze = jnp.asarray(2.0)
+    new_plan, status = correct_or_replace_plan(
+        plan, time, tasks, SPACE, arrival_is_free, freeze, jnp.asarray(jnp.inf), covariances
+    )
+    corrected, corrected_status, is_feasible = _correct(
+        plan, jnp.asarray(time), tasks, SPACE, freeze, covariances, None
+    )
+    assert is_feasible == (status in (CORRECTED, AWAITING_GOAL))
+    if is_feasible:
+        assert status == int(corrected_status)
+        for leaf, reference in zip(jax.tree.leaves(new_plan), jax.tree.leaves(corrected), strict=True):
+            np.testing.assert_allclose(leaf, reference, rtol=1e-9, atol=1e-6)
+    return new_plan, status
 
 
 def check_row(plan, reference, k, flown=0.0):
@@ -117,19 +121,6 @@ def test_a_new_plan_ignores_a_stopped_aircraft(plan):
     assert status == REPLANNED
     for k in (0, 1):
         check_row(new_plan, reference, k)
-
-
-def test_a_planner_without_replanning_reports_a_needed_replanning(plan):
-    light = compiled_quickly(functools.partial(replan_certified, allow_replanning=False))
-    for tasks, needed in ((fleet(STOPPED), False), (fleet(STOPPED, nearer=1500.0), True), (fleet(), True)):
-        arguments = (jnp.asarray(NOW), tasks, SPACE, YES, jnp.asarray(2.0), jnp.asarray(jnp.inf))
-        corrected, full = light(plan, *arguments), _renew(plan, *arguments)
-        assert corrected.replan_needed == needed
-        assert not full.replan_needed
-        assert (int(full.status) == CORRECTED) != needed
-        if not needed:
-            for leaf, reference in zip(jax.tree.leaves(corrected.plan), jax.tree.leaves(full.plan), strict=True):
-                np.testing.assert_allclose(leaf, reference, rtol=1e-9, atol=1e-6)
 
 
 def test_a_plan_stays_unchanged_after_every_aircraft_has_stopped(plan):

@@ -14,7 +14,13 @@ from anser.planning.certified.candidates import (
     fleet_candidates,
     knot_count,
 )
-from anser.planning.certified.certified_plan import choice_order, place_candidates, plan_at, plan_fleet_at
+from anser.planning.certified.certified_plan import (
+    _candidates,
+    _choose_and_certify,
+    choice_order,
+    place_candidates,
+    plan_at,
+)
 from anser.planning.certified.timed_profiles import (
     EXTRA_SETS,
     MATCHED,
@@ -123,8 +129,13 @@ def test_absent_candidates_and_absent_fixed_paths_change_no_plan():
     tasks, airspace, _ = planner_task(random_case(2))
     durations, start_time = jnp.full(8, 260.0), 40.0
     plan = plan_at(start_time, tasks, airspace, durations, INTERVALS, STANDARD)
-    plan_in_one = jax.jit(plan_fleet_at, static_argnames=("intervals", "candidate_set"))
-    plain = plan_in_one(start_time, tasks, airspace, durations, intervals=INTERVALS, candidate_set=STANDARD)
+
+    @compiled_quickly
+    def plan_in_one(*arguments):
+        candidates = _candidates(*arguments, INTERVALS, STANDARD)
+        return _choose_and_certify(*arguments, candidates, INTERVALS, jnp.asarray(STANDARD.rounds), None)
+
+    plain = plan_in_one(start_time, tasks, airspace, durations)
     np.testing.assert_array_equal(plan.valid, plain.valid)
     np.testing.assert_array_equal(plan.feasible, plain.feasible)
     for leaf, expected in zip(jax.tree.leaves(plan.paths), jax.tree.leaves(plain.paths), strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anser.parts import make_rendezvous
-from anser.planning.published.coordination import COMMITTED_S, PLANNED, replan
+from anser.planning.published.coordination import COMMITTED_S, PLANNED, continue_plan, replan
 from support.planning_cases import (
     SPEED,
     along,
@@ -24,12 +24,11 @@ from support.planning_cases import (
 RIGHT = jnp.ones(3)
 WIND = [12.0, -20.0, 0.5]
 _renew = jax.jit(replan)
+_continue = jax.jit(continue_plan)
 
 
 def replanned_plan(plan, time, tasks, even, sides=RIGHT):
-    plan, is_due = _renew(plan, jnp.asarray(time, dtype=float), tasks, sides, jnp.asarray(even))
-    assert not is_due
-    return plan
+    return _renew(plan, jnp.asarray(time, dtype=float), tasks, sides, jnp.asarray(even))
 
 
 @pytest.fixture(scope="module")
@@ -168,13 +167,12 @@ def test_a_swerving_goal_leads_to_a_new_coordination(even):
     np.testing.assert_allclose(replanned.lateral_bends, new_plan.lateral_bends, rtol=1e-9, atol=1e-6)
 
 
-def test_a_planner_without_replanning_reports_a_due_coordination(flights):
-    replan_without = jax.jit(lambda *arguments: replan(*arguments, allow_replanning=False))
+def test_a_fleet_off_its_speed_must_be_coordinated_again(flights):
     for tasks, plan, even in flights:
         time, later = predicted(tasks, plan, 0.4)
         for case, expected in ((later, False), (swerve(later), True)):
             full = replanned_plan(plan, time, case, even)
-            light, is_due = replan_without(plan, jnp.asarray(time), case, RIGHT, jnp.asarray(even))
+            light, is_due = _continue(plan, jnp.asarray(time), case, jnp.asarray(even))
             assert is_due == expected
             assert light.arrival_time == plan.arrival_time
             assert (full.arrival_time == plan.arrival_time) != expected
@@ -248,7 +246,7 @@ def outcome(shift, plan, time, tasks, even):
     tasks = replace(
         tasks, position_n=tasks.position_n + shift[:3], goal_velocity_n=tasks.goal_velocity_n + 0.01 * shift[3:]
     )
-    replanned, _ = replan(plan, time, tasks, RIGHT, even)
+    replanned = replan(plan, time, tasks, RIGHT, even)
     later = jax.vmap(lambda path: path.position_n(time + 10.0) + path.velocity_n(time + 10.0))(replanned.trajectories)
     return replanned.arrival_time + jnp.sum(later * jnp.arange(9.0).reshape(3, 3)) / 1e3
 
@@ -277,7 +275,7 @@ def test_a_batch_equals_single_replanning():
     time, later = predicted(tasks, plan, 0.4)
     cases = [later, swerve(later)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *cases)
-    batch = jax.jit(jax.vmap(lambda case: replan(plan, time, case, RIGHT)[0]))(stacked)
+    batch = jax.jit(jax.vmap(lambda case: replan(plan, time, case, RIGHT)))(stacked)
     for index, case in enumerate(cases):
         alone = replanned_plan(plan, time, case, False)
         np.testing.assert_allclose(batch.arrival_time[index], alone.arrival_time, rtol=1e-12)
@@ -290,6 +288,6 @@ def test_a_replanned_plan_has_no_weak_types():
     tasks = published_fleet()
     plan = plan_at(100.0, tasks, RIGHT)
     for even in (False, True, jnp.asarray(True)):
-        shapes, _ = jax.eval_shape(replan, plan, 120.0, tasks, RIGHT, even)
+        shapes = jax.eval_shape(replan, plan, 120.0, tasks, RIGHT, even)
         assert not any(leaf.weak_type for leaf in jax.tree.leaves(shapes))
         assert jax.tree.map(lambda leaf: leaf.dtype, shapes) == jax.tree.map(lambda leaf: leaf.dtype, plan)

@@ -20,7 +20,7 @@ _least = jax.jit(separation_min, static_argnames="count")
 
 
 def replanned_plan(plan, time, tasks, even=False):
-    return _renew(plan, jnp.asarray(time, dtype=float), tasks, RIGHT, jnp.asarray(even))[0]
+    return _renew(plan, jnp.asarray(time, dtype=float), tasks, RIGHT, jnp.asarray(even))
 
 
 def without_aircraft(tasks, *gone):

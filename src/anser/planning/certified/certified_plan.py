@@ -274,26 +274,6 @@ def certify(
     return Certificate(bounds, over, ratios, clearance)
 
 
-def plan_fleet_at(
-    start_time: ScalarLike,
-    tasks: AircraftTask,
-    airspace: Airspace,
-    durations: Float[Array, " aircraft"],
-    intervals: int,  # number of equal intervals between the knots of a path
-    candidate_set: CandidateSet,  # candidates to generate for each aircraft, without `CandidateSet.extra`
-    # fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned
-    fixed_paths: FixedPaths | None = None,
-) -> CertifiedPlan:
-    """Choose and certify candidates from a start time (s), each with its time to the rendezvous (`durations`, s).
-
-    Traceable by JAX, for planning within another program; see `plan_at`.
-    """
-    candidates = _candidates(start_time, tasks, airspace, durations, intervals, candidate_set)
-    return _choose_and_certify(
-        start_time, tasks, airspace, durations, candidates, intervals, candidate_set.rounds, fixed_paths
-    )
-
-
 def _candidates(
     start_time: ScalarLike,
     tasks: AircraftTask,
@@ -320,7 +300,7 @@ def _choose_and_certify(
     durations: Float[Array, " aircraft"],
     candidates: Candidates,
     intervals: int,
-    rounds: ScalarLike,  # greatest number of rounds
+    rounds: Integer,  # greatest number of rounds
     fixed_paths: FixedPaths | None,
     members: Bool[Array, " candidates"] | None = None,  # candidates to choose from; None: all
     extra: tuple[Candidates, ...] = (),  # further candidates, the splines last
@@ -362,8 +342,6 @@ def _choose_and_certify(
         )
         return plan, placement
 
-    if isinstance(rounds, int) and rounds == 1:
-        return place_and_certify(candidates.valid)[0]
     # Splines are certified already: after a rejection, an aircraft with splines loses its other candidates.
     uncertified = candidates.generator != SPLINE
     withdrawn = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
@@ -397,20 +375,21 @@ def standard_candidates(
 
 
 def plans_at(
-    start_time: ScalarLike,
+    start_time: ScalarLike,  # start of the paths, s
     tasks: AircraftTask,
     airspace: Airspace,
-    durations: Float[Array, " aircraft"],
-    intervals: int,
+    durations: Float[Array, " aircraft"],  # each aircraft's time to the rendezvous, s
+    intervals: int,  # number of equal intervals between the knots of a path
     candidate_set: CandidateSet,
     candidates: Candidates,  # from `standard_candidates`, for the set and the same arguments
-    extra_for: Bool[Array, " aircraft"]
-    | None = None,  # aircraft that get `candidate_set.extra`; None: every active one
+    # aircraft that get `candidate_set.extra`; None: every active one
+    extra_for: Bool[Array, " aircraft"] | None = None,
+    # fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned
     fixed_paths: FixedPaths | None = None,
 ) -> Iterator[CertifiedPlan]:
-    """Yield two plans: candidates chosen as by `plan_fleet_at`, then with regard to the time after the arrivals.
+    """Yield two plans: candidates chosen up to the arrivals, then with regard to the time after the arrivals.
 
-    The first arguments are those of `plan_fleet_at`. The second choice keeps the aircraft separated, as far as
+    The second choice keeps the aircraft separated, as far as
     possible, also while they fly straight on after the arrivals; it is for fleets without clear holds after the first.
 
     A program for each kind of extra candidates generates these; one program chooses and certifies. Absent candidates
@@ -434,10 +413,11 @@ def plan_at(
     durations: Float[Array, " aircraft"],
     intervals: int,
     candidate_set: CandidateSet,
+    fixed_paths: FixedPaths | None = None,  # as for `plans_at`
 ) -> CertifiedPlan:
-    """Choose and certify candidates as `plan_fleet_at` does, by the compiled programs of `plans_at`."""
+    """Choose and certify candidates: the first plan of `plans_at`."""
     arguments = start_time, tasks, airspace, durations, intervals, candidate_set
-    return next(plans_at(*arguments, standard_candidates(*arguments)))
+    return next(plans_at(*arguments, standard_candidates(*arguments), fixed_paths=fixed_paths))
 
 
 def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
@@ -554,7 +534,7 @@ def _choose_best_placement(
     valid: Bool[Array, "aircraft candidates"],
     withdrawn: Bool[Array, "aircraft candidates"],
     active: Bool[Array, " aircraft"],
-    rounds: ScalarLike,
+    rounds: Integer,
 ) -> CertifiedPlan:
     """Choose and certify repeatedly, and return the plan with the fewest failing aircraft.
 

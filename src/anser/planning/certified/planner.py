@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -12,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram
 from anser.control.guidance import GuidanceSettings
-from anser.numerics.arrays import any_in_batch, as_array
+from anser.numerics.arrays import as_array
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport, IdleDeceleration, Performance
 from anser.planning.certified.certified_plan import (
     CertifiedPlan,
@@ -26,8 +25,8 @@ from anser.planning.certified.replanning import (
     REPLANNED,
     arrival_delays,
     correct_or_replace_plan,
+    correct_plan,
     interval_count,
-    replan_certified,
     tasks_from_plan,
 )
 from anser.planning.certified.search import FleetTask, SearchOutcome, search
@@ -78,7 +77,7 @@ class CertifiedPlanState(eqx.Module):
     holds: PlannedHolds | None  # planned holds after the arrivals; None: each aircraft's default hold
     # flight limits of each path, including the accelerations available from the engine; leading axis aircraft
     limits: PathLimits
-    # whether a new plan was needed that a planner without replanning cannot make
+    # whether a new plan was needed, which is made between two steps
     replan_needed: Flag = eqx.field(default_factory=lambda: as_array(False, bool))
 
 
@@ -223,41 +222,18 @@ class CertifiedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: CertifiedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> CertifiedPlanState:
-        """Correct, replace or keep the plan so that it leads to the goals measured now; a new plan gets new holds.
+        """Correct the plan so that it leads to the goals measured now.
 
-        The order of the attempts is that of `replan_certified`.
+        Where no correction satisfies the certificate, or the holds no longer suit the goals, a new plan is needed.
         """
-        tasks = self.aircraft_tasks(reports, planner_state.limits)
-        result = replan_certified(
-            planner_state.plan,
-            time,
-            tasks,
-            self.airspace,
-            self.arrival_is_free,
-            self.freeze,
-            self.latest_arrival,
-            self.allow_replanning,
-            reports.goal_covariance,
-            self.correction_limits(planner_state.limits),
+        tasks, covariances = self.aircraft_tasks(reports, planner_state.limits), reports.goal_covariance
+        correction_limits = self.correction_limits(planner_state.limits)
+        plan, status, is_feasible = correct_plan(
+            planner_state.plan, time, tasks, self.airspace, self.freeze, covariances, correction_limits
         )
-        former, replan_needed = planner_state.holds, planner_state.replan_needed | result.replan_needed
-        if former is None:
-            return CertifiedPlanState(result.plan, result.status, None, planner_state.limits, replan_needed)
-        is_outdated = self._holds_are_outdated(planner_state, time, tasks, reports.goal_covariance)
-        if not self.allow_replanning:
-            return CertifiedPlanState(
-                result.plan, result.status, former, planner_state.limits, replan_needed | is_outdated
-            )
-        choose_again = is_outdated | (result.status == REPLANNED)
-
-        def assign_again() -> PlannedHolds:
-            end_time, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
-            moved = move_with_goals(former, tasks, time)
-            return assign_holds(result.plan.paths, tasks, self.airspace, self.guidance, time, end_time, cells, moved)
-
-        holds = jax.lax.cond(any_in_batch(choose_again), assign_again, lambda: former)
-        holds = jax.tree.map(lambda new, old: jnp.where(choose_again, new, old), holds, former)
-        return CertifiedPlanState(result.plan, result.status, holds, planner_state.limits, replan_needed)
+        is_outdated = self._holds_are_outdated(planner_state, time, tasks, covariances)
+        replan_needed = planner_state.replan_needed | ~is_feasible | is_outdated
+        return CertifiedPlanState(plan, status, planner_state.holds, planner_state.limits, replan_needed)
 
     def _holds_are_outdated(
         self,
@@ -274,17 +250,16 @@ class CertifiedPlanner(AbstractPlanner):
         shifted = goals_have_shifted(holds, tasks, plan.arrival_times, time, self.airspace.separation, covariances)
         return jnp.any(can_choose) & jnp.any(shifted)
 
-    def replan_outside_loop(
+    def replan_between_steps(
         self,
         planner_state: CertifiedPlanState,
         time: float,
         reports: AircraftReport,
         is_departed: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
     ) -> CertifiedPlanState:
-        """Correct, replace or keep the plan at a time (s), by the compiled programs of a search; not traceable by JAX.
+        """Correct, replace or keep the plan, in the order of `correct_or_replace_plan`; a new plan gets new holds.
 
-        The attempts are those of `replan`, which a compiled loop contains, and one more: where no holds are clear, a
-        plan with other paths is searched (`_search_in_flight`).
+        Where no holds are clear, a plan with other paths is searched (`_search_in_flight`).
         """
         former = planner_state.holds
         tasks, planned_tasks, correction_limits, is_outdated = _replanning_tasks(
@@ -346,7 +321,7 @@ class CertifiedPlanner(AbstractPlanner):
         return None
 
     def replan_needed(self, planner_state: CertifiedPlanState) -> Flag:
-        """Whether a new plan was due but not allowed (`allow_replanning`): the flight then stops for it."""
+        """Whether the plan must be replaced, or needs other holds: the flight then stops for it."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: CertifiedPlanState) -> AircraftPlan:
@@ -394,7 +369,7 @@ def _end_of_holds(holds: PlannedHolds) -> float:
 def _replanning_tasks(
     planner: CertifiedPlanner, planner_state: CertifiedPlanState, time: Scalar, reports: AircraftReport
 ) -> tuple[AircraftTask, AircraftTask, PathLimits, Flag]:
-    """Compute the inputs of `replan_outside_loop`.
+    """Compute the inputs of `CertifiedPlanner.replan_between_steps`.
 
     These are the tasks to the measured goals, the same tasks from the planned states on, the limits of corrected paths,
     and whether the holds are outdated (`_holds_are_outdated`).

@@ -1,11 +1,10 @@
 """Replanning in flight: correction or replacement of a certified plan, and the exit path of a departing aircraft.
 
-The compiled planner calls `replan_certified` periodically; the replanning after an event, outside the loop, is
-`anser.missions.event_replanning`. Velocity and acceleration stay continuous throughout.
+The compiled loop corrects plans by `correct_plan`; new plans are made between two steps by `correct_or_replace_plan`,
+after an event by `anser.missions.event_replanning`. Velocity and acceleration stay continuous throughout.
 """
 
 from collections.abc import Callable, Iterator
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -21,7 +20,6 @@ from anser.planning.certified.certified_plan import (
     certify,
     fleet_bounds,
     plan_at,
-    plan_fleet_at,
     within_limits,
 )
 from anser.planning.certified.path_bounds import PathBounds
@@ -34,7 +32,6 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
-_Plan = TypeVar("_Plan")
 FIRST_PLAN, CORRECTED, REPLANNED, UNCHANGED, AWAITING_GOAL, PARTLY_CORRECTED = range(6)
 REPLANNING_MESSAGES = (
     "first plan",
@@ -175,45 +172,12 @@ class AttemptLadder(eqx.Module):
     limits: PathLimits  # limits of a new path
     relaxed_limits: PathLimits | None  # limits of a corrected path; None: the second round is omitted
 
-    def first_success(
-        self,
-        # function of a delay (s) and limits; returns success and plan
-        try_plan: Callable[[Scalar, PathLimits], tuple[Flag, _Plan]],
-        initial: _Plan,  # plan before the first attempt
-    ) -> tuple[Flag, _Plan, Scalar]:
-        """Attempt plans until the first success; returns success, the last plan, and its delay, s."""
-        relaxed_limits = self.limits if self.relaxed_limits is None else self.relaxed_limits
-        attempt_count = self.delay_count if self.relaxed_limits is None else 2 * self.delay_count
-
-        def attempt(carry: tuple[Integer, Flag, _Plan]) -> tuple[Integer, Flag, _Plan]:
-            k = carry[0]
-            delay = self.delays[k % self.delay_count]
-            limits = jax.tree.map(
-                lambda new, relaxed: jnp.where(k < self.delay_count, new, relaxed), self.limits, relaxed_limits
-            )
-            return k + 1, *try_plan(delay, limits)
-
-        count, is_success, plan = jax.lax.while_loop(
-            lambda carry: (carry[0] < attempt_count) & ~carry[1],
-            attempt,
-            (jnp.asarray(0), jnp.asarray(False), initial),
-        )
-        return is_success, plan, self.delays[jnp.maximum(count - 1, 0) % self.delay_count]
-
     def attempts(self) -> Iterator[tuple[float, PathLimits]]:
         """Yield the delay of the arrivals (s) and the path limits of each attempt; not traceable by JAX."""
         delays = np.asarray(self.delays)[: int(self.delay_count)]
         for limits in (self.limits, self.relaxed_limits):
             if limits is not None:
                 yield from ((float(delay), limits) for delay in delays)
-
-
-class ReplanningResult(eqx.Module):
-    """Plan in force after `replan_certified`, the action taken, and whether a new plan was due but not allowed."""
-
-    plan: CertifiedPlan  # plan in force
-    status: Integer  # index into `REPLANNING_MESSAGES`
-    replan_needed: Flag  # whether a new plan was needed that `allow_replanning` forbids
 
 
 def correct_plan(
@@ -330,55 +294,6 @@ def replanning_problem(
     )
 
 
-def replan_certified(
-    # as in `correct_plan` and `replanning_problem`
-    plan: CertifiedPlan,
-    time: ScalarLike,
-    tasks: AircraftTask,
-    airspace: Airspace,
-    arrival_is_free: Flag,
-    freeze: ScalarLike = 0.0,
-    latest_arrival: ScalarLike = jnp.inf,
-    allow_replanning: bool = True,  # whether a new plan is made if a correction is not feasible
-    covariances: Float[Array, "aircraft 6 6"] | None = None,
-    correction_limits: PathLimits | None = None,
-) -> ReplanningResult:
-    """Correct or replace a plan so that it leads to the currently measured goals.
-
-    Returns the first feasible of these plans:
-
-    1. the current plan, corrected to the expected rendezvous;
-    2. a new plan from the planned positions, velocities and accelerations, with the limits of a new path;
-    3. the same with the limits of a corrected path;
-    4. the current plan, with each path corrected as far as its limits allow;
-    5. the current plan unchanged.
-    """
-    corrected, status, is_feasible = correct_plan(plan, time, tasks, airspace, freeze, covariances, correction_limits)
-    if not allow_replanning:
-        return ReplanningResult(corrected, status, ~is_feasible)
-    problem = replanning_problem(
-        plan, corrected.paths, time, tasks, airspace, freeze, correction_limits, arrival_is_free, latest_arrival
-    )
-
-    def try_plan(delay: Scalar, limits: PathLimits) -> tuple[Flag, CertifiedPlan]:
-        durations = problem.times_to_go + delay
-        tasks_with_limits = _with_limits(problem.planned_tasks, limits)
-        new_plan = plan_fleet_at(time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL)
-        return problem.accept(new_plan, durations)
-
-    def replace_plan() -> ReplanningResult:
-        is_new, new_plan, _ = problem.ladder.first_success(try_plan, plan)
-        is_corrected, corrected_plan = problem.correct_partly()
-        final_plan = jax.tree.map(
-            lambda a, b, c: jnp.where(is_new, a, jnp.where(is_corrected, b, c)), new_plan, corrected_plan, plan
-        )
-        status = jnp.where(is_new, REPLANNED, jnp.where(is_corrected, PARTLY_CORRECTED, UNCHANGED))
-        return ReplanningResult(final_plan, status, not_needed)
-
-    not_needed = jnp.asarray(False)
-    return jax.lax.cond(is_feasible, lambda: ReplanningResult(corrected, status, not_needed), replace_plan)
-
-
 @compiled_quickly
 def _correct_and_prepare(
     plan: CertifiedPlan,
@@ -413,9 +328,15 @@ def correct_or_replace_plan(
     covariances: Float[Array, "aircraft 6 6"] | None = None,
     correction_limits: PathLimits | None = None,
 ) -> tuple[CertifiedPlan, int]:
-    """Correct or replace a plan, in the order of `replan_certified`, by compiled programs; not traceable by JAX.
+    """Correct or replace a plan so that it leads to the currently measured goals; not traceable by JAX.
 
-    Returns the plan in force and the index into `REPLANNING_MESSAGES`.
+    Returns the first feasible of these plans, and its index into `REPLANNING_MESSAGES`:
+
+    1. the current plan, corrected to the expected rendezvous;
+    2. a new plan from the planned positions, velocities and accelerations, with the limits of a new path;
+    3. the same with the limits of a corrected path;
+    4. the current plan, with each path corrected as far as its limits allow;
+    5. the current plan unchanged.
     """
     (corrected, status, is_feasible), problem = _correct_and_prepare(
         plan,

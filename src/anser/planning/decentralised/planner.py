@@ -9,13 +9,15 @@ are coordinated (`anser.planning.decentralised.time_coordination`), so that the 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from anser.numerics.arrays import any_in_batch, select_rows
+from anser.compiling.options import compiled_quickly
+from anser.numerics.arrays import any_in_batch, as_array, select_rows
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.paths import AbstractReference, PathPoint
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport, NetworkView, Performance
-from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, FixedPaths, certify, plan_fleet_at
+from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, FixedPaths, certify, plan_at
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
 from anser.planning.certified.replanning import (
     AWAITING_GOAL,
@@ -153,11 +155,49 @@ class DecentralisedPlanState(eqx.Module):
     clocks: Clocks
     network: NetworkState
     time: Scalar
-    replan_needed: Flag  # whether a new path was needed that a planner without replanning could not make
+    replan_needed: Flag  # whether a new path was needed, which is searched between two steps
     waits: Bool[Array, " aircraft"]  # mask of the aircraft on the previous path until the agreed path begins
     first_arrivals: Float[Array, " aircraft"]  # arrival times agreed before the flight, by the clocks, s
     # delay of the fleet's arrivals known to each aircraft, s: the greatest requested or received
     delays: Float[Array, " aircraft"]
+
+
+class _Correction(eqx.Module):
+    """Fleet with corrected paths, before the aircraft offer new paths; leading axis aircraft."""
+
+    planner_state: DecentralisedPlanState  # state with corrected paths and processed messages
+    tasks: AircraftTask  # tasks to the goals measured now
+    proposals: ApproachAndHold  # path that each aircraft may offer
+    offers: Bool[Array, " aircraft"]  # mask of the aircraft that offer their proposal
+    searches: Bool[Array, " aircraft"]  # mask of the aircraft that need another path than the proposed one
+    # (aircraft, owner): whether the aircraft must keep clear of the owner's alternative path too
+    avoids_alternative: Bool[Array, "aircraft aircraft"]
+
+    def with_offers(self, offers: Bool[Array, " aircraft"]) -> Exchange:
+        """Return the state of the agreement after the offers of the selected aircraft."""
+        state = self.planner_state
+        return open_offers(state.exchange, self.proposals, offers, state.clocks.clock)
+
+
+class _CorrectionLoop(eqx.Module):
+    """State of the loop over the fractions of a correction; leading axis aircraft."""
+
+    attempt: Integer
+    paths: TimedPath  # paths corrected by the largest fraction that fits
+    certificate: Certificate  # certificate of these paths
+    is_changed: Bool[Array, " aircraft"]  # mask of the aircraft with a fraction that fits
+    corrected: Bool[Array, " aircraft"]  # mask of the aircraft whose whole correction fits
+    within_limits: Bool[Array, " aircraft"]  # mask of the aircraft whose whole correction keeps the limits
+
+
+class _PathSearch(eqx.Module):
+    """Problem of a new path for one aircraft of the fleet."""
+
+    start: Scalar  # start of the path by the aircraft's clock, s
+    arrival: Scalar  # arrival time known to the aircraft, s
+    tasks: AircraftTask  # tasks from the planned states at the start, with this aircraft active
+    fixed_paths: FixedPaths  # agreed paths of the other aircraft
+    ladder: AttemptLadder
 
 
 class DecentralisedPlanner(AbstractPlanner):
@@ -198,11 +238,57 @@ class DecentralisedPlanner(AbstractPlanner):
         self, planner_state: DecentralisedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> DecentralisedPlanState:
         """Let each aircraft process received messages, and correct its path to the rendezvous predicted now."""
-        plan = planner_state.plan
-        state = planner_state.exchange
-        clocks = planner_state.clocks
-        planner = self.aircraft_planner
-        clock, knowledge = clocks.clock, planner_state.network.knowledge
+        correction = self._correct(planner_state, reports)
+        state, is_missing = correction.planner_state, jnp.any(correction.searches)
+        return eqx.tree_at(
+            lambda s: (s.exchange, s.replan_needed),
+            state,
+            (correction.with_offers(correction.offers), state.replan_needed | is_missing),
+        )
+
+    def replan_between_steps(
+        self,
+        planner_state: DecentralisedPlanState,
+        time: float,
+        reports: AircraftReport,
+        is_departed: Bool[np.ndarray, " aircraft"],
+    ) -> DecentralisedPlanState:
+        """Correct the paths as `replan` does, and search a new path for one aircraft; the aircraft take turns.
+
+        The path arrives at the arrival time known to the aircraft. Without such a path, the aircraft tries later times,
+        and the fleet adopts the delay. A second round of attempts may use the acceleration reserve that the first round
+        leaves for corrections.
+        """
+        correction = _correct(self, planner_state, reports)
+        searches = np.flatnonzero(correction.searches)
+        if not searches.size:
+            return _open_offers(correction)
+        count = len(correction.searches)
+        aircraft = int(min(searches, key=lambda k: (k - round(time)) % count))
+        is_selected = as_array(np.arange(count) == aircraft, bool)
+        search = _path_search(self, correction, is_selected)
+        for delay, limits in search.ladder.attempts():
+            duration = max(float(search.arrival) + delay - float(search.start), COMMITTED_S)
+            plan = plan_at(
+                search.start,
+                eqx.tree_at(lambda t: t.limits, search.tasks, limits),
+                self.aircraft_planner.airspace,
+                as_array(np.full(count, duration)),
+                interval_count(planner_state.plan.paths),
+                MINIMAL,
+                search.fixed_paths,
+            )
+            if plan.feasible[aircraft]:
+                is_clear, proposals = _propose(self, correction, search, plan.paths, is_selected)
+                if is_clear:
+                    return _open_offers(correction, proposals, is_selected, as_array(delay))
+        return _open_offers(correction)
+
+    def _correct(self, planner_state: DecentralisedPlanState, reports: AircraftReport) -> _Correction:
+        """Process received messages, and correct each path as far as its limits and its tube allow."""
+        plan, state, planner = planner_state.plan, planner_state.exchange, self.aircraft_planner
+        clocks, knowledge = planner_state.clocks, planner_state.network.knowledge
+        clock = clocks.clock
         tasks = planner.aircraft_tasks(reports, planner_state.limits)
         to_go = plan.arrival_times - clock
         time_to_go = to_go / clocks.rate
@@ -221,31 +307,33 @@ class DecentralisedPlanner(AbstractPlanner):
         from_time = jnp.min(clock)
         correction_tasks = planner.aircraft_tasks(reports, planner.correction_limits(planner_state.limits))
 
-        def certified(candidate: TimedPath) -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
+        def correct_by(share: Scalar) -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
+            candidate = eqx.tree_at(lambda p: p.air_n, paths, paths.air_n + share * (bent.air_n - paths.air_n))
             certificate = certify(candidate, correction_tasks, planner.airspace, interval_count(candidate), from_time)
             in_tube = jax.vmap(path_distance_max)(candidate, state.agreed_paths.path) <= self.tube
             return candidate, certificate, may_change & certificate.satisfied_individually & in_tube
 
-        def correct_partly() -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
-            candidates = jax.lax.map(
-                lambda share: certified(
-                    eqx.tree_at(lambda p: p.air_n, paths, paths.air_n + share * (bent.air_n - paths.air_n))
-                ),
-                jnp.asarray(CORRECTION_FRACTIONS[1:]),
+        def correct_further(carry: _CorrectionLoop) -> _CorrectionLoop:
+            candidate, certificate, fits = correct_by(jnp.asarray(CORRECTION_FRACTIONS)[carry.attempt])
+            chosen, is_whole = fits & ~carry.is_changed, carry.attempt == 0
+            return _CorrectionLoop(
+                carry.attempt + 1,
+                select_rows(chosen, candidate, carry.paths),
+                select_rows(chosen, certificate, carry.certificate),
+                carry.is_changed | fits,
+                jnp.where(is_whole, fits, carry.corrected),
+                jnp.where(is_whole, certificate.satisfied_individually, carry.within_limits),
             )
-            largest = jnp.argmax(candidates[2], axis=0), jnp.arange(clock.shape[0])
-            return jax.tree.map(lambda leaf: leaf[largest], candidates)
 
-        _, certificate, corrected = certified(bent)
-        partial = jax.lax.cond(
-            any_in_batch(jnp.any(may_change & ~corrected)),
-            correct_partly,
-            lambda: (bent, certificate, jnp.zeros_like(corrected)),
-        )
-        is_changed = corrected | partial[2]
-        changed_paths, certificates = select_rows(corrected, (bent, certificate), partial[:2])
+        def is_incomplete(carry: _CorrectionLoop) -> Flag:
+            return (carry.attempt < len(CORRECTION_FRACTIONS)) & jnp.any(may_change & ~carry.is_changed)
+
+        none = jnp.zeros_like(may_change)
+        begin = _CorrectionLoop(jnp.asarray(0), paths, plan.certificate, none, none, none)
+        loop = jax.lax.while_loop(is_incomplete, correct_further, begin)
+        corrected, is_changed = loop.corrected, loop.is_changed
         proposals = ApproachAndHold(bent, move_with_goals(state.agreed_paths.hold, tasks, clock))
-        agreed, alternative, proposed = _set_slices(clock.shape[0])
+        agreed, alternative, _ = _set_slices(clock.shape[0])
         is_clear = jax.lax.cond(
             any_in_batch(jnp.any(~state.settled | (may_change & ~corrected))),
             lambda: self._clearance(state, proposals, tasks.active, from_time),
@@ -263,34 +351,22 @@ class DecentralisedPlanner(AbstractPlanner):
             reports.active,
             LEAD_S - 1.0,
         )
-        paths = select_rows(is_changed, changed_paths, paths)
+        paths = loop.paths
         may_offer = may_change & state.settled & ~is_late & ~corrected & (to_go > planner.freeze + 2.0 * LEAD_S)
-        keeps_clear = jnp.all(
-            is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1
-        )
-        offers = may_offer & certificate.satisfied_individually & keeps_clear
+        keeps_clear = _keeps_clear(is_clear, avoids_alternative)
+        offers = may_offer & loop.within_limits & keeps_clear
         goal_has_moved = under_way
         if reports.goal_covariance is not None:
             goal_has_moved = jax.vmap(rendezvous_has_moved)(paths, tasks, reports.goal_covariance, time_to_go)
         needs_path = is_late | (~corrected & goal_has_moved)
         searches = may_change & state.settled & needs_path & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
-        replan_needed = planner_state.replan_needed
-        if self.allow_replanning:
-            proposals, has_proposal, delays = self._search_path(
-                planner_state, state, paths, proposals, tasks, searches, avoids_alternative, delays, time
-            )
-            offers = offers | has_proposal
-        else:
-            replan_needed = replan_needed | jnp.any(searches)
-        state = open_offers(state, proposals, offers, clock)
-
         remaining_lengths = jax.vmap(TimedPath.air_length)(paths, clock)
         plan = eqx.tree_at(
             lambda p: (p.paths, p.certificate, p.lengths, p.arrival_times),
             plan,
             (
                 paths,
-                jax.tree.map(lambda new, old: select_rows(is_changed, new, old), certificates, plan.certificate),
+                loop.certificate,
                 jnp.where(under_way, remaining_lengths, plan.lengths),
                 jnp.where(accepted, state.agreed_paths.path.times[:, -1], plan.arrival_times),
             ),
@@ -298,11 +374,12 @@ class DecentralisedPlanner(AbstractPlanner):
         result = jnp.where(is_changed, PARTLY_CORRECTED, jnp.where(goal_has_moved, UNCHANGED, AWAITING_GOAL))
         result = jnp.where(accepted, REPLANNED, jnp.where(under_way & ~corrected, result, CORRECTED))
         result = jnp.where(reports.active, result.astype(planner_state.replanning.dtype), planner_state.replanning)
-        return eqx.tree_at(
-            lambda m: (m.plan, m.replanning, m.exchange, m.waits, m.replan_needed, m.delays),
+        planner_state = eqx.tree_at(
+            lambda m: (m.plan, m.replanning, m.exchange, m.waits, m.delays),
             planner_state,
-            (plan, result, state, waits | accepted, replan_needed, delays),
+            (plan, result, state, waits | accepted, delays),
         )
+        return _Correction(planner_state, tasks, proposals, offers, searches, avoids_alternative)
 
     def _clearance(
         self, state: Exchange, approaches: ApproachAndHold, active: Float[Array, " aircraft"], from_time: ScalarLike
@@ -314,41 +391,17 @@ class DecentralisedPlanner(AbstractPlanner):
         ratios = pairwise_clearance_ratios(path_sets, jnp.tile(active, 3), self.aircraft_planner.airspace, from_time)
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
-    def _search_path(
-        self,
-        planner_state: DecentralisedPlanState,
-        state: Exchange,
-        paths: TimedPath,
-        approaches: ApproachAndHold,
-        tasks: AircraftTask,
-        searches: Bool[Array, " aircraft"],
-        avoids_alternative: Bool[Array, "aircraft aircraft"],
-        delays: Float[Array, " aircraft"],
-        time: ScalarLike,
-    ) -> tuple[ApproachAndHold, Bool[Array, " aircraft"], Float[Array, " aircraft"]]:
-        """Search a new path for one aircraft whose path cannot be corrected; the aircraft take turns.
-
-        The path arrives at the arrival time known to the aircraft. Without such a path, the aircraft tries later times,
-        and the fleet adopts the delay. A second round of trials may use the acceleration reserve that the first round
-        leaves for corrections. Returns the proposed paths, the mask of aircraft with an offer, and the delays, s.
-        """
-        count, clock = searches.shape[0], planner_state.clocks.clock
-        turn = jnp.round(time).astype(jnp.int32) % count
-        order = (jnp.arange(count) - turn) % count
-        selected = (jnp.arange(count) == jnp.argmin(jnp.where(searches, order, count))) & searches
-        planner, agreed_paths, former = self.aircraft_planner, state.agreed_paths.path, state.agreed_paths.hold
+    def _path_search(self, correction: _Correction, selected: Bool[Array, " aircraft"]) -> _PathSearch:
+        """Return the problem of a new path for the selected aircraft."""
+        planner_state, tasks, planner = correction.planner_state, correction.tasks, self.aircraft_planner
+        agreed_paths, clock = planner_state.exchange.agreed_paths.path, planner_state.clocks.clock
 
         def selected_value(values: Array) -> Array:
             return jnp.sum(jnp.where(selected, values, 0.0))
 
-        start, delay, active = selected_value(clock) + LEAD_S, selected_value(delays), tasks.active > 0.0
-        arrivals = planner_state.first_arrivals + delay
-        future_goals_n = tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n
-        future_tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, future_goals_n)
-        start_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(paths, future_tasks, start)
-        start_tasks = eqx.tree_at(lambda t: t.active, start_tasks, jnp.where(selected, tasks.active, 0.0))
-        fixed_paths = FixedPaths(active & ~selected, agreed_paths, agreed_paths.times[:, -1])
-        extra_delays, try_count = arrival_delays(
+        start, active = selected_value(clock) + LEAD_S, tasks.active > 0.0
+        arrivals = planner_state.first_arrivals + selected_value(planner_state.delays)
+        delays, delay_count = arrival_delays(
             jnp.where(active, arrivals, -jnp.inf),
             start,
             ~active | (arrivals > start + COMMITTED_S + 3.0 * LEAD_S),
@@ -356,49 +409,43 @@ class DecentralisedPlanner(AbstractPlanner):
             planner.latest_arrival,
             _DELAY_FRACTIONS,
         )
-        ladder = AttemptLadder(extra_delays, try_count, tasks.limits, planner.correction_limits(tasks.limits))
-        end_time, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
-        agreed, alternative, proposed = _set_slices(count)
+        start_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(
+            planner_state.plan.paths, _tasks_at_start(tasks), start
+        )
+        return _PathSearch(
+            start,
+            selected_value(arrivals),
+            eqx.tree_at(lambda t: t.active, start_tasks, jnp.where(selected, tasks.active, 0.0)),
+            FixedPaths(active & ~selected, agreed_paths, agreed_paths.times[:, -1]),
+            AttemptLadder(delays, delay_count, tasks.limits, planner.correction_limits(tasks.limits)),
+        )
 
-        def with_holds(path: TimedPath) -> ApproachAndHold:
-            fleet_paths = select_rows(selected, path, agreed_paths)
-            holds = assign_holds(
-                fleet_paths,
-                future_tasks,
-                planner.airspace,
-                planner.guidance,
-                start,
-                end_time,
-                cells,
-                former,
-                stays=~selected,
-            )
-            return select_rows(selected, ApproachAndHold(path, broadcast_holds(holds)), approaches)
-
-        def try_arrival(extra_delay: Scalar, limits: PathLimits) -> tuple[Flag, ApproachAndHold]:
-            durations = jnp.full(count, jnp.maximum(selected_value(arrivals) + extra_delay - start, COMMITTED_S))
-            trial_tasks = eqx.tree_at(lambda t: t.limits, start_tasks, limits)
-            plan = plan_fleet_at(
-                start, trial_tasks, planner.airspace, durations, interval_count(paths), MINIMAL, fixed_paths=fixed_paths
-            )
-            is_feasible = jnp.any(selected & plan.feasible)
-            proposals = jax.lax.cond(any_in_batch(is_feasible), lambda: with_holds(plan.paths), lambda: approaches)
-            is_clear = self._clearance(state, proposals, tasks.active, jnp.min(clock))
-            keeps_clear = jnp.all(
-                is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1
-            )
-            return is_feasible & jnp.any(selected & proposals.hold.clear & keeps_clear), proposals
-
-        def search() -> tuple[ApproachAndHold, Flag, Scalar]:
-            has_path, proposals, extra_delay = ladder.first_success(try_arrival, approaches)
-            return proposals, has_path, extra_delay
-
-        def keep_proposals() -> tuple[ApproachAndHold, Flag, Scalar]:
-            return approaches, jnp.asarray(False), jnp.zeros(())
-
-        proposals, has_path, extra_delay = jax.lax.cond(any_in_batch(jnp.any(selected)), search, keep_proposals)
-        offers = selected & (has_path & jnp.any(selected))
-        return select_rows(offers, proposals, approaches), offers, jnp.where(offers, delay + extra_delay, delays)
+    def _propose(
+        self,
+        correction: _Correction,
+        search: _PathSearch,
+        paths: TimedPath,  # paths of a plan
+        selected: Bool[Array, " aircraft"],  # mask of the aircraft that offers its path
+    ) -> tuple[Flag, ApproachAndHold]:
+        """Add a hold to the new path; returns whether both keep clear of the fleet, and the proposals."""
+        planner, exchange = self.aircraft_planner, correction.planner_state.exchange
+        former = exchange.agreed_paths.hold
+        holds = assign_holds(
+            select_rows(selected, paths, exchange.agreed_paths.path),
+            _tasks_at_start(correction.tasks),
+            planner.airspace,
+            planner.guidance,
+            search.start,
+            jnp.max(former.paths.times),
+            former.paths.times.shape[1] - 1,
+            former,
+            stays=~selected,
+        )
+        proposals = select_rows(selected, ApproachAndHold(paths, broadcast_holds(holds)), correction.proposals)
+        clocks, active = correction.planner_state.clocks.clock, correction.tasks.active
+        is_clear = self._clearance(exchange, proposals, active, jnp.min(clocks))
+        keeps_clear = _keeps_clear(is_clear, correction.avoids_alternative)
+        return jnp.any(selected & proposals.hold.clear & keeps_clear), proposals
 
     def observe(
         self,
@@ -451,7 +498,7 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def replan_needed(self, planner_state: DecentralisedPlanState) -> Flag:
-        """Whether an aircraft must search a new path but may not (`allow_replanning`): the flight then stops for it."""
+        """Whether an aircraft must search a new path: the flight then stops for it."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:
@@ -485,3 +532,39 @@ class DecentralisedPlanner(AbstractPlanner):
 def _set_slices(count: int) -> tuple[slice, slice, slice]:
     """Slices of agreed, alternative and proposed paths in their concatenation, `count` paths each."""
     return slice(0, count), slice(count, 2 * count), slice(2 * count, 3 * count)
+
+
+def _keeps_clear(
+    is_clear: Bool[Array, "paths paths"], avoids_alternative: Bool[Array, "aircraft aircraft"]
+) -> Bool[Array, " aircraft"]:
+    """Mask of the proposed paths that keep clear of every path that the other aircraft may fly."""
+    agreed, alternative, proposed = _set_slices(avoids_alternative.shape[0])
+    return jnp.all(is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1)
+
+
+def _tasks_at_start(tasks: AircraftTask) -> AircraftTask:
+    """Return the tasks with the goals' positions at the start of an offered path."""
+    return eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n)
+
+
+_correct = compiled_quickly(DecentralisedPlanner._correct)
+_path_search = compiled_quickly(DecentralisedPlanner._path_search)
+_propose = compiled_quickly(DecentralisedPlanner._propose)
+
+
+@compiled_quickly
+def _open_offers(
+    correction: _Correction,
+    proposals: ApproachAndHold | None = None,  # proposals with a new path; None: no aircraft has found one
+    selected: Bool[Array, " aircraft"] | None = None,  # mask of the aircraft with the new path
+    extra_delay: Scalar | None = None,  # delay of the fleet that the new path demands, s
+) -> DecentralisedPlanState:
+    """Return the planner state after the offers."""
+    state, offers = correction.planner_state, correction.offers
+    if proposals is None or selected is None or extra_delay is None:
+        return eqx.tree_at(lambda s: s.exchange, state, correction.with_offers(offers))
+    correction = eqx.tree_at(lambda c: c.proposals, correction, proposals)
+    delay = jnp.sum(jnp.where(selected, state.delays, 0.0)) + extra_delay
+    delays = jnp.where(selected, delay, state.delays)
+    exchange = correction.with_offers(offers | selected)
+    return eqx.tree_at(lambda s: (s.exchange, s.delays), state, (exchange, delays))

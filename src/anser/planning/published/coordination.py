@@ -270,7 +270,7 @@ SPEED_BAND = 0.01  # relative change of the mean airspeed within which arrival t
 COMMITTED_S = 15.0  # time before the arrival without new coordination, see `replan`
 
 
-def _continue_plan(
+def _refit_paths(
     plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
 ) -> FleetPlan:
     """Return the plan with the same arrival time, the rest of each path refitted to the rendezvous predicted now."""
@@ -314,27 +314,40 @@ def _keep_inactive(plan: FleetPlan, new_plan: FleetPlan, active: Bool[Array, " a
     )
 
 
-def replan(
+def continue_plan(
     plan: FleetPlan,
     time: ScalarLike,  # present time, s
     # as for `coordinate`; deficits refer to the plan's mean airspeed, which is kept
     tasks: PlanningTask,
-    sides: Real[Array, " aircraft"],
     even_speed: Flag | bool = False,
-    allow_replanning: bool = True,  # whether the fleet may be coordinated again
 ) -> tuple[FleetPlan, Flag]:
-    """Continue a plan from the present state, or coordinate the fleet again.
+    """Continue a plan from the present state; returns the plan, and whether the fleet must be coordinated again.
 
     Every path is refitted from the aircraft's position to the predicted rendezvous. Arrival time and shape of the
-    remaining path are kept (exactly: replanning on the planned path returns the same plan) while every aircraft's mean
-    airspeed stays within 1 percent of the plan's. If an aircraft leaves this band, because its goal did not move as
-    predicted, the fleet is coordinated again, except in the last 15 s: a few metres of path would then require a bend
-    of many g, while a small change of speed suffices.
+    remaining path are kept (exactly: continued from the planned path, the plan stays the same). The fleet must be
+    coordinated again if an aircraft's mean airspeed leaves 1 percent of the plan's, because its goal did not move as
+    predicted, except in the last 15 s: a few metres of path would then require a bend of many g, while a small change
+    of speed suffices.
 
     An inactive aircraft keeps its last plan with its arrival time, and the rest of the fleet continues without it:
     unchanged, even if it was the farthest, until an aircraft leaves the band; a new plan excludes inactive aircraft.
+    """
+    continued = _refit_paths(plan, time, tasks, plan.speed, even_speed)
+    duration = continued.trajectories.duration
+    mean_speed = (continued.lengths - tasks.path_length_deficit) / duration
+    is_off_speed = continued.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
+    is_due = jnp.any((is_off_speed | ~continued.converged) & tasks.active) & (duration[0] > COMMITTED_S)
+    return _keep_inactive(plan, continued, tasks.active), is_due
 
-    Returns the plan, and whether a new coordination was due but not allowed.
+
+def replan(
+    plan: FleetPlan,
+    time: ScalarLike,  # present time, s
+    tasks: PlanningTask,  # as for `continue_plan`
+    sides: Real[Array, " aircraft"],
+    even_speed: Flag | bool = False,
+) -> FleetPlan:
+    """Continue a plan from the present state, or coordinate the fleet again where `continue_plan` requires it.
 
     Notes
     -----
@@ -342,14 +355,8 @@ def replan(
     minimum of L the bend varies with the square root of the length, so that a tracking error of one metre in the middle
     of a detour changes kappa by kilometres, and the farthest aircraft changes from plan to plan.
     """
-    continued = _continue_plan(plan, time, tasks, plan.speed, even_speed)
-    duration = continued.trajectories.duration
-    mean_speed = (continued.lengths - tasks.path_length_deficit) / duration
-    is_off_speed = continued.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
-    is_due = jnp.any((is_off_speed | ~continued.converged) & tasks.active) & (duration[0] > COMMITTED_S)
-    if not allow_replanning:
-        return _keep_inactive(plan, continued, tasks.active), is_due
+    continued, is_due = continue_plan(plan, time, tasks, even_speed)
     new_plan = jax.lax.cond(
         is_due, lambda: coordinate(time, tasks, plan.speed, sides, even_speed, speed_is_fixed=True), lambda: continued
     )
-    return _keep_inactive(plan, new_plan, tasks.active), jnp.asarray(False)
+    return _keep_inactive(plan, new_plan, tasks.active)

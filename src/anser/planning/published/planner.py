@@ -3,18 +3,20 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Real
 
+from anser.compiling.options import compiled_by_older_generator
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.control.ground_clearance import level_off_height
-from anser.numerics.arrays import zeros_like_result
+from anser.numerics.arrays import as_array, zeros_like_result
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.paths import polar
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport, Performance
 from anser.planning.demand import demand
 from anser.planning.limits import PathLimits
-from anser.planning.published.coordination import FleetPlan, PlanningTask, coordinate, replan
+from anser.planning.published.coordination import FleetPlan, PlanningTask, continue_plan, coordinate, replan
 from anser.planning.published.trajectory import Trajectory, bend_trajectory, solve_lateral_bend, with_even_speed
 from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.spatial.vectors import safe_sqrt
@@ -181,7 +183,7 @@ class PublishedPlanState(eqx.Module):
     sides: Float[Array, " aircraft"]  # sides of the detours, chosen with the first plan: +1 right, -1 left
     deceleration: Float[Array, " aircraft"]  # deceleration with the engine idle in level flight at the start, m/s^2
     flown_length: Float[Array, " aircraft"]  # length of the path flown through the air, m
-    replan_needed: Flag  # whether a new coordination was due that a planner without replanning could not make
+    replan_needed: Flag  # whether the fleet must be coordinated again
 
 
 class PublishedPlanner(AbstractPlanner):
@@ -216,16 +218,23 @@ class PublishedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: PublishedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Continue the same paths from the reported positions, or coordinate the fleet again, as `replan` decides."""
-        tasks = self._tasks(
-            time, reports, planner_state.plan.speed, planner_state.flown_length, planner_state.deceleration
-        )
-        plan, is_due = replan(
-            planner_state.plan, time, tasks, planner_state.sides, self.even_speed, self.allow_replanning
-        )
+        """Continue the same paths from the reported positions; a fleet off its speed must be coordinated again."""
+        tasks = self._tasks_in_flight(planner_state, time, reports)
+        plan, is_due = continue_plan(planner_state.plan, time, tasks, self.even_speed)
         return eqx.tree_at(
             lambda m: (m.plan, m.replan_needed), planner_state, (plan, planner_state.replan_needed | is_due)
         )
+
+    def replan_between_steps(
+        self,
+        planner_state: PublishedPlanState,
+        time: float,
+        reports: AircraftReport,
+        is_departed: Bool[np.ndarray, " aircraft"],
+    ) -> PublishedPlanState:
+        """Coordinate the fleet again from the reported positions, as `replan` of the coordination does."""
+        plan = _coordinate_again(self, planner_state, as_array(time), reports)
+        return eqx.tree_at(lambda m: m.plan, planner_state, plan)
 
     def observe(
         self,
@@ -240,7 +249,7 @@ class PublishedPlanner(AbstractPlanner):
         return eqx.tree_at(lambda m: m.flown_length, planner_state, flown_length)
 
     def replan_needed(self, planner_state: PublishedPlanState) -> Flag:
-        """Whether a new coordination was due but not allowed (`allow_replanning`): the flight then stops for it."""
+        """Whether the fleet must be coordinated again: the flight then stops for it."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: PublishedPlanState) -> AircraftPlan:
@@ -249,6 +258,13 @@ class PublishedPlanner(AbstractPlanner):
         replanning = jnp.zeros(plan.status.shape, dtype=jnp.int32)
         return AircraftPlan(
             plan.trajectories, plan.arrival_times, plan.status, plan.lengths, plan.lateral_bends, replanning
+        )
+
+    def _tasks_in_flight(
+        self, planner_state: PublishedPlanState, time: ScalarLike, reports: AircraftReport
+    ) -> PlanningTask:
+        return self._tasks(
+            time, reports, planner_state.plan.speed, planner_state.flown_length, planner_state.deceleration
         )
 
     def _tasks(
@@ -271,3 +287,11 @@ class PublishedPlanner(AbstractPlanner):
             deceleration=deceleration,
             active=reports.active,
         )
+
+
+@compiled_by_older_generator(None, "coordination")
+def _coordinate_again(
+    planner: PublishedPlanner, planner_state: PublishedPlanState, time: Scalar, reports: AircraftReport
+) -> FleetPlan:
+    tasks = planner._tasks_in_flight(planner_state, time, reports)
+    return replan(planner_state.plan, time, tasks, planner_state.sides, planner.even_speed)
