@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.numerics.arrays import count_not_above
 from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.profile import TabulatedProfile
 from anser.planning.certified.routes import PathEndpoints, Route, TurnsAndLegs, cis, route, turn_limits
@@ -347,7 +348,7 @@ def path_track(
     last_cells = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
     # An interval lies within one cell, found by its midpoint, or each cell it touches begins or ends in it.
     middles = 0.5 * (times[1:] + times[:-1])
-    within = jnp.searchsorted(path.times, middles, side="right", method="compare_all") - 1
+    within = jax.vmap(lambda middle: count_not_above(path.times, middle))(middles) - 1
     bounds = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
     for touched in (first_cells, last_cells):
         bounds = bounds.at[jnp.clip(touched, 0, count - 1)].max(accelerations)
