@@ -20,6 +20,7 @@ from anser.missions.first_plan import (
     certified_plan_state,
     initialize_compiled,
     start_next,
+    start_programs,
     trim_and_build_tasks_compiled,
 )
 from anser.missions.refusal import Refusal
@@ -89,7 +90,11 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         fleet plans anew, see `find_agreement`. The holds follow from the paths by a common rule.
         """
         on_progress("trimming")
-        fleet, tasks = trim_and_build_tasks_compiled(flight, aircraft_planner(flight))
+        planner = aircraft_planner(flight)
+        start_programs(
+            scenario, flight, planner, trim_and_build_tasks_compiled.prepare(flight, planner).start(), prepare_next
+        )
+        fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
         check_trimmable(scenario, flight, fleet.is_trimmed)
         plan, holds, agreed_after_s, reason = negotiate_plan(scenario, flight, tasks, on_progress)
         plan_state = None if plan is None else certified_plan_state(plan, holds, tasks.limits)

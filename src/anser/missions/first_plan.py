@@ -375,7 +375,7 @@ class CertifiedFirstPlan(FirstPlan):
         on_progress("trimming")
         planner, count = aircraft_planner(flight), len(scenario.aircraft)
         start = trim_and_build_tasks_compiled.prepare(flight, planner).start()
-        _start_programs(scenario, flight, planner, start, prepare_next)
+        start_programs(scenario, flight, planner, start, prepare_next)
         fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
         check_trimmable(scenario, flight, fleet.is_trimmed)
         request = arrival_request(scenario, flight.count)
@@ -523,10 +523,10 @@ _started: "weakref.WeakKeyDictionary[PreparedProgram, set[tuple[Any, ...]]]" = w
 """Sizes of the plans and holds whose programs were started together with a program of the trim."""
 
 
-def _start_programs(
+def start_programs(
     scenario: Scenario, flight: Flight, planner: CertifiedPlanner, trim: PreparedProgram, prepare_next: PrepareNext
 ) -> None:
-    """Start the compilation of the programs for the planning and for the work after it.
+    """Start the compilation of the programs for a search and for the work after it.
 
     The programs follow from the shapes of fleet and tasks. Programs that were started before, for an earlier plan
     without work after it, are not prepared again.

@@ -214,11 +214,11 @@ def count_not_above(ascending: Float[Array, " n"], value: ScalarLike) -> Integer
     The value is compared with the first entries of blocks, then with the entries of one block. In a batch on a CPU this
     takes a third of the time of a binary search, and a fiftieth of that of a comparison with every entry.
     """
-    size = math.isqrt(ascending.shape[0] - 1) + 1
-    missing = -ascending.shape[0] % size
-    blocks = jnp.concatenate([ascending, jnp.full(missing, jnp.inf)]).reshape(-1, size)
+    count = ascending.shape[0]
+    size = math.isqrt(count - 1) + 1
+    blocks = jnp.concatenate([ascending, jnp.full(-count % size, jnp.inf)]).reshape(-1, size)
     block = jnp.maximum(jnp.sum(blocks[:, 0] <= value, dtype=jnp.int32) - 1, 0)
-    return size * block + jnp.sum(blocks[block] <= value, dtype=jnp.int32)
+    return jnp.minimum(size * block + jnp.sum(blocks[block] <= value, dtype=jnp.int32), count)
 
 
 @custom_vmap
