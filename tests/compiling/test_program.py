@@ -7,6 +7,7 @@ import pickle
 import platform
 import subprocess
 import sys
+import threading
 import time
 
 import equinox as eqx
@@ -22,7 +23,13 @@ import anser.compiling.store as store_module
 from anser.aircraft_files import load_airframe
 from anser.compiling.keys import NotCacheableError, describe_value
 from anser.compiling.options import compiled, compiled_quickly, program_store
-from anser.compiling.program import forget_programs, memory_region_share, release_all_programs, use_program_store
+from anser.compiling.program import (
+    PreparedProgram,
+    forget_programs,
+    memory_region_share,
+    release_all_programs,
+    use_program_store,
+)
 from anser.compiling.store import FolderStore
 from anser.environment import standard_environment
 from anser.numerics.linear import cross, solve3, times3
@@ -412,3 +419,19 @@ def test_a_replaced_function_is_used_and_has_a_separate_key(store, monkeypatch):
     monkeypatch.undo()
     np.testing.assert_allclose(MATRIX @ solved()(MATRIX, VECTOR), VECTOR, rtol=1e-12)
     assert len(store.files()) == 2
+
+
+def test_a_program_is_compiling_until_its_background_thread_ends():
+    may_end = threading.Event()
+
+    def compile_slowly():
+        may_end.wait(60.0)
+        return (lambda arrays: arrays), 0
+
+    prepared = PreparedProgram(jax.ShapeDtypeStruct((), float), lambda: compile_slowly, compiles=True)
+    assert not prepared.is_compiling
+    prepared.start()
+    assert prepared.is_compiling
+    may_end.set()
+    assert prepared.function([2.5]) == 2.5
+    assert not prepared.is_compiling

@@ -16,7 +16,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, Protocol, TypeAlias, TypeVar
 
@@ -263,6 +263,7 @@ class PreparedProgram:
     def __init__(self, shapes: Any, lower: Callable[[], Callable[[], _LoadedProgram]], *, compiles: bool) -> None:
         self.shapes, self._compiles = shapes, compiles
         self._lower, self._result = lower, None  # the result of `lower` loads or compiles the program
+        self._future: Future[_LoadedProgram] | None = None  # loading or compilation in the background
         self.size = 0  # code size, bytes; 0 until loaded or compiled
         self.last_use = next(_uses)  # value at the last use of a counter common to every program
         if not compiles:
@@ -271,8 +272,14 @@ class PreparedProgram:
     def start(self) -> "PreparedProgram":
         """Lower the program in this thread, and start compiling in a background thread."""
         if self._result is None:
-            self._result = _executor.submit(self._lower()).result
+            self._future = _executor.submit(self._lower())
+            self._result = self._future.result
         return self
+
+    @property
+    def is_compiling(self) -> bool:
+        """Whether the program is being compiled in the background."""
+        return self._compiles and self._future is not None and not self._future.done()
 
     @functools.cached_property
     def function(self) -> Callable[[list[Any]], Any]:

@@ -21,7 +21,7 @@ from anser.missions.events import EventSchedule
 from anser.missions.first_plan import FirstPlan, NoPlanError
 from anser.missions.plans import plan
 from anser.missions.saved_flights import FLIGHT, SUMMARY, SavedFlight
-from anser.missions.segments import fly_with_replanning, prepare_flight
+from anser.missions.segments import fly_with_replanning, prepare_flight, start_replanning_programs
 from anser.numerics.arrays import cast_to_precision
 from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.files import as_scenario
@@ -98,6 +98,13 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
     prepared = prepare_flight(cast_flight(flight, precision), cast_state(state, precision)).start()
     importlib.import_module("anser.results.dataset")
     return prepared
+
+
+def _start_replanning_programs(flight: Flight, state: FlightState) -> None:
+    """Start the programs of replanning beside a compilation of the flight, in a world where a new plan is likely."""
+    is_uncertain = flight.randomness is not None and int(flight.timing.replan_steps) > 0
+    if is_uncertain and prepare_flight(flight, state).is_compiling:
+        start_replanning_programs(flight, state)
 
 
 @dataclass(frozen=True, repr=False)
@@ -194,6 +201,7 @@ def run(
     flight, state = cast_flight(planned.flight, precision), cast_state(planned.initial_state(), precision)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
+    _start_replanning_programs(flight, state)
     on_progress("flying", 0.0)
     segments, sample_index = [], 0
     schedule = EventSchedule(scenario, lambda message: on_progress(message, None))

@@ -42,6 +42,13 @@ def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
     return segment_program(flight).prepare(flight, state, as_array(0, np.int32), active_steps=steps)
 
 
+def start_replanning_programs(flight: Flight, state: FlightState) -> None:
+    """Start the compilation of the programs that replan a flight between two steps, for the shapes of a state."""
+    sensed = sense_fleet.prepare(flight, state, as_array(0, np.int32)).start()
+    for program in flight.planner.prepare_replanning(state.planner, sensed.shapes[0]):
+        program.start()
+
+
 def fly_with_replanning(
     flight: Flight, state: FlightState, sample: int, step_count: int = SEGMENT_STEPS
 ) -> tuple[FlightState, dict[str, np.ndarray]]:

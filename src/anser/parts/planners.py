@@ -5,6 +5,7 @@ aircraft.
 """
 
 import abc
+from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
@@ -14,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from anser.compiling.program import PreparedProgram
 from anser.numerics.arrays import as_array, namespace
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.part import AbstractPart
@@ -329,6 +331,13 @@ class AbstractPlanner(AbstractPart):
         the plan is needed.
         """
         raise NotImplementedError(f"{type(self).__name__}.replan_needed asks for a plan: define replan_between_steps")
+
+    def prepare_replanning(self, planner_state: Any, reports: AircraftReport) -> Iterator[PreparedProgram]:
+        """Yield the programs with which `replan_between_steps` begins, for the shapes of its arguments.
+
+        The programs are compiled while the steps of a flight in an uncertain world are. By default none.
+        """
+        return iter(())
 
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
         """Correct the plan from the stacked reports at `time` (s), or make a new one; return the new planner state.

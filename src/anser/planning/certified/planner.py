@@ -27,6 +27,7 @@ from anser.planning.certified.replanning import (
     correct_or_replace_plan,
     correct_plan,
     interval_count,
+    prepare_correction,
     tasks_from_plan,
 )
 from anser.planning.certified.search import FleetTask, SearchOutcome, search
@@ -293,6 +294,25 @@ class CertifiedPlanner(AbstractPlanner):
                     (plan, holds), status = new_plan, REPLANNED
         status_index = as_array(status, planner_state.replanning.dtype)
         return CertifiedPlanState(plan, status_index, holds, planner_state.limits, planner_state.replan_needed)
+
+    def prepare_replanning(
+        self, planner_state: CertifiedPlanState, reports: AircraftReport
+    ) -> Iterator[PreparedProgram]:
+        """Yield the programs of the replanned tasks and of the correction, for the shapes of state and reports."""
+        program = _replanning_tasks.prepare(self, planner_state, as_array(0.0), reports)
+        yield program
+        tasks, _, correction_limits, _ = program.shapes
+        yield prepare_correction(
+            planner_state.plan,
+            0.0,
+            tasks,
+            self.airspace,
+            self.arrival_is_free,
+            self.freeze,
+            self.latest_arrival,
+            reports.goal_covariance,
+            correction_limits,
+        )
 
     def _search_in_flight(
         self,

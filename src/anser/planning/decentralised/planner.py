@@ -6,6 +6,8 @@ path that the fleet knows; larger changes need the fleet's acknowledgement (`pat
 are coordinated (`anser.planning.decentralised.time_coordination`), so that the fleet waits for a delayed aircraft.
 """
 
+from collections.abc import Iterator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.compiling.options import compiled_quickly
+from anser.compiling.program import PreparedProgram
 from anser.numerics.arrays import any_in_batch, as_array, select_rows
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.paths import AbstractReference, PathPoint
@@ -283,6 +286,17 @@ class DecentralisedPlanner(AbstractPlanner):
                 if is_clear:
                     return _open_offers(correction, proposals, is_selected, as_array(delay))
         return _open_offers(correction)
+
+    def prepare_replanning(
+        self, planner_state: DecentralisedPlanState, reports: AircraftReport
+    ) -> Iterator[PreparedProgram]:
+        """Yield the programs of the correction and of a search, for the shapes of state and reports."""
+        program = _correct.prepare(self, planner_state, reports)
+        yield program
+        correction, selected = program.shapes, reports.active
+        search = _path_search.prepare(self, correction, selected)
+        yield search
+        yield _propose.prepare(self, correction, search.shapes, planner_state.plan.paths, selected)
 
     def _correct(self, planner_state: DecentralisedPlanState, reports: AircraftReport) -> _Correction:
         """Process received messages, and correct each path as far as its limits and its tube allow."""
