@@ -267,15 +267,7 @@ class CertifiedPlanner(AbstractPlanner):
             self, planner_state, as_array(time), reports
         )
         plan, status = correct_or_replace_plan(
-            planner_state.plan,
-            time,
-            tasks,
-            self.airspace,
-            self.arrival_is_free,
-            self.freeze,
-            self.latest_arrival,
-            reports.goal_covariance,
-            correction_limits,
+            planner_state.plan, time, tasks, *self._correction_conditions(reports, correction_limits)
         )
         holds = former
         if former is not None and (is_outdated or status == REPLANNED):
@@ -302,17 +294,13 @@ class CertifiedPlanner(AbstractPlanner):
         program = _replanning_tasks.prepare(self, planner_state, as_array(0.0), reports)
         yield program
         tasks, _, correction_limits, _ = program.shapes
-        yield prepare_correction(
-            planner_state.plan,
-            0.0,
-            tasks,
-            self.airspace,
-            self.arrival_is_free,
-            self.freeze,
-            self.latest_arrival,
-            reports.goal_covariance,
-            correction_limits,
-        )
+        conditions = self._correction_conditions(reports, correction_limits)
+        yield prepare_correction(planner_state.plan, 0.0, tasks, *conditions)
+
+    def _correction_conditions(self, reports: AircraftReport, correction_limits: PathLimits) -> tuple[Any, ...]:
+        """Arguments of `correct_or_replace_plan` after the tasks."""
+        times = self.freeze, self.latest_arrival
+        return self.airspace, self.arrival_is_free, *times, reports.goal_covariance, correction_limits
 
     def _search_in_flight(
         self,
