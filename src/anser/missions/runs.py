@@ -101,9 +101,9 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 
 def _start_replanning_programs(flight: Flight, state: FlightState) -> None:
-    """Start the programs of replanning beside a compilation of the flight, in a world where a new plan is likely."""
+    """Start the programs of replanning beside a compilation of the flight, where a new plan is likely."""
     is_uncertain = flight.randomness is not None and int(flight.timing.replan_steps) > 0
-    if is_uncertain and prepare_flight(flight, state).is_compiling:
+    if is_uncertain and flight.planner.searches_often and prepare_flight(flight, state).is_compiling:
         start_replanning_programs(flight, state)
 
 

@@ -7,7 +7,7 @@ aircraft.
 import abc
 from collections.abc import Iterator
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -294,6 +294,8 @@ class AbstractPlanner(AbstractPart):
     Inactive aircraft are masked: they get no plan and do not constrain the others.
     """
 
+    #: Whether most flights in an uncertain world need a new plan from `replan_between_steps`.
+    searches_often: ClassVar[bool] = False
     #: Whether arrival times may be postponed in flight.
     arrival_is_free: Flag = eqx.field(default_factory=lambda: as_array(True, bool), kw_only=True)
 
@@ -333,9 +335,9 @@ class AbstractPlanner(AbstractPart):
         raise NotImplementedError(f"{type(self).__name__}.replan_needed asks for a plan: define replan_between_steps")
 
     def prepare_replanning(self, planner_state: Any, reports: AircraftReport) -> Iterator[PreparedProgram]:
-        """Yield the programs with which `replan_between_steps` begins, for the shapes of its arguments.
+        """Yield the programs of `replan_between_steps`, for the shapes of its arguments; by default none.
 
-        The programs are compiled while the steps of a flight in an uncertain world are. By default none.
+        With `searches_often` the programs are compiled while the steps of a flight in an uncertain world are.
         """
         return iter(())
 

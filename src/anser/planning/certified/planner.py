@@ -27,7 +27,6 @@ from anser.planning.certified.replanning import (
     correct_or_replace_plan,
     correct_plan,
     interval_count,
-    prepare_correction,
     tasks_from_plan,
 )
 from anser.planning.certified.search import FleetTask, SearchOutcome, search
@@ -267,7 +266,15 @@ class CertifiedPlanner(AbstractPlanner):
             self, planner_state, as_array(time), reports
         )
         plan, status = correct_or_replace_plan(
-            planner_state.plan, time, tasks, *self._correction_conditions(reports, correction_limits)
+            planner_state.plan,
+            time,
+            tasks,
+            self.airspace,
+            self.arrival_is_free,
+            self.freeze,
+            self.latest_arrival,
+            reports.goal_covariance,
+            correction_limits,
         )
         holds = former
         if former is not None and (is_outdated or status == REPLANNED):
@@ -286,21 +293,6 @@ class CertifiedPlanner(AbstractPlanner):
                     (plan, holds), status = new_plan, REPLANNED
         status_index = as_array(status, planner_state.replanning.dtype)
         return CertifiedPlanState(plan, status_index, holds, planner_state.limits, planner_state.replan_needed)
-
-    def prepare_replanning(
-        self, planner_state: CertifiedPlanState, reports: AircraftReport
-    ) -> Iterator[PreparedProgram]:
-        """Yield the programs of the replanned tasks and of the correction, for the shapes of state and reports."""
-        program = _replanning_tasks.prepare(self, planner_state, as_array(0.0), reports)
-        yield program
-        tasks, _, correction_limits, _ = program.shapes
-        conditions = self._correction_conditions(reports, correction_limits)
-        yield prepare_correction(planner_state.plan, 0.0, tasks, *conditions)
-
-    def _correction_conditions(self, reports: AircraftReport, correction_limits: PathLimits) -> tuple[Any, ...]:
-        """Arguments of `correct_or_replace_plan` after the tasks."""
-        times = self.freeze, self.latest_arrival
-        return self.airspace, self.arrival_is_free, *times, reports.goal_covariance, correction_limits
 
     def _search_in_flight(
         self,

@@ -5,7 +5,6 @@ after an event by `anser.missions.event_replanning`. Velocity and acceleration s
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,7 +13,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.compiling.options import compiled_quickly
-from anser.compiling.program import PreparedProgram
 from anser.environment.environment import AbstractWind
 from anser.numerics.arrays import as_array, select_rows
 from anser.planning.certified.certified_plan import (
@@ -313,11 +311,6 @@ def _correct_and_prepare(
     return correction, replanning_problem(
         plan, paths, time, tasks, airspace, freeze, correction_limits, arrival_is_free, latest_arrival
     )
-
-
-def prepare_correction(plan: CertifiedPlan, time: float, *arguments: Any) -> PreparedProgram:
-    """Prepare the program with which `correct_or_replace_plan` begins, for the shapes of its arguments."""
-    return _correct_and_prepare.prepare(plan, as_array(time), *arguments)
 
 
 _accept = compiled_quickly(ReplanningProblem.accept)

@@ -7,6 +7,7 @@ are coordinated (`anser.planning.decentralised.time_coordination`), so that the 
 """
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -206,6 +207,7 @@ class _PathSearch(eqx.Module):
 class DecentralisedPlanner(AbstractPlanner):
     """Planner of a fleet without a centre: each aircraft plans for itself."""
 
+    searches_often: ClassVar[bool] = True
     # limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew
     aircraft_planner: CertifiedPlanner
     network: Network  # communication network
