@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 
 from anser.control.allocation import allocate, surface_moments
 from support.control_cases import AIRFRAME, DEGREE, QUICK, setting_of, vectors
@@ -57,11 +57,15 @@ def allocated(x, target):
 
 
 def _piece(elevator_rad):
-    """Index of the deflection's piece of the elevator table (breakpoints at -12, 0, 12 deg; [SL] appendix A)."""
-    return np.floor(elevator_rad / DEGREE / 12)
+    """Index of the deflection's piece of the elevator table (-24, -12, 0, 12, 24 deg; [SL] appendix A).
+
+    Counted from the first breakpoint, as in the table, so that -1e-79 deg rounds to the piece above 0 in both.
+    """
+    return np.floor((elevator_rad / DEGREE + 24) / 12)
 
 
 @modest
+@example(np.array([90.0, *[0.0] * 8, -5e-79, 0.0, 0.0, 0.0, 100.0, 0.0, 0.0, 0.0]), np.array([-0.2, 0.0, 0.0]))
 @given(conditions, inside)
 def test_the_target_moment_is_reached_from_any_deflection(x, target):
     first_demand, second_demand, (error, second_error) = allocated(x, target)

@@ -412,11 +412,10 @@ def _search_plans(
         # flights with equal starts and equal requests share the search
         input_hash = _content_hash((task, planner, arrival_request(scenario)))
         if input_hash not in plans_by_input:
-            plan = _first_plan(scenario, planner, task)
+            plan = plans_by_input[input_hash] = _first_plan(scenario, planner, task)
+            on_share((k + 1) / len(cases))
             if plan is not None and all(former is None for former in plans.values()):
                 on_first_plan(plan)
-            plans_by_input[input_hash] = plan
-            on_share((k + 1) / len(cases))
         plans[k] = plans_by_input[input_hash]
     refusals |= {k: NO_PLAN for k, plan in plans.items() if plan is None}
     return {k: plan for k, plan in plans.items() if plan is not None}
