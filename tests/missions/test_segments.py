@@ -110,7 +110,13 @@ def test_the_step_flown_in_advance_counts_unless_a_plan_or_the_rows_forbid_it(ro
         return SimpleNamespace(replan_sample=np.array([sample]))
 
     start = BatchState(SimpleNamespace(replan_sample=np.array([-1])), None)
-    segments = list(fly_segments(fly_on, replan, start, [0], 1234, 100, row_stride))
+    flown = list(fly_segments(fly_on, replan, start, [0], 1234, 100, row_stride))
     assert steps_flown == 500 + 1235 + again
-    assert [part.first_sample for part in segments[1:]] == [part.end for part in segments[:-1]]
-    assert segments[-1].end == 1235
+    assert [part.first_sample for part in flown[1:]] == [part.end for part in flown[:-1]]
+    assert flown[-1].end == 1235
+
+
+def test_a_planner_that_asks_for_a_plan_without_making_it_is_named():
+    planner = StraightLines(as_array(60.0), as_array([0.0, 0.0, 0.0]))
+    with pytest.raises(NotImplementedError, match=r"StraightLines.*define replan_between_steps"):
+        planner.replan_between_steps(None, 1.0, SimpleNamespace(), np.zeros(1, dtype=bool))

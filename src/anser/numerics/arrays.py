@@ -216,7 +216,7 @@ def count_not_above(ascending: Float[Array, " n"], value: ScalarLike) -> Integer
     """
     count = ascending.shape[0]
     size = math.isqrt(count - 1) + 1
-    blocks = jnp.concatenate([ascending, jnp.full(-count % size, jnp.inf)]).reshape(-1, size)
+    blocks = jnp.concatenate([ascending, jnp.full(-count % size, jnp.inf, ascending.dtype)]).reshape(-1, size)
     block = jnp.maximum(jnp.sum(blocks[:, 0] <= value, dtype=jnp.int32) - 1, 0)
     return jnp.minimum(size * block + jnp.sum(blocks[block] <= value, dtype=jnp.int32), count)
 

@@ -389,8 +389,8 @@ def plans_at(
 ) -> Iterator[CertifiedPlan]:
     """Yield two plans: candidates chosen up to the arrivals, then with regard to the time after the arrivals.
 
-    The second choice keeps the aircraft separated, as far as
-    possible, also while they fly straight on after the arrivals; it is for fleets without clear holds after the first.
+    The second choice keeps the aircraft separated, as far as possible, also in straight flight after the arrivals; it
+    is for fleets without clear holds after the first.
 
     A program for each kind of extra candidates generates these; one program chooses and certifies. Absent candidates
     and absent fixed paths stand in for those that are not requested, so that these programs serve every search.
