@@ -149,6 +149,10 @@ class Stacked(eqx.Module, Generic[T]):
         """
         return jax.vmap(lambda batched, *slices: function(self.combine(batched), *slices))(self.batched, *arguments)
 
+    def loop(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the same as `map`, computed for one object after another."""
+        return jax.lax.map(lambda rows: function(self.combine(rows[0]), *rows[1:]), (self.batched, *arguments))
+
 
 def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
     """Return the properties that two objects must share for stacking.

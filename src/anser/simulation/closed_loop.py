@@ -161,7 +161,16 @@ def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> 
     return instant.normals(AIR, count, once=once) if count else jnp.zeros(0, instant.step.dtype)
 
 
-def command_and_move(
+class Decision(eqx.Module):
+    """Result of `command` for one aircraft at one sample: the sample with the controls, and new states of its parts."""
+
+    sample: AircraftSample
+    guidance: Any
+    controller: Any
+    status: Integer
+
+
+def command(
     # the aircraft, its state between two steps, and the result of `perceive`
     vehicle: Vehicle,
     state: VehicleState,
@@ -172,11 +181,14 @@ def command_and_move(
     # time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then breaks
     # off; the recorded phase is `FROZEN`
     freeze: ScalarLike = 0.0,
-) -> tuple[VehicleState, AircraftSample]:
-    """Command, control and move over one step; returns the next state, and the sample at the step's start."""
+) -> Decision:
+    """Compute the surfaces and the throttle of a step by guidance, guards, hold and control law; nothing moves.
+
+    The new states of guidance and controller are in the result, not yet in `state`; `move` stores them.
+    """
     instant = for_aircraft(instant, state.index)
     truth, belief = perception.truth, perception.belief
-    command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
+    guidance_command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
     status, approach = state.status, None
     if vehicle.mission is not None:
         if plan is None:
@@ -184,16 +196,16 @@ def command_and_move(
         status = _vehicle_status(vehicle, plan_status(status, plan.status), belief, plan, instant, freeze)
         approach, status = _approach_goal(vehicle.mission, truth, belief, plan, status, instant, freeze)
         mission, clearance, has_left_plan = vehicle.mission, approach.clearance, is_breakaway(status)
-        command, reference_n = select_if_any(
+        guidance_command, reference_n = select_if_any(
             approach.phase == HOLD,
             lambda: mission.hold.command(
                 belief, clearance, mission.rendezvous, mission.distance_min, plan, has_left_plan, instant
             ),
-            (command, reference_n),
+            (guidance_command, reference_n),
         )
     if vehicle.excitation is not None:
-        command = vehicle.excitation.excite_command(command, instant.time)
-    controls, signals, controller = vehicle.controller.control(state.controller, belief, command, instant.step)
+        guidance_command = vehicle.excitation.excite_command(guidance_command, instant.time)
+    controls, signals, controller = vehicle.controller.control(state.controller, belief, guidance_command, instant.step)
     if vehicle.excitation is not None:
         surfaces = vehicle.airframe.actuators.names
         controls = vehicle.excitation.excite_controls(controls, surfaces, instant.time)
@@ -202,18 +214,33 @@ def command_and_move(
         belief=belief,
         controls=controls,
         signals=signals,
-        command=command,
+        command=guidance_command,
         reference_n=reference_n,
         approach=approach,
         status=state.status if plan is None else plan_status(state.status, plan.status),
         flow=None if isinstance(vehicle.gusts, NoGusts) else perception.flow,
     )
+    return Decision(sample, guidance, controller, status)
+
+
+def move(
+    vehicle: Vehicle, state: VehicleState, perception: Perception, decision: Decision, instant: Instant
+) -> VehicleState:
+    """Return the state after one step with the controls of `command`: motion and gusts integrated, parts stored."""
+    instant = for_aircraft(instant, state.index)
+    sample, status = decision.sample, decision.status
     airframe = vehicle.airframe_at(instant.time)
     aircraft = advance(
-        airframe, instant.environment, instant.time, state.aircraft, controls, instant.step, truth.disturbance
+        airframe,
+        instant.environment,
+        instant.time,
+        state.aircraft,
+        sample.controls,
+        instant.step,
+        perception.truth.disturbance,
     )
     gusts = vehicle.gusts.advance(state.gusts, _gust_normals(vehicle, instant), perception.flow, instant.step)
-    part_states = perception.sensors, perception.estimator, guidance, controller, gusts
+    part_states = perception.sensors, perception.estimator, decision.guidance, decision.controller, gusts
     # a part that computes in float64 must not change the precision of a float32 flight
     previous_parts = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
     previous = state.aircraft, previous_parts
@@ -233,7 +260,20 @@ def command_and_move(
         aircraft, part_states = jax.tree.map(
             lambda old, new: jnp.where(stopped, old, new), previous, (aircraft, part_states)
         )
-    return VehicleState(aircraft, *part_states, status=status, stopped=stopped, index=state.index), sample
+    return VehicleState(aircraft, *part_states, status=status, stopped=stopped, index=state.index)
+
+
+def command_and_move(
+    vehicle: Vehicle,
+    state: VehicleState,
+    perception: Perception,
+    instant: Instant,
+    plan: AircraftPlan | None = None,
+    freeze: ScalarLike = 0.0,
+) -> tuple[VehicleState, AircraftSample]:
+    """Apply `command` and `move`; return the state after the step, and the sample at its start."""
+    decision = command(vehicle, state, perception, instant, plan, freeze)
+    return move(vehicle, state, perception, decision, instant), decision.sample
 
 
 def _vehicle_status(

@@ -28,7 +28,7 @@ from anser.numerics.randomness import AbstractRandomness
 from anser.parts.perception import GoalState, Instant, velocity_over_ground_n
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
-from anser.simulation.closed_loop import PLAN_TOO_NEAR, Perception, command_and_move, is_breakaway, perceive
+from anser.simulation.closed_loop import PLAN_TOO_NEAR, Decision, Perception, command, is_breakaway, move, perceive
 from anser.simulation.recorders import (
     AbstractRecorder,
     FleetSample,
@@ -238,7 +238,7 @@ def fleet_reports(
         return aircraft_report(vehicle, perception, ~is_inactive)
 
     pairs = list(zip(flight.groups, state.vehicles, strict=True))
-    perceptions = [kernel(group.vehicles.map)(perceive_one, states) for group, states in pairs]
+    perceptions = [kernel(group.vehicles.loop if one_kernel else group.vehicles.map)(perceive_one, states) for group, states in pairs]
     reports = [
         group.vehicles.map(report_one, perception, states)
         for (group, states), perception in zip(pairs, perceptions, strict=True)
@@ -321,13 +321,19 @@ def step_fleet(
     plans = cast_to_precision(flight.planner.plans(planner), instant.step.dtype)
     vehicles = send_to_hold(flight, state.vehicles, refused)
 
-    def move(vehicle: Vehicle, group_state: VehicleState, perceived: Perception, plan: AircraftPlan) -> Any:
-        return command_and_move(vehicle, group_state, perceived, instant, plan, flight.timing.freeze)
+    def command_one(vehicle: Vehicle, group_state: VehicleState, perceived: Perception, plan: AircraftPlan) -> Decision:
+        return command(vehicle, group_state, perceived, instant, plan, flight.timing.freeze)
 
-    results = [
-        kernel(group.vehicles.map)(move, group_state, perception, select_group_rows(plans, group, flight.count))
-        for group, group_state, perception in zip(flight.groups, vehicles, perceptions, strict=True)
-    ]
+    def move_one(vehicle: Vehicle, group_state: VehicleState, perceived: Perception, decision: Decision) -> Any:
+        return move(vehicle, group_state, perceived, decision, instant)
+
+    results = []
+    for group, group_state, perceived in zip(flight.groups, vehicles, perceptions, strict=True):
+        group_plans = select_group_rows(plans, group, flight.count)
+        over = group.vehicles.loop if one_kernel else group.vehicles.map
+        decisions = kernel(over)(command_one, group_state, perceived, group_plans)
+        moved = kernel(over)(move_one, group_state, perceived, decisions)
+        results.append((moved, decisions.sample))
     step = cast_to_precision(flight.timing.step, float)
     is_replan_missing = flight.planner.replan_needed(planner) & ~flight.planner.replan_needed(state.planner)
     replan_sample = jnp.where(is_replan_missing, sample, state.replan_sample)
