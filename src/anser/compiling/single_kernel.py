@@ -72,8 +72,13 @@ def _without_attributes(program: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def as_single_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that is compiled as a single kernel if on a CPU and `is_elementary`; otherwise as usual.
+def as_single_kernel(
+    function: Callable[..., Any],
+    otherwise: Callable[..., Any] | None = None,  # the same computation in another form; None: `function`
+) -> Callable[..., Any]:
+    """Return a function that is compiled as a single kernel if on a CPU and `is_elementary`.
+
+    Where a single kernel is impossible, `otherwise` is compiled as usual.
 
     Call the result while tracing a larger function, and do not batch that function afterwards: small arrays would
     become large.
@@ -81,7 +86,7 @@ def as_single_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
     def call(*args: Any) -> Any:
         if jax.default_backend() != "cpu":
-            return function(*args)
+            return (otherwise or function)(*args)
         token = _tracing.set(True)
         try:
             traced, shapes, static_result = eqx.filter_make_jaxpr(function)(*args)
@@ -92,6 +97,8 @@ def as_single_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
             # XLA attributes of calls that become one kernel; XLA sets them on small loops.
             with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
                 results = jax.jit(_without_attributes(program))(*arrays)
+        elif otherwise is not None:
+            return otherwise(*args)
         else:
             results = program(*arrays)
         return eqx.combine(jax.tree.unflatten(jax.tree.structure(shapes), results), static_result)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
+from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram, Program
 from anser.numerics.arrays import Stacked, as_array, cast_to_precision
 from anser.parts.perception import Instant
@@ -21,7 +21,7 @@ from anser.parts.planners import AircraftReport
 from anser.shapes import Integer
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
-fly_segment = compiled(functools.partial(fly, one_kernel=True), "flight")
+fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, one_kernel=True))
 """One segment of a single flight of up to four aircraft, compiled; see `anser.simulation.fly`."""
 fly_large_segment = compiled_by_older_generator(None, "flight")(fly)
 """One segment of a single flight of more aircraft, compiled."""
