@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from anser.aircraft.air_data import Disturbance
-from anser.aircraft.airframe import AircraftState
+from anser.aircraft.airframe import AircraftState, Controls
 from anser.aircraft.motion import air_data_and_forces, to_local_state, to_motion_state
 from anser.environment.environment import Environment
 from anser.environment.gridded_wind import has_left_field
@@ -21,7 +21,7 @@ from anser.numerics.randomness import AIR, AbstractRandomness
 from anser.parts.perception import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
 from anser.parts.planners import AircraftPlan
 from anser.planning.published.coordination import DIRECTION_UNATTAINABLE, NO_BEND, PLAN_MESSAGES
-from anser.shapes import Flag, Integer, ScalarLike
+from anser.shapes import Flag, Integer, ScalarLike, Vector3
 from anser.simulation.recorders import AbstractRecorder, AircraftSample, GoalApproach, scan_steps
 from anser.simulation.stand_off import must_break_away
 from anser.simulation.vehicle import Mission, Vehicle, VehicleState, advance
@@ -161,16 +161,26 @@ def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> 
     return instant.normals(AIR, count, once=once) if count else jnp.zeros(0, instant.step.dtype)
 
 
-class Decision(eqx.Module):
-    """Result of `command` for one aircraft at one sample: the sample with the controls, and new states of its parts."""
+class GuidedCommand(eqx.Module):
+    """Result of `guide` for one aircraft at one sample: command, reference, approach, status, new guidance state."""
 
-    sample: AircraftSample
+    command: Any
+    reference_n: Vector3 | None  # position that the guidance follows, NED, m
     guidance: Any
+    approach: GoalApproach | None  # None for an aircraft without a mission
+    status: Integer  # status code at the sample, the plan's included
+    next_status: Integer  # status code after the checks of this sample
+
+
+class ControlAction(eqx.Module):
+    """Result of `control` for one aircraft at one sample: surfaces and throttle, signals, and new controller state."""
+
+    controls: Controls
+    signals: Any
     controller: Any
-    status: Integer
 
 
-def command(
+def guide(
     # the aircraft, its state between two steps, and the result of `perceive`
     vehicle: Vehicle,
     state: VehicleState,
@@ -181,71 +191,66 @@ def command(
     # time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then breaks
     # off; the recorded phase is `FROZEN`
     freeze: ScalarLike = 0.0,
-) -> Decision:
-    """Compute the surfaces and the throttle of a step by guidance, guards, hold and control law; nothing moves.
-
-    The new states of guidance and controller are in the result, not yet in `state`; `move` stores them.
-    """
+) -> GuidedCommand:
+    """Compute the command of a step: that of the guidance or, after arrival or breakaway, that of the hold."""
     instant = for_aircraft(instant, state.index)
     truth, belief = perception.truth, perception.belief
-    guidance_command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
-    status, approach = state.status, None
+    command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
+    status = next_status = state.status if plan is None else plan_status(state.status, plan.status)
+    approach = None
     if vehicle.mission is not None:
         if plan is None:
             raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
-        status = _vehicle_status(vehicle, plan_status(status, plan.status), belief, plan, instant, freeze)
-        approach, status = _approach_goal(vehicle.mission, truth, belief, plan, status, instant, freeze)
-        mission, clearance, has_left_plan = vehicle.mission, approach.clearance, is_breakaway(status)
-        guidance_command, reference_n = select_if_any(
+        next_status = _vehicle_status(vehicle, status, belief, plan, instant, freeze)
+        approach, next_status = _approach_goal(vehicle.mission, truth, belief, plan, next_status, instant, freeze)
+        mission, clearance, has_left_plan = vehicle.mission, approach.clearance, is_breakaway(next_status)
+        command, reference_n = select_if_any(
             approach.phase == HOLD,
             lambda: mission.hold.command(
                 belief, clearance, mission.rendezvous, mission.distance_min, plan, has_left_plan, instant
             ),
-            (guidance_command, reference_n),
+            (command, reference_n),
         )
     if vehicle.excitation is not None:
-        guidance_command = vehicle.excitation.excite_command(guidance_command, instant.time)
-    controls, signals, controller = vehicle.controller.control(state.controller, belief, guidance_command, instant.step)
+        command = vehicle.excitation.excite_command(command, instant.time)
+    return GuidedCommand(command, reference_n, guidance, approach, status, next_status)
+
+
+def control(
+    vehicle: Vehicle, state: VehicleState, perception: Perception, guided: GuidedCommand, instant: Instant
+) -> ControlAction:
+    """Compute surfaces and throttle of a step by the control law, with the excitation of the surfaces."""
+    controls, signals, controller = vehicle.controller.control(
+        state.controller, perception.belief, guided.command, instant.step
+    )
     if vehicle.excitation is not None:
         surfaces = vehicle.airframe.actuators.names
         controls = vehicle.excitation.excite_controls(controls, surfaces, instant.time)
-    sample = AircraftSample(
-        truth=truth,
-        belief=belief,
-        controls=controls,
-        signals=signals,
-        command=guidance_command,
-        reference_n=reference_n,
-        approach=approach,
-        status=state.status if plan is None else plan_status(state.status, plan.status),
-        flow=None if isinstance(vehicle.gusts, NoGusts) else perception.flow,
-    )
-    return Decision(sample, guidance, controller, status)
+    return ControlAction(controls, signals, controller)
 
 
 def move(
-    vehicle: Vehicle, state: VehicleState, perception: Perception, decision: Decision, instant: Instant
+    vehicle: Vehicle,
+    state: VehicleState,
+    perception: Perception,
+    guided: GuidedCommand,
+    action: ControlAction,
+    instant: Instant,
 ) -> VehicleState:
-    """Return the state after one step with the controls of `command`: motion and gusts integrated, parts stored."""
+    """Return the state after one step with constant controls: motion and gusts integrated, part states stored."""
     instant = for_aircraft(instant, state.index)
-    sample, status = decision.sample, decision.status
     airframe = vehicle.airframe_at(instant.time)
+    disturbance = perception.truth.disturbance
     aircraft = advance(
-        airframe,
-        instant.environment,
-        instant.time,
-        state.aircraft,
-        sample.controls,
-        instant.step,
-        perception.truth.disturbance,
+        airframe, instant.environment, instant.time, state.aircraft, action.controls, instant.step, disturbance
     )
     gusts = vehicle.gusts.advance(state.gusts, _gust_normals(vehicle, instant), perception.flow, instant.step)
-    part_states = perception.sensors, perception.estimator, decision.guidance, decision.controller, gusts
+    part_states = perception.sensors, perception.estimator, guided.guidance, action.controller, gusts
     # a part that computes in float64 must not change the precision of a float32 flight
     previous_parts = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
     previous = state.aircraft, previous_parts
     aircraft, part_states = cast_like((aircraft, part_states), previous)
-    stopped = state.stopped
+    status, stopped = guided.next_status, state.stopped
     if vehicle.mission is not None:
         finite = _all_finite((aircraft, part_states))
         position_n = to_local_state(instant.environment, aircraft).position_n
@@ -255,12 +260,30 @@ def move(
         is_outside = has_left_field(instant.environment.wind, position_n, instant.time + instant.step)
         next_status = jnp.where(is_outside & ~is_over, OUTSIDE_WIND, next_status).astype(status.dtype)
         is_over = is_over | is_outside
-        status = jnp.where(stopped, sample.status, next_status)
+        status = jnp.where(stopped, guided.status, next_status)
         stopped = stopped | is_over
         aircraft, part_states = jax.tree.map(
             lambda old, new: jnp.where(stopped, old, new), previous, (aircraft, part_states)
         )
     return VehicleState(aircraft, *part_states, status=status, stopped=stopped, index=state.index)
+
+
+def make_sample(
+    vehicle: Vehicle, perception: Perception, plan: AircraftPlan | None, guided: GuidedCommand, action: ControlAction
+) -> AircraftSample:
+    """Collect the signals of one sampling instant from the results of `perceive`, `guide` and `control`."""
+    return AircraftSample(
+        truth=perception.truth,
+        belief=perception.belief,
+        controls=action.controls,
+        signals=action.signals,
+        command=guided.command,
+        reference_n=guided.reference_n,
+        plan=plan,
+        approach=guided.approach,
+        status=guided.status,
+        flow=None if isinstance(vehicle.gusts, NoGusts) else perception.flow,
+    )
 
 
 def command_and_move(
@@ -271,9 +294,11 @@ def command_and_move(
     plan: AircraftPlan | None = None,
     freeze: ScalarLike = 0.0,
 ) -> tuple[VehicleState, AircraftSample]:
-    """Apply `command` and `move`; return the state after the step, and the sample at its start."""
-    decision = command(vehicle, state, perception, instant, plan, freeze)
-    return move(vehicle, state, perception, decision, instant), decision.sample
+    """Guide, control and move over one step; return the next state, and the sample at the step's start."""
+    guided = guide(vehicle, state, perception, instant, plan, freeze)
+    action = control(vehicle, state, perception, guided, instant)
+    next_state = move(vehicle, state, perception, guided, action, instant)
+    return next_state, make_sample(vehicle, perception, plan, guided, action)
 
 
 def _vehicle_status(
@@ -332,7 +357,6 @@ def _approach_goal(
         to_goal_n=to_goal_n,
         to_rendezvous_n=to_rendezvous_n,
         clearance=clearance,
-        plan=plan,
         phase=phase,
     ), status
 

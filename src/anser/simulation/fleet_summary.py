@@ -221,7 +221,8 @@ def _select(condition: Bool[Array, " aircraft"], new: Any, old: Any) -> Any:
 
 
 def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:
-    approach, state = sample.approach, sample.truth.state
+    plan, approach, state = sample.plan, sample.approach, sample.truth.state
+    assert plan is not None
     assert approach is not None
     assert sample.reference_n is not None
     return {
@@ -230,7 +231,7 @@ def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:
         "airspeed": sample.truth.condition.air_data.V if sample.flow is None else sample.flow.airspeed,
         "clearance": safe_norm(approach.to_goal_n),
         "position_error": jnp.where(approach.phase == HOLD, -jnp.inf, safe_norm(sample.reference_n - state.position_n)),
-        "arrival_time": approach.plan.arrival_time,
+        "arrival_time": plan.arrival_time,
         "outside_tables": sample.truth.airframe.outside_tables(sample.truth.condition.air_data),
         "status": sample.status,
     }

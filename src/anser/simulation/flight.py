@@ -28,7 +28,18 @@ from anser.numerics.randomness import AbstractRandomness
 from anser.parts.perception import GoalState, Instant, velocity_over_ground_n
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
-from anser.simulation.closed_loop import PLAN_TOO_NEAR, Decision, Perception, command, is_breakaway, move, perceive
+from anser.simulation.closed_loop import (
+    PLAN_TOO_NEAR,
+    ControlAction,
+    GuidedCommand,
+    Perception,
+    control,
+    guide,
+    is_breakaway,
+    make_sample,
+    move,
+    perceive,
+)
 from anser.simulation.recorders import (
     AbstractRecorder,
     FleetSample,
@@ -317,28 +328,31 @@ def step_fleet(
     plans = cast_to_precision(flight.planner.plans(planner), instant.step.dtype)
     group_states = send_to_hold(flight, state.vehicles, refused)
 
-    def command_one(vehicle: Vehicle, current: VehicleState, perceived: Perception, plan: AircraftPlan) -> Decision:
-        return command(vehicle, current, perceived, instant, plan, flight.timing.freeze)
+    def guide_one(vehicle: Vehicle, state: VehicleState, perception: Perception, plan: AircraftPlan) -> GuidedCommand:
+        return guide(vehicle, state, perception, instant, plan, flight.timing.freeze)
 
-    def move_one(vehicle: Vehicle, current: VehicleState, perceived: Perception, decision: Decision) -> Any:
-        return move(vehicle, current, perceived, decision, instant)
+    def control_one(*arguments: Any) -> ControlAction:
+        return control(*arguments, instant)
 
-    results = []
-    for group, group_state, perceived in zip(flight.groups, group_states, perceptions, strict=True):
-        group_plans = select_group_rows(plans, group, flight.count)
-        # Two kernels, which LLVM compiles at the same time. Sensors and estimators stay outside: the matrices of a
+    def move_one(*arguments: Any) -> VehicleState:
+        return move(*arguments, instant)
+
+    next_states, samples = [], []
+    for group, states, perception in zip(flight.groups, group_states, perceptions, strict=True):
+        vehicles, group_plans = group.vehicles, select_group_rows(plans, group, flight.count)
+        # Three kernels, which LLVM compiles at the same time. Sensors and estimators stay outside: the matrices of a
         # filter are compiled faster there, and take no longer.
-        vehicles = group.vehicles
         over_aircraft = as_single_kernel(vehicles.loop, otherwise=vehicles.map) if one_kernel else vehicles.map
-        decisions = over_aircraft(command_one, group_state, perceived, group_plans)
-        moved = over_aircraft(move_one, group_state, perceived, decisions)
-        results.append((moved, decisions.sample))
+        guided = over_aircraft(guide_one, states, perception, group_plans)
+        action = over_aircraft(control_one, states, perception, guided)
+        next_states.append(over_aircraft(move_one, states, perception, guided, action))
+        samples.append(vehicles.map(make_sample, perception, group_plans, guided, action))
     step = cast_to_precision(flight.timing.step, float)
     is_replan_missing = flight.planner.replan_needed(planner) & ~flight.planner.replan_needed(state.planner)
     replan_sample = jnp.where(is_replan_missing, sample, state.replan_sample)
     planner = flight.planner.observe(planner, reports, sample, step, flight.randomness)
-    next_state = FlightState(tuple(states for states, _ in results), planner, replan_sample)
-    return next_state, FleetSample(tuple(samples for _, samples in results), flight.members), instant
+    next_state = FlightState(tuple(next_states), planner, replan_sample)
+    return next_state, FleetSample(tuple(samples), flight.members), instant
 
 
 def fly(

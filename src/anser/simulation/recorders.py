@@ -78,7 +78,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
     """
     truth, state, condition = sample.truth, sample.truth.state, sample.truth.condition
     data, uncertainty = condition.air_data, sample.belief.uncertainty
-    network = None if sample.approach is None else sample.approach.plan.network
+    network = None if sample.plan is None else sample.plan.network
     surface_keys = [variable.key for variable in surface_variables(truth.airframe.actuators.names)]
     velocity_n = rotate_back(condition.R_bn, state.velocity_b)
     inertial_b = state.rates_b + rotate(condition.R_bn, condition.earth.earth_rate_n + condition.earth.transport_rate_n)
@@ -167,7 +167,8 @@ def _approach_variables(sample: "AircraftSample", approach: "GoalApproach") -> d
     assert estimate is not None
     assert sight is not None
     assert reference_n is not None
-    plan, axes = approach.plan, ("north", "east", "down")
+    plan, axes = sample.plan, ("north", "east", "down")
+    assert plan is not None
     return {
         **_position("reference_", reference_n),
         "position_error": safe_norm(reference_n - sample.truth.state.position_n),
@@ -213,7 +214,6 @@ class GoalApproach(eqx.Module):
     to_goal_n: Vector3
     to_rendezvous_n: Vector3
     clearance: GroundClearance  # ground clearance of the present motion
-    plan: AircraftPlan  # the aircraft's plan
     # `APPROACH`: flies the plan; `FROZEN`: flies the plan, which no longer changes; `HOLD`: after the arrival or a
     # breakaway
     phase: Integer
@@ -228,6 +228,7 @@ class AircraftSample(eqx.Module):
     signals: Any  #: Signals of the controller.
     command: Any  #: Command of the guidance.
     reference_n: Vector3 | None  #: Position that the guidance follows, NED, m.
+    plan: AircraftPlan | None  #: The aircraft's plan; None without a planner.
     approach: GoalApproach | None  #: Approach to the goal; None for an aircraft without a mission.
     status: Integer  #: Index into `STATUS_MESSAGES`.
     flow: AirFlow | None = None  #: Air flow at the aircraft, without gusts; None in air without gusts.
