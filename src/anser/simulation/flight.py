@@ -340,10 +340,13 @@ def step_fleet(
     next_states, samples = [], []
     for group, states, perception in zip(flight.groups, group_states, perceptions, strict=True):
         vehicles, group_plans = group.vehicles, select_group_rows(plans, group, flight.count)
-        # Three kernels, which LLVM compiles at the same time. Sensors and estimators stay outside: the matrices of a
-        # filter are compiled faster there, and take no longer.
-        over_aircraft = as_single_kernel(vehicles.loop, otherwise=vehicles.map) if one_kernel else vehicles.map
-        guided = over_aircraft(guide_one, states, perception, group_plans)
+        # Three kernels, which LLVM compiles at the same time; the guidance is compiled faster as a loop over aircraft.
+        # Sensors and estimators are no kernel: the matrices of a filter would be compiled more slowly and run no faster.
+        over_aircraft = one_by_one = vehicles.map
+        if one_kernel:
+            over_aircraft = as_single_kernel(vehicles.map)
+            one_by_one = as_single_kernel(vehicles.loop, otherwise=vehicles.map)
+        guided = one_by_one(guide_one, states, perception, group_plans)
         action = over_aircraft(control_one, states, perception, guided)
         next_states.append(over_aircraft(move_one, states, perception, guided, action))
         samples.append(vehicles.map(make_sample, perception, group_plans, guided, action))
