@@ -341,7 +341,7 @@ def step_fleet(
     for group, states, perception in zip(flight.groups, group_states, perceptions, strict=True):
         vehicles, group_plans = group.vehicles, select_group_rows(plans, group, flight.count)
         # Three kernels, which LLVM compiles at the same time; the guidance is compiled faster as a loop over aircraft.
-        # Sensors and estimators are no kernel: the matrices of a filter would be compiled more slowly and run no faster.
+        # Sensors and estimators are no kernel: the matrices of a filter would compile more slowly and run no faster.
         over_aircraft = one_by_one = vehicles.map
         if one_kernel:
             over_aircraft = as_single_kernel(vehicles.map)
