@@ -25,8 +25,8 @@ fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly,
 """One segment of a single flight of up to four aircraft, compiled; see `anser.simulation.fly`."""
 fly_large_segment = compiled_by_older_generator(None, "flight")(fly)
 """One segment of a single flight of more aircraft, compiled."""
-# Greatest number of aircraft whose step is one kernel. With more, the kernel takes longer (on two cores 16 % for eight
-# aircraft, a third for twenty) and compiles twice as long or longer.
+# Greatest number of aircraft whose step is made of single kernels. With more, the kernels take longer: for twenty
+# aircraft half as long again on two cores.
 _KERNEL_AIRCRAFT = 4
 _SHORT_SEGMENTS = 6  # number of segments from one planning time to the next that a batch flies after a new plan
 

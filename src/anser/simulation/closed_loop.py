@@ -185,9 +185,9 @@ def guide(
     vehicle: Vehicle,
     state: VehicleState,
     perception: Perception,
-    instant: Instant,
     # the aircraft's plan; None without a planner. Required for an aircraft with a mission
-    plan: AircraftPlan | None = None,
+    plan: AircraftPlan | None,
+    instant: Instant,
     # time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then breaks
     # off; the recorded phase is `FROZEN`
     freeze: ScalarLike = 0.0,
@@ -295,7 +295,7 @@ def command_and_move(
     freeze: ScalarLike = 0.0,
 ) -> tuple[VehicleState, AircraftSample]:
     """Guide, control and move over one step; return the next state, and the sample at the step's start."""
-    guided = guide(vehicle, state, perception, instant, plan, freeze)
+    guided = guide(vehicle, state, perception, plan, instant, freeze)
     action = control(vehicle, state, perception, guided, instant)
     next_state = move(vehicle, state, perception, guided, action, instant)
     return next_state, make_sample(vehicle, perception, plan, guided, action)

@@ -4,6 +4,7 @@ Plans are computed in float64, the steps in float64 (default) or float32 (`cast_
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -30,8 +31,6 @@ from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.simulation.closed_loop import (
     PLAN_TOO_NEAR,
-    ControlAction,
-    GuidedCommand,
     Perception,
     control,
     guide,
@@ -328,15 +327,8 @@ def step_fleet(
     plans = cast_to_precision(flight.planner.plans(planner), instant.step.dtype)
     group_states = send_to_hold(flight, state.vehicles, refused)
 
-    def guide_one(vehicle: Vehicle, state: VehicleState, perception: Perception, plan: AircraftPlan) -> GuidedCommand:
-        return guide(vehicle, state, perception, instant, plan, flight.timing.freeze)
-
-    def control_one(*arguments: Any) -> ControlAction:
-        return control(*arguments, instant)
-
-    def move_one(*arguments: Any) -> VehicleState:
-        return move(*arguments, instant)
-
+    guide_one = functools.partial(guide, instant=instant, freeze=flight.timing.freeze)
+    control_one, move_one = functools.partial(control, instant=instant), functools.partial(move, instant=instant)
     next_states, samples = [], []
     for group, states, perception in zip(flight.groups, group_states, perceptions, strict=True):
         vehicles, group_plans = group.vehicles, select_group_rows(plans, group, flight.count)

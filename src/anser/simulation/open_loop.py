@@ -141,6 +141,7 @@ def _named_variables(belief: Belief, controls: Controls) -> dict[str, Array]:
         signals=None,
         command=PathCommand(nan, nan, nan, nan, nan, nan),
         reference_n=None,
+        plan=None,
         approach=None,
         status=jnp.asarray(FLYING, dtype=jnp.int32),
     )
