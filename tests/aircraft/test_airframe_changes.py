@@ -76,7 +76,8 @@ def test_drag_and_lift_are_multiplied_and_moments_stay(name):
         drag_and_lift(iced.force_b), np.array([1.2, 0.9]) * drag_and_lift(nominal.force_b), rtol=1e-11
     )
     np.testing.assert_allclose(iced.force_b[1], nominal.force_b[1], rtol=1e-14)
-    np.testing.assert_array_equal(iced.moment_b, nominal.moment_b)
+    # two programs: their last digits can differ
+    np.testing.assert_allclose(iced.moment_b, nominal.moment_b, rtol=1e-14)
 
 
 def test_half_the_effectiveness_halves_the_derivatives_of_a_surface():
