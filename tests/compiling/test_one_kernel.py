@@ -82,3 +82,23 @@ def test_large_arrays_are_not_compiled_as_one_kernel(function, size, small):
 def test_programs_for_a_gpu_are_not_marked(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert MARK not in jax.jit(as_single_kernel(jnp.sin)).lower(POINTS).as_text()
+
+
+def test_the_other_form_is_compiled_where_one_kernel_is_impossible(monkeypatch):
+    square, traced = jnp.eye(3) + 0.01, []
+
+    def otherwise(a):
+        traced.append(a.shape)
+        return jnp.sin(a)
+
+    def lowered(function):
+        traced.clear()
+        return jax.jit(as_single_kernel(function, otherwise)).lower(square)
+
+    np.testing.assert_array_equal(lowered(lambda a: a @ a).compile()(square), jnp.sin(square))
+    assert traced
+    assert MARK in lowered(jnp.cos).as_text()
+    assert not traced
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    lowered(jnp.cos)
+    assert traced

@@ -14,7 +14,7 @@ from anser.parts import AircraftPlan, Instant
 from anser.planning import TimedPath
 from anser.planning.holds.hold_paths import HoldCircle, PlannedHolds
 from anser.scenario import build_flight
-from anser.simulation.closed_loop import command_and_move, perceive
+from anser.simulation.closed_loop import guide_and_move, perceive
 from anser.simulation.flight import cast_flight
 from anser.simulation.start import trimmed_fleet
 
@@ -77,9 +77,7 @@ def float64_of_a_step(path):
 
         def step(vehicle, state, number, plan):
             instant = Instant(flown.environment, number, flown.timing.step, flown.randomness)
-            return command_and_move(
-                vehicle, state, perceive(vehicle, state, instant), instant, plan, flown.timing.freeze
-            )
+            return guide_and_move(vehicle, state, perceive(vehicle, state, instant), instant, plan, flown.timing.freeze)
 
         number = jnp.asarray(0, dtype=jnp.int32)
         vehicle, state, plan = kind.vehicles.at(0), single_row(states), cast_to_precision(plan, np.float32)

@@ -27,7 +27,7 @@ from anser.numerics.arrays import Stacked, cast_like, cast_to_precision
 from anser.numerics.randomness import SeededRandomness
 from anser.parts.perception import Belief, Instant
 from anser.shapes import Flag, Integer, Scalar
-from anser.simulation.closed_loop import command_and_move, perceive, trimmed_vehicle
+from anser.simulation.closed_loop import guide_and_move, perceive, trimmed_vehicle
 from anser.simulation.open_loop import believed_variables
 from anser.simulation.response import ConstantCommand
 from anser.simulation.vehicle import Vehicle, VehicleState
@@ -278,7 +278,7 @@ class AircraftEnvironment(AbstractEnvironment):
         def advance(k: Integer, vehicle_state: VehicleState) -> VehicleState:
             instant = self.instant(case, first + k, state.key, params)
             perception = perceive(vehicle, vehicle_state, instant)
-            return cast_like(command_and_move(vehicle, vehicle_state, perception, instant)[0], vehicle_state)
+            return cast_like(guide_and_move(vehicle, vehicle_state, perception, instant)[0], vehicle_state)
 
         if self.decision_steps == 1:
             return advance(jnp.zeros((), jnp.int32), start)

@@ -19,7 +19,7 @@ from anser.environments.fleet import FleetEnvironment
 from anser.numerics.arrays import cast_like, unstack_rows, zeros_like_result
 from anser.parts.paths import PathCommand
 from anser.results.documents import version_attributes
-from anser.simulation.closed_loop import command_and_move, perceive
+from anser.simulation.closed_loop import guide_and_move, perceive
 from anser.simulation.recorders import record
 from anser.simulation.vehicle import VehicleState
 from anser.single_aircraft.flight import OPEN_LOOP, AircraftFlight, flight_dataset
@@ -250,7 +250,7 @@ def _recorder(environment: AircraftEnvironment) -> Any:
                 is_decision = (number % steps == 0) & (number < last)
                 command = jax.tree.map(functools.partial(jnp.where, is_decision), command, held)
             vehicle = environment.flown_vehicle(case, command)
-            flown, sample = command_and_move(vehicle, vehicle_state, perception, instant)
+            flown, sample = guide_and_move(vehicle, vehicle_state, perception, instant)
             if not isinstance(command, PathCommand):
                 nan = jnp.asarray(jnp.nan)
                 sample = dataclasses.replace(sample, command=PathCommand(nan, nan, nan, nan, nan, nan))

@@ -1,6 +1,6 @@
-"""Closed loop of one aircraft over one step: sense, estimate, command, control, move; and the status codes.
+"""Closed loop of one aircraft over one step: sense, estimate, guide, control, move; and the status codes.
 
-Single aircraft and fleets are flown by the same functions `perceive` and `command_and_move`.
+Single aircraft and fleets are flown by the same functions `perceive`, `guide`, `control` and `move`.
 """
 
 from typing import Any
@@ -145,7 +145,7 @@ def start_vehicle(
 def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perception:
     """Read the sensors and update the estimator at one sample; the aircraft does not move.
 
-    The new states of sensors and estimator are in the result, not yet in `state`; `command_and_move` stores them.
+    The new states of sensors and estimator are in the result, not yet in `state`; `move` stores them.
     """
     instant = for_aircraft(instant, state.index)
     local_state = to_local_state(instant.environment, state.aircraft)
@@ -286,7 +286,7 @@ def make_sample(
     )
 
 
-def command_and_move(
+def guide_and_move(
     vehicle: Vehicle,
     state: VehicleState,
     perception: Perception,
@@ -383,7 +383,7 @@ def fly_alone(
 
     def advance_step(state: VehicleState, number: Integer) -> tuple[VehicleState, AircraftSample, Instant]:
         instant = Instant(environment, number, step, randomness)
-        next_state, sample = command_and_move(vehicle, state, perceive(vehicle, state, instant), instant)
+        next_state, sample = guide_and_move(vehicle, state, perceive(vehicle, state, instant), instant)
         return next_state, sample, instant
 
     return scan_steps(advance_step, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))
