@@ -14,7 +14,7 @@ from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import AirDataAndForces
 from anser.control.allocation import deflection_for_moment, surface_moments
 from anser.control.loop_separations import PUBLISHED_ACTUATOR_BANDWIDTH, PUBLISHED_ENGINE_BANDWIDTH
-from anser.numerics.arrays import as_array
+from anser.numerics.arrays import as_array, namespace
 from anser.numerics.linear import product3, times3
 from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
@@ -85,14 +85,13 @@ def design_gains(
     that of the quadratic, so that K_I = (1 + K_D) (bandwidth/(2 damping))^2. The published gains are bandwidths of 5, 2
     and 1 1/s with dampings of sqrt(50), infinity and sqrt(10).
     """
-    derivative, feed_forward = (jnp.asarray(x) * jnp.ones(3) for x in (derivative, feed_forward))
-    inertia = 1.0 + derivative
-    return LoopGains(
-        proportional=inertia * bandwidth,
-        integral=inertia * (0.5 * bandwidth / damping) ** 2,
-        derivative=derivative,
-        feed_forward=feed_forward,
+    xp = namespace(bandwidth, damping, derivative, feed_forward)
+    bandwidth, damping, derivative, feed_forward = (
+        xp.asarray(x) * xp.ones(3) for x in (bandwidth, damping, derivative, feed_forward)
     )
+    inertia = 1.0 + derivative
+    integral = inertia * (0.5 * bandwidth / damping) ** 2
+    return LoopGains(*map(as_array, (inertia * bandwidth, integral, derivative, feed_forward)))
 
 
 def loop_bandwidth(gains: LoopGains) -> Vector3:
@@ -209,12 +208,13 @@ def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
 
     The bandwidths of the command filters are scaled with the slowest axis of their loop.
     """
-    published = published_gains()
-    damping = jnp.ones(3)
-    slowest = {"rates": jnp.min(bandwidths.rates), "attitude": jnp.min(bandwidths.attitude[:2])}
-    return AutopilotGains(
+    xp = namespace(bandwidths)
+    bandwidths, published = jax.tree.map(xp.asarray, (bandwidths, published_gains()))
+    damping = xp.ones(3)
+    slowest = {"rates": xp.min(bandwidths.rates), "attitude": xp.min(bandwidths.attitude[:2])}
+    gains = AutopilotGains(
         rates=design_gains(bandwidths.rates, _RATES_DAMPING * damping, _RATE_DERIVATIVE),
-        attitude=design_gains(bandwidths.attitude, jnp.inf * damping),
+        attitude=design_gains(bandwidths.attitude, np.inf * damping),
         velocity=design_gains(bandwidths.velocity, _VELOCITY_DAMPING * damping),
         attitude_command_bandwidth=2.0 * slowest["attitude"],
         rates_command_bandwidth=0.6 * slowest["rates"],
@@ -224,3 +224,4 @@ def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
         engine_bandwidth=bandwidths.engine,
         sensor_bandwidth=published.sensor_bandwidth,
     )
+    return jax.tree.map(as_array, gains)

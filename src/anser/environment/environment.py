@@ -4,6 +4,7 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from anser.constants import STANDARD_GRAVITY_M_S2
@@ -100,6 +101,6 @@ def standard_environment(
     gravity = as_array(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
     return Environment(
         atmosphere=StandardAtmosphere(),
-        wind=SteadyWind(jnp.zeros(3) if wind_n is None else wind_n),
+        wind=SteadyWind(as_array(np.zeros(3)) if wind_n is None else wind_n),
         earth=FlatEarth(gravity) if earth is None else earth,
     )

@@ -1,9 +1,9 @@
 """Motion of a goal: straight legs between timed waypoints."""
 
 from collections.abc import Sequence
+from types import ModuleType
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -19,23 +19,28 @@ class GoalMotion(eqx.Module):
     positions_n: Float[Array, "waypoints 3"]  #: Waypoints, NED, m.
     velocity_after_n: Vector3  #: Velocity after the last waypoint, NED, m/s.
 
-    def _leg_velocities(self) -> Float[Array, "legs 3"]:
-        spans = self.times[1:] - self.times[:-1]
-        steps = self.positions_n[1:] - self.positions_n[:-1]
-        return jnp.where(spans > 0.0, 1.0 / jnp.where(spans > 0.0, spans, 1.0), 0.0)[:, None] * steps
+    def _arrays(self, time: ScalarLike) -> tuple[ModuleType, Array, Array, Array, Array]:
+        """Return NumPy (concrete values) or `jax.numpy`, the three fields as its arrays, and the legs' velocities."""
+        xp = namespace(self, time)
+        times, positions_n, velocity_after_n = map(xp.asarray, (self.times, self.positions_n, self.velocity_after_n))
+        spans, steps = times[1:] - times[:-1], positions_n[1:] - positions_n[:-1]
+        leg_velocities = xp.where(spans > 0.0, 1.0 / xp.where(spans > 0.0, spans, 1.0), 0.0)[:, None] * steps
+        return xp, times, positions_n, velocity_after_n, leg_velocities
 
     def position_n(self, time: ScalarLike) -> Vector3:
         """Position at a time (s), in the chart, NED, m."""
         # Sum of the travelled parts of the legs: no search, and padded legs contribute 0.
-        covered = jnp.clip(time - self.times[:-1], 0.0, self.times[1:] - self.times[:-1])
-        travelled = jnp.sum(covered[:, None] * self._leg_velocities(), axis=0)
-        return self.positions_n[0] + travelled + jnp.maximum(time - self.times[-1], 0.0) * self.velocity_after_n
+        xp, times, positions_n, velocity_after_n, leg_velocities = self._arrays(time)
+        covered = xp.clip(time - times[:-1], 0.0, times[1:] - times[:-1])
+        travelled = xp.sum(covered[:, None] * leg_velocities, axis=0)
+        return positions_n[0] + travelled + xp.maximum(time - times[-1], 0.0) * velocity_after_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity at a time (s), NED, m/s; at a waypoint, the velocity of the leg that starts there."""
-        on_leg = (time >= self.times[:-1]) & (time < self.times[1:])
-        on_path = jnp.sum(jnp.where(on_leg[:, None], self._leg_velocities(), 0.0), axis=0)
-        return jnp.where(time >= self.times[-1], self.velocity_after_n, on_path)
+        xp, times, _, velocity_after_n, leg_velocities = self._arrays(time)
+        on_leg = (time >= times[:-1]) & (time < times[1:])
+        on_path = xp.sum(xp.where(on_leg[:, None], leg_velocities, 0.0), axis=0)
+        return xp.where(time >= times[-1], velocity_after_n, on_path)
 
 
 def straight_goal(position_n: Vector3, velocity_n: Vector3, time: ScalarLike = 0.0) -> GoalMotion:

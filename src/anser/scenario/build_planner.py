@@ -88,9 +88,12 @@ def _decentralised(
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()
     separation = planner.airspace.separation
-    fastest = float(np.max(planner.limits.speed_max)) + scenario.wind.speed_max_m_s
+    fastest, climb_rate_max = (
+        float(np.max(np.asarray(limit))) for limit in (planner.limits.speed_max, planner.limits.climb_rate_max)
+    )
+    fastest += scenario.wind.speed_max_m_s
     horizontal_margin = 2.0 * settings.tube_m + settings.skew_max_s * fastest
-    vertical_margin = 2.0 * settings.tube_m + settings.skew_max_s * float(np.max(planner.limits.climb_rate_max))
+    vertical_margin = 2.0 * settings.tube_m + settings.skew_max_s * climb_rate_max
     widened = Separation(
         as_array(float(separation.horizontal) + (horizontal_margin if float(separation.horizontal) > 0.0 else 0.0)),
         as_array(float(separation.vertical) + (vertical_margin if float(separation.vertical) > 0.0 else 0.0)),

@@ -15,6 +15,7 @@ from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import AirDataAndForces
 from anser.environment.environment import Environment
+from anser.numerics.arrays import namespace
 from anser.parts.planners import IdleDeceleration, Performance
 from anser.shapes import Scalar, ScalarLike, Vector
 from anser.spatial.wind_axes import air_direction_b
@@ -164,7 +165,8 @@ def capability_from_points(
 
 
 def _speed_grid(low: ScalarLike, high: ScalarLike) -> jax.Array:
-    return jnp.exp(jnp.linspace(jnp.log(low), jnp.log(high), _SPEEDS))
+    xp = namespace(low, high)
+    return xp.exp(xp.linspace(xp.log(low), xp.log(high), _SPEEDS))
 
 
 def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray:

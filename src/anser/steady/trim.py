@@ -19,7 +19,7 @@ from anser.control.allocation import deflection_for_moment
 from anser.environment.atmosphere import Air
 from anser.environment.earth import AbstractEarth
 from anser.environment.environment import Environment
-from anser.numerics.arrays import as_array
+from anser.numerics.arrays import as_array, namespace
 from anser.numerics.least_squares import Solution, levenberg_marquardt, with_implicit_derivative
 from anser.numerics.linear import cross
 from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector, Vector3
@@ -306,7 +306,8 @@ class TrimMapPoint(eqx.Module):
     @property
     def trimmable(self) -> Bool[Array, "..."]:
         """Whether no obstacle exists; for a batch, one flag per point."""
-        return ~jnp.any(self.obstacles, axis=-1)
+        xp = namespace(self.obstacles)
+        return ~xp.any(xp.asarray(self.obstacles), axis=-1)
 
 
 def trim_map_point(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimMapPoint:

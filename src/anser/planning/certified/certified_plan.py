@@ -215,7 +215,8 @@ class CertifiedPlan(eqx.Module):
     def leading(self, count: int) -> "CertifiedPlan":
         """Plan of the first `count` aircraft; only for arrays outside of traced functions."""
         plan = first_rows(self, count)
-        return eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, plan.certificate.clearance_ratio[:, :count])
+        ratios = as_array(np.asarray(plan.certificate.clearance_ratio)[:, :count])
+        return eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, ratios)
 
     @property
     def feasible(self) -> Bool[Array, " aircraft"]:
