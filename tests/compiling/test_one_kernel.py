@@ -79,6 +79,15 @@ def test_large_arrays_are_not_compiled_as_one_kernel(function, size, small):
     np.testing.assert_allclose(lowered.compile()(x), function(x), rtol=1e-13)
 
 
+@pytest.mark.parametrize(("size", "small"), [(MOVED_MAX, True), (MOVED_MAX + 1, False)])
+def test_a_loop_over_large_rows_is_not_compiled_as_one_kernel(size, small):
+    """Each iteration moves a row."""
+    rows = jnp.arange(2.0 * size).reshape(2, size)
+    lowered = jax.jit(as_single_kernel(lambda rows: jax.lax.map(lambda row: row[1], rows))).lower(rows)
+    assert (MARK in lowered.as_text()) == small
+    np.testing.assert_array_equal(lowered.compile()(rows), rows[:, 1])
+
+
 def test_programs_for_a_gpu_are_not_marked(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert MARK not in jax.jit(as_single_kernel(jnp.sin)).lower(POINTS).as_text()

@@ -57,6 +57,9 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
     def fits(equation: Any) -> bool:
         name, largest = equation.primitive.name, max((out.aval.size for out in equation.outvars), default=0)
+        if name == "scan":  # each iteration moves its slices of the operands
+            sliced = equation.invars[equation.params["num_consts"] + equation.params["num_carry"] :]
+            largest = max([largest, *(array.aval.size // max(equation.params["length"], 1) for array in sliced)])
         return (name in _ARITHMETIC and largest <= COMPUTED_MAX) or (name in _MOVES and largest <= MOVED_MAX)
 
     return all(fits(equation) for equation in _equations(jaxpr))

@@ -337,7 +337,7 @@ def step_fleet(
         over_aircraft = one_by_one = vehicles.map
         if one_kernel:
             over_aircraft = as_single_kernel(vehicles.map)
-            one_by_one = as_single_kernel(vehicles.loop, otherwise=vehicles.map)
+            one_by_one = as_single_kernel(vehicles.loop, otherwise=over_aircraft)
         guided = one_by_one(guide_one, states, perception, group_plans)
         action = over_aircraft(control_one, states, perception, guided)
         next_states.append(over_aircraft(move_one, states, perception, guided, action))
