@@ -45,6 +45,8 @@ WORDS = {
 HEAVY = {"figures", "trim map", "run", "plan"}
 
 
+# JAX warns that it cannot keep a compiled operation, and goes on.
+@pytest.mark.filterwarnings("ignore:Error writing persistent compilation cache entry")
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.long] if name in HEAVY else []) for name in WORDS]
 )
