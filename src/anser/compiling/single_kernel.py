@@ -57,9 +57,10 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
     def fits(equation: Any) -> bool:
         name, largest = equation.primitive.name, max((out.aval.size for out in equation.outvars), default=0)
-        if name == "scan":  # each iteration moves its slices of the operands
-            sliced = equation.invars[equation.params["num_consts"] + equation.params["num_carry"] :]
-            largest = max([largest, *(array.aval.size // max(equation.params["length"], 1) for array in sliced)])
+        if name == "scan":  # each iteration moves its slices of the operands, which have one axis less than these
+            operands = zip(equation.invars, equation.params["jaxpr"].jaxpr.invars, strict=True)
+            slices = [inner.aval.size for outer, inner in operands if outer.aval.ndim > inner.aval.ndim]
+            largest = max([largest, *slices])
         return (name in _ARITHMETIC and largest <= COMPUTED_MAX) or (name in _MOVES and largest <= MOVED_MAX)
 
     return all(fits(equation) for equation in _equations(jaxpr))
