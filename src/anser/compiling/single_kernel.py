@@ -82,7 +82,7 @@ def as_single_kernel(
 ) -> Callable[..., Any]:
     """Return a function that is compiled as a single kernel if on a CPU and `is_elementary`.
 
-    Where a single kernel is impossible, `otherwise` is compiled as usual.
+    Where a single kernel is impossible, `otherwise` is called in its place.
 
     Call the result while tracing a larger function, and do not batch that function afterwards: small arrays would
     become large.

@@ -376,8 +376,8 @@ def fly(
         Recorder and its present state (None: initial state). Without a recorder, every variable is recorded at every
         step.
     one_kernel
-        Whether to compile the commands of a step, and its motion, as one kernel each on a CPU. A single flight of up to
-        four aircraft takes a third to nine tenths of the time; do not use it for batched flights.
+        Whether to compile guidance, control and motion of a step as one kernel each on a CPU. A single flight of up to
+        four aircraft takes a third to nine tenths of the time; do not use this option for batched flights.
     active_steps
         Number of steps to fly; rows of later steps are meaningless. None: `count`.
 
