@@ -12,6 +12,7 @@ import anser
 import anser.compiling.keys as keys
 import anser.compiling.program
 import anser.spatial.rotations as rotations
+from anser.aircraft.airframe import MassProperties
 from anser.analysis.linear_models import _open_model
 from anser.analysis.loop_margins import analyse_rows
 from anser.analysis.trim_points import map_points
@@ -70,6 +71,10 @@ def test_the_key_depends_on_the_modules_behind_a_program_only(monkeypatch):
     monkeypatch.setattr(sys.modules["anser.steady.unused"], "NUMBER", 1.0, raising=False)
     assert keys._hash_loaded_code(description) == former_hash
     monkeypatch.setattr(rotations, "_EPSILON", 1.0, raising=False)  # two imports away
+    assert keys._hash_loaded_code(description) != former_hash
+    monkeypatch.undo()
+    assert keys._hash_loaded_code(description) == former_hash
+    monkeypatch.setattr(MassProperties, "doubled", keys.program_key, raising=False)  # a method of a class
     assert keys._hash_loaded_code(description) != former_hash
 
 

@@ -11,9 +11,10 @@ import platform
 import re
 import sys
 from collections.abc import Mapping
+from operator import is_
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -133,33 +134,32 @@ def _source_hash(description: str) -> str:
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
-def _modules_behind(description: str) -> list[ModuleType]:
-    """Return the loaded modules of the package that a program names, and those that they import, by name.
+class _LoadedModule(NamedTuple):
+    """Description of a module's names, as of the last look."""
 
-    Other loaded modules are left out, so that the key of a program does not depend on what else a process imported.
-    """
-    modules: dict[str, ModuleType] = {}
-    names = set(re.findall(r"\banser(?:\.\w+)+", description))
-    while names:
-        name = names.pop()
-        module = sys.modules.get(name)
-        if module is None:  # a class or function: the module before the last dot
-            names.update({name.rpartition(".")[0]} - {_ROOT})
-        elif name not in modules and not hasattr(module, "__path__"):
-            modules[name] = module
-            for value in vars(module).values():
-                owner = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
-                if isinstance(owner, str) and owner.startswith(f"{_ROOT}."):
-                    names.add(owner)
-    return [modules[name] for name in sorted(modules)]
+    bindings: list[Any]  # names and values of the module, then of each of its classes
+    modules: frozenset[str]  # modules of the package that the values come from
+    text: str  # functions, classes and numbers by name
 
 
-def _hash_loaded_code(description: str) -> str:
-    """Hash names and numbers in the modules behind a program, to detect functions or constants replaced at run time.
+_loaded_modules: dict[str, _LoadedModule] = {}
+
+
+def _look_at_module(module: ModuleType) -> _LoadedModule:
+    """Describe a module; the description of the last look is returned if no name is bound to another value since.
 
     Raises NotCacheableError if a replacement comes from outside the trusted packages and the package's own libraries.
     """
-    entries = []
+    name = module.__name__
+    namespaces = [vars(module)]
+    namespaces += [
+        vars(value) for value in vars(module).values() if inspect.isclass(value) and value.__module__ == name
+    ]
+    bindings = [entry for namespace in namespaces for entry in (*namespace, *namespace.values())]
+    former = _loaded_modules.get(name)
+    if former is not None and len(former.bindings) == len(bindings) and all(map(is_, former.bindings, bindings)):
+        return former
+    entries, modules = [], set()
 
     def add(qualified_name: str, value: Any) -> None:
         if inspect.isfunction(value) or inspect.isclass(value):
@@ -169,16 +169,47 @@ def _hash_loaded_code(description: str) -> str:
         elif isinstance(value, bool | int | float | str):
             entries.append(f"{qualified_name}={value!r}")
 
-    for module in _modules_behind(description):
-        name = module.__name__
-        for key, value in vars(module).items():
-            if not key.startswith("__"):
-                add(f"{name}.{key}", value)
-            if inspect.isclass(value) and value.__module__ == name:
-                for method_name, method in vars(value).items():
-                    if inspect.isfunction(method):
-                        add(f"{name}.{key}.{method_name}", method)
-    return hashlib.sha256("\n".join(entries).encode()).hexdigest()
+    for key, value in vars(module).items():
+        owner = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
+        if isinstance(owner, str) and owner.startswith(f"{_ROOT}."):
+            modules.add(owner)
+        if not key.startswith("__"):
+            add(f"{name}.{key}", value)
+        if inspect.isclass(value) and value.__module__ == name:
+            for method_name, method in vars(value).items():
+                if inspect.isfunction(method):
+                    add(f"{name}.{key}.{method_name}", method)
+    _loaded_modules[name] = _LoadedModule(bindings, frozenset(modules), "\n".join(entries))
+    return _loaded_modules[name]
+
+
+def _modules_behind(description: str) -> dict[str, _LoadedModule]:
+    """Return the loaded modules of the package that a program names, and those that they import, by name.
+
+    Other loaded modules are left out, so that the key of a program does not depend on what else a process imported.
+
+    Raises NotCacheableError as `_look_at_module` does.
+    """
+    modules: dict[str, _LoadedModule] = {}
+    names = set(re.findall(r"\banser(?:\.\w+)+", description))
+    while names:
+        name = names.pop()
+        module = sys.modules.get(name)
+        if module is None:  # a class or function: the module before the last dot
+            names.update({name.rpartition(".")[0]} - {_ROOT})
+        elif name not in modules and not hasattr(module, "__path__"):
+            modules[name] = _look_at_module(module)
+            names.update(modules[name].modules)
+    return modules
+
+
+def _hash_loaded_code(description: str) -> str:
+    """Hash names and numbers in the modules behind a program, to detect functions or constants replaced at run time.
+
+    Raises NotCacheableError if a replacement comes from outside the trusted packages and the package's own libraries.
+    """
+    texts = [module.text for _, module in sorted(_modules_behind(description).items())]
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 def _target_fingerprint() -> str:
