@@ -14,6 +14,7 @@ from anser.missions.segments import BatchState, fly_segments, fly_with_replannin
 from anser.numerics.arrays import as_array
 from anser.scenario import build_flight, load
 from anser.simulation import fly, start_flight
+from anser.simulation.recorders import PackedRows
 from support.straight_lines import StraightLines
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -33,7 +34,8 @@ def test_a_flight_is_replanned_where_a_new_plan_is_needed(monkeypatch, needs):
         missing = [sample for sample in needs if first <= sample < end and sample not in replanned]
         rows = np.where(np.arange(first, first + 500) < min([end, *missing]), np.arange(first, first + 500), -1)
         sample = missing[0] if missing else state.replan_sample
-        return SimpleNamespace(replan_sample=sample, reached=end), None, {"sample": rows}
+        packed = PackedRows(rows[:, None].astype(float), (("sample", (), "int64"),))
+        return SimpleNamespace(replan_sample=sample, reached=end), None, packed
 
     def replan(flight, state, sample):
         assert (flight, state.reached) == ("flight", sample)

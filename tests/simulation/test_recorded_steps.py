@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.simulation.recorders import AbstractRecorder, scan_steps
+from anser.simulation.recorders import AbstractRecorder, PackedRows, scan_steps
 
 COUNT = 20
 
@@ -56,3 +56,38 @@ def test_the_given_number_of_steps_is_flown_and_recorded(stride, has_rows, activ
         np.testing.assert_array_equal(rows["sample"][0, :valid, 0], states[:-1][::stride])
     else:
         assert rows is None
+
+
+class Signals(AbstractRecorder):
+    """Recorder of a row of a number, a flag and a vector of integers."""
+
+    stride: int = eqx.field(static=True, default=1)
+
+    def init(self, aircraft):
+        return None
+
+    def update(self, recorder_state, sample, instant):
+        return None
+
+    def output(self, sample, instant):
+        numbers = jnp.arange(3, dtype=jnp.int32) + instant.number
+        return {"speed": 0.5 * sample, "is_even": instant.number % 2 == 0, "numbers": numbers}
+
+
+def test_packed_rows_are_the_same_rows_with_their_types():
+    def advance(state, number):
+        return state + 0.1, state, SimpleNamespace(number=number)
+
+    def run(packed_rows):
+        arguments = jnp.zeros(2), jnp.asarray(7, dtype=jnp.int32), COUNT, Signals(), None, jnp.asarray(13)
+        return jax.jit(lambda: scan_steps(advance, *arguments, packed_rows)[2])()
+
+    packed, rows = run(True), run(False)
+    assert isinstance(packed, PackedRows)
+    assert packed.values.shape == (COUNT, 6)
+    unpacked = packed.unpacked()
+    assert list(unpacked) == sorted(rows)
+    for key, values in unpacked.items():
+        assert isinstance(values, np.ndarray)
+        assert values.dtype == rows[key].dtype
+        np.testing.assert_array_equal(values, rows[key])

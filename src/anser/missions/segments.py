@@ -21,9 +21,9 @@ from anser.parts.planners import AircraftReport
 from anser.shapes import Integer
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
-fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, one_kernel=True))
+fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, one_kernel=True, packed_rows=True))
 """One segment of a single flight of up to four aircraft, compiled; see `anser.simulation.fly`."""
-fly_large_segment = compiled_by_older_generator(None, "flight")(fly)
+fly_large_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, packed_rows=True))
 """One segment of a single flight of more aircraft, compiled."""
 # Greatest number of aircraft whose step is made of single kernels. With more, the kernels take longer: for twenty
 # aircraft half as long again on two cores.
@@ -74,7 +74,7 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
     final_state, _, rows = segment_program(flight)(
         flight, state, as_array(sample, np.int32), active_steps=as_array(steps, np.int32)
     )
-    return final_state, {key: np.asarray(values)[:steps] for key, values in rows.items()}
+    return final_state, {key: values[:steps] for key, values in rows.unpacked().items()}
 
 
 @compiled_quickly

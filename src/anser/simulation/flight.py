@@ -332,13 +332,12 @@ def step_fleet(
     next_states, samples = [], []
     for group, states, perception in zip(flight.groups, group_states, perceptions, strict=True):
         vehicles, group_plans = group.vehicles, select_group_rows(plans, group, flight.count)
-        # Three kernels, which LLVM compiles at the same time; the guidance is compiled faster as a loop over aircraft.
+        # Three kernels, which LLVM compiles at the same time; a loop over the aircraft is traced and compiled faster.
         # Sensors and estimators are no kernel: the matrices of a filter would compile more slowly and run no faster.
-        over_aircraft = one_by_one = vehicles.map
+        over_aircraft = vehicles.map
         if one_kernel:
-            over_aircraft = as_single_kernel(vehicles.map)
-            one_by_one = as_single_kernel(vehicles.loop, otherwise=over_aircraft)
-        guided = one_by_one(guide_one, states, perception, group_plans)
+            over_aircraft = as_single_kernel(vehicles.loop, otherwise=as_single_kernel(vehicles.map))
+        guided = over_aircraft(guide_one, states, perception, group_plans)
         action = over_aircraft(control_one, states, perception, guided)
         next_states.append(over_aircraft(move_one, states, perception, guided, action))
         samples.append(vehicles.map(make_sample, perception, group_plans, guided, action))
@@ -360,6 +359,7 @@ def fly(
     *,
     one_kernel: bool = False,
     active_steps: Integer | None = None,
+    packed_rows: bool = False,
 ) -> tuple[FlightState, Any, Any]:
     """Fly a fleet for `count` steps and record it.
 
@@ -380,6 +380,9 @@ def fly(
         four aircraft takes a third to nine tenths of the time; do not use this option for batched flights.
     active_steps
         Number of steps to fly; rows of later steps are meaningless. None: `count`.
+    packed_rows
+        Whether the recorder's rows are returned in one array, as `PackedRows`; only with `active_steps`, and for a
+        recorder of a row at every step.
 
     Returns
     -------
@@ -391,9 +394,8 @@ def fly(
     def advance_step(flight_state: FlightState, number: Integer) -> tuple[FlightState, FleetSample, Instant]:
         return step_fleet(flight, flight_state, number, one_kernel=one_kernel)
 
-    return scan_steps(
-        advance_step, state, jnp.asarray(first_step, dtype=jnp.int32), count, recorder, recorder_state, active_steps
-    )
+    first = jnp.asarray(first_step, dtype=jnp.int32)
+    return scan_steps(advance_step, state, first, count, recorder, recorder_state, active_steps, packed_rows)
 
 
 Precision = Literal["float64", "float32"]

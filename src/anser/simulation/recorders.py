@@ -1,6 +1,7 @@
 """Recorders: samples of an aircraft or a fleet, the variables recorded from them, and the loop that stores rows."""
 
 import abc
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import jaxpr_as_fun
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import Controls
 from anser.control.ground_clearance import GroundClearance
@@ -324,6 +325,23 @@ class History(AbstractRecorder):
         return {key: variables[key] for key in self.keys}
 
 
+class PackedRows(eqx.Module):
+    """Rows of a recorder in one array: a compiled program with one result in place of one for each variable."""
+
+    values: Float[Array, "*batch rows numbers"]
+    #: Key, shape of one row, and type of each variable, in the order of the numbers.
+    layout: tuple[tuple[str, tuple[int, ...], str], ...] = eqx.field(static=True)
+
+    def unpacked(self) -> dict[str, np.ndarray]:
+        """Return the variables by key, each of shape (*batch, rows, *shape of one row); on the host."""
+        values, variables, begin = np.asarray(self.values), {}, 0
+        for key, shape, dtype in self.layout:
+            end = begin + math.prod(shape)
+            variables[key] = values[..., begin:end].reshape(*values.shape[:-1], *shape).astype(dtype, copy=False)
+            begin = end
+        return variables
+
+
 def scan_steps(
     # one step: maps state and sample number to the next state, the sample, and the instant
     advance_step: Callable[[Any, Integer], tuple[Any, Any, Instant]],
@@ -334,6 +352,8 @@ def scan_steps(
     recorder_state: Any,
     # number of steps to run, known only at run time; rows of later steps are meaningless. None: `count`
     active_steps: Integer | None = None,
+    # whether the rows, dictionaries of arrays, are returned as `PackedRows`; only with `active_steps` and a stride of 1
+    packed_rows: bool = False,
 ) -> tuple[Any, Any, Any]:
     """Run `count` steps in one compiled loop and record a row every `stride` samples.
 
@@ -370,8 +390,11 @@ def scan_steps(
 
             return jax.lax.cond(number < first_sample + active_steps, packed_step, lambda: (carry, empty))
 
-        states, packed_rows = jax.lax.scan(step_if_active, (state, recorder_state), numbers)
-        return *states, jax.vmap(unpack_row)(packed_rows)
+        states, rows = jax.lax.scan(step_if_active, (state, recorder_state), numbers)
+        if packed_rows:
+            layout = tuple((key, row.shape, row.dtype.name) for key, row in sorted(shapes[1].items()))
+            return *states, PackedRows(rows, layout)
+        return *states, jax.vmap(unpack_row)(rows)
     if stride == 1:
         states, records = jax.lax.scan(step, (state, recorder_state), numbers)
         return *states, records
