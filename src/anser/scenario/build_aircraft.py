@@ -40,7 +40,7 @@ from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateG
 from anser.scenario.schema_settings import Limits
 from anser.shapes import Scalar
 from anser.steady.performance import Capability, capability_from_points, capability_points
-from anser.steady.trim import TrimMapPoint, solve_trim, trim_target
+from anser.steady.trim import TrimMapPoint
 from anser.units import DEG_RAD
 
 
@@ -175,13 +175,11 @@ def _capability_and_bandwidths(
     step: Scalar,
     speeds: tuple[Scalar, Scalar],
 ) -> tuple[TrimMapPoint, Bandwidths]:
-    trim = solve_trim(airframe, environment, trim_target(speed, altitude))
+    points = capability_points(airframe, environment, altitude, speed, speeds)
+    trim = jax.tree.map(lambda leaf: leaf[-1], points.trim)
     condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
-    power = jnp.clip(trim.power, 0.0, 100.0)
-    return (
-        capability_points(airframe, environment, altitude, speed, speeds),
-        derived_bandwidths(airframe, condition, airframe.actuators.limit_command(trim.state.surfaces), power, step),
-    )
+    surfaces, power = airframe.actuators.limit_command(trim.state.surfaces), jnp.clip(trim.power, 0.0, 100.0)
+    return points, derived_bandwidths(airframe, condition, surfaces, power, step)
 
 
 def _with_derived_gains(

@@ -54,7 +54,7 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         return (trim, state), (~is_untrimmed, aircraft_report(vehicle, perception, ~state.stopped), performance)
 
     results = [
-        group.vehicles.map(
+        group.vehicles.loop(
             trim_one, group.starts, group.start_positions_n, group.is_real, jnp.asarray(group.members, dtype=jnp.int32)
         )
         for group in flight.groups

@@ -85,7 +85,8 @@ def _idle_decelerations(
 
     load_factors, ratios = np.meshgrid([1.0, _PUSH_OVER], _SPEED_RATIOS, indexing="ij")
     speeds = jnp.asarray(ratios.ravel()) * trimmed_flow.V
-    return jax.vmap(deceleration_at)(speeds, jnp.asarray(load_factors.ravel())).reshape(load_factors.shape)
+    conditions = speeds, jnp.asarray(load_factors.ravel())
+    return jax.lax.map(lambda row: deceleration_at(*row), conditions).reshape(load_factors.shape)
 
 
 _SPEEDS = 64
@@ -121,22 +122,24 @@ def capability_points(
 ) -> TrimMapPoint:
     """Trim the aircraft at the points from which `capability_from_points` finds its limits.
 
-    The points are level flight at several airspeeds, then level turns, then climbs and descents.
+    The points are level flight at several airspeeds, then level turns, then climbs and descents; the last point is
+    level flight at the airspeed `speed`.
 
     Turns and climbs have the airspeed `speed`, the level flights 64 airspeeds in equal logarithmic steps over the range
     `speeds` (m/s).
     """
     turn_rates = environment.gravity * jnp.tan(jnp.asarray(_BANKS)) / speed
-    constant_speeds = jnp.full(_BANKS.size + _SLOPES.size, speed)
-    zeros = (jnp.zeros(_SPEEDS), jnp.zeros(_BANKS.size), jnp.zeros(_SLOPES.size))
+    slopes = jnp.append(jnp.asarray(_SLOPES), 0.0)
+    constant_speeds = jnp.full(_BANKS.size + slopes.size, speed)
+    zeros = (jnp.zeros(_SPEEDS), jnp.zeros(_BANKS.size), jnp.zeros(slopes.size))
     targets = jax.vmap(trim_target, in_axes=(0, None, 0, None, 0))(
         jnp.concatenate([_speed_grid(*speeds), constant_speeds]),
         altitude,
-        jnp.concatenate([*zeros[:2], jnp.asarray(_SLOPES)]),
+        jnp.concatenate([*zeros[:2], slopes]),
         0.0,
         jnp.concatenate([zeros[0], turn_rates, zeros[2]]),
     )
-    return jax.vmap(lambda target: trim_map_point(airframe, environment, target))(targets)
+    return jax.lax.map(lambda target: trim_map_point(airframe, environment, target), targets)
 
 
 def capability_from_points(
@@ -148,7 +151,7 @@ def capability_from_points(
     flight is possible in several airspeed ranges, the range around `speed` counts, or else the longest.
     """
     usable = np.asarray(points.trimmable) & _has_reserve(airframe, points)
-    level, banked, sloped = np.split(usable, np.cumsum([_SPEEDS, _BANKS.size]))
+    level, banked, sloped, _ = np.split(usable, np.cumsum([_SPEEDS, _BANKS.size, _SLOPES.size]))
     grid = np.asarray(_speed_grid(*speeds))
     bounds = _true_run(level, int(np.argmin(np.abs(np.log(grid / speed)))))
     turning = int(np.argmin([*banked, False]))
