@@ -69,7 +69,7 @@ def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, interv
 
     def cheapest(tasks: AircraftTask) -> tuple[Track, BoundingCylinders]:
         count = tasks.speed.shape[0]
-        candidates = fleet_candidates(tasks, airspace, jnp.full(count, duration), intervals, intervals, MINIMAL)
+        candidates = fleet_candidates(tasks, airspace, jnp.full(count, duration), intervals, MINIMAL)
         best = jnp.argmin(jnp.where(candidates.valid, candidates.cost, jnp.inf), axis=1)
         tracks = jax.tree.map(lambda leaf: leaf[jnp.arange(count), best], candidates.tracks)
         return tracks, bounding_cylinders(tracks)

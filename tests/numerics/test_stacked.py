@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.numerics.arrays import stack_objects
+from anser.numerics.arrays import map_rows, stack_objects
 
 
 class Spring(eqx.Module):
@@ -33,3 +33,14 @@ def test_map_and_loop_equal_each_object_alone():
         for f in (stacked.map, stacked.loop)
     ]
     np.testing.assert_allclose(slopes[0], slopes[1], rtol=1e-15)
+
+
+def test_rows_are_mapped_with_and_without_a_batch():
+    def function(x, pair):
+        return {"sum": x + pair["a"], "constant": 1.0}
+
+    rows = jnp.array([1.0, 2.0, 3.0]), {"a": jnp.array([[0.5, 1.0], [2.0, 3.0], [4.0, 5.0]])}
+    mapped = map_rows(function, *rows)
+    single = [map_rows(function, *jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], rows)) for k in range(3)]
+    for key, values in mapped.items():
+        np.testing.assert_array_equal(np.concatenate([result[key] for result in single]), values)

@@ -154,6 +154,14 @@ class Stacked(eqx.Module, Generic[T]):
         return jax.lax.map(lambda rows: function(self.combine(rows[0]), *rows[1:]), (self.batched, *arguments))
 
 
+def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
+    """Return the same as `vmap(function)(*rows)`; a single row is computed without a batch: less code to compile."""
+    if jax.tree.leaves(rows)[0].shape[0] != 1:
+        return jax.vmap(function)(*rows)
+    result = function(*jax.tree.map(lambda leaf: leaf[0], rows))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], result)
+
+
 def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
     """Return the properties that two objects must share for stacking.
 

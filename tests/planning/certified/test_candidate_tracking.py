@@ -23,7 +23,7 @@ CANDIDATES = make_candidate_set((PREFERRED, SLOW_FAST, LATE_FAST), (0.0,), (0,),
 @compiled_quickly
 def _compare(tasks, airspace, durations):
     """Validity with and without the track's check, and the excess of the delivered path over its limits."""
-    options = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, CANDIDATES)
+    options = fleet_candidates(tasks, airspace, durations, INTERVALS, CANDIDATES)
 
     def compare_task(task, duration, shapes, profiles):
         initially_valid, _ = routed_candidates(task, airspace, duration, INTERVALS, CANDIDATES)

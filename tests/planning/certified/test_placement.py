@@ -9,7 +9,6 @@ from anser.compiling.options import compiled_quickly
 from anser.planning import TimedPath
 from anser.planning.certified.candidates import (
     absent_candidates,
-    candidates_for_selected,
     concatenate_candidates,
     fleet_candidates,
     knot_count,
@@ -43,15 +42,15 @@ NEEDY = np.array([True, False, True, True, False, False, True, False])
 
 
 def _combined(tasks, airspace, durations):
-    base = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, STANDARD_SET)
+    base = fleet_candidates(tasks, airspace, durations, INTERVALS, STANDARD_SET)
     needy = jnp.asarray(NEEDY)
-    extra = candidates_for_selected(tasks, airspace, durations, INTERVALS, EXTRA_SET, needy)
+    extra = fleet_candidates(tasks, airspace, durations, INTERVALS, EXTRA_SET, selected=needy)
     return concatenate_candidates(base, extra)
 
 
 @compiled_quickly
 def _all_options(tasks, airspace, durations):
-    extra = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, EXTRA_SET)
+    extra = fleet_candidates(tasks, airspace, durations, INTERVALS, EXTRA_SET)
     combined = _combined(tasks, airspace, durations)
     placement = place_candidates(combined, airspace.separation, choice_order(combined))
     fleet = jnp.arange(8)
@@ -110,10 +109,10 @@ def test_absent_candidates_have_the_shapes_of_generated_ones():
     tasks, airspace, _ = planner_task(random_case(2))
     durations = jnp.full(8, 260.0)
     needy = jnp.asarray(NEEDY)
-    base = jax.eval_shape(lambda: fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, STANDARD))
+    base = jax.eval_shape(lambda: fleet_candidates(tasks, airspace, durations, INTERVALS, STANDARD))
     for kind in EXTRA_SETS:
         generated = jax.eval_shape(
-            lambda kind=kind: candidates_for_selected(tasks, airspace, durations, INTERVALS, kind, needy)
+            lambda kind=kind: fleet_candidates(tasks, airspace, durations, INTERVALS, kind, selected=needy)
         )
         absent = absent_candidates(base, kind)
         assert jax.tree.structure(absent) == jax.tree.structure(generated)
@@ -148,8 +147,8 @@ def test_the_smaller_set_and_the_first_profiles_are_parts_of_the_standard_set():
     durations = jnp.full(8, 260.0)
 
     @compiled_quickly
-    def generated(candidate_set, profile_count):
-        return fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, candidate_set, profile_count)
+    def generated(candidate_set, profile_count=profile_count):
+        return fleet_candidates(tasks, airspace, durations, INTERVALS, candidate_set, profile_count=profile_count)
 
     small, large = (generated(candidate_set, None) for candidate_set in (MINIMAL, STANDARD))
     members = STANDARD.members_of(MINIMAL)

@@ -16,7 +16,7 @@ from anser.compiling.options import compiled_by_older_generator, compiled_quickl
 from anser.compiling.program import PreparedProgram
 from anser.environment.environment import AbstractWind
 from anser.numerics.arrays import as_array, take_rows
-from anser.planning.certified.candidates import fleet_candidates
+from anser.planning.certified.candidates import aircraft_candidates
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import (
     ALONE_SPLINES,
@@ -245,7 +245,7 @@ def direct_times(
         duration, change = jax.lax.fori_loop(0, ROUNDS, iterate, (initial_duration, jnp.asarray(jnp.inf)))
         return duration, change < 1e-6
 
-    return jax.vmap(solve_task)(tasks, speeds)
+    return jax.lax.map(lambda row: solve_task(*row), (tasks, speeds))
 
 
 @compiled_by_older_generator(("intervals", "candidate_set"), "reachable arrivals")
@@ -261,8 +261,8 @@ def _reachable_at(
 
     def check_reachable(k: Integer, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
         # Sequential: a batch would take as long, and a partly filled batch longer.
-        task = jax.tree.map(lambda leaf: leaf[k][None], tasks)
-        options = fleet_candidates(task, airspace, durations[k][None], intervals, intervals, candidate_set)
+        task, times = jax.tree.map(lambda leaf: leaf[k], tasks), durations[k] / intervals * jnp.arange(intervals + 1)
+        options = aircraft_candidates(task, airspace, durations[k], intervals, times, candidate_set)
         return reached.at[k].set(jnp.any(options.valid & (options.penetration <= 0.0)))
 
     return jax.lax.fori_loop(0, count, check_reachable, jnp.zeros(durations.shape, dtype=bool))

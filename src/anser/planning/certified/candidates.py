@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.numerics.arrays import select_rows
+from anser.numerics.arrays import map_rows, select_rows
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs, path_track, route_track, sample_profile
 from anser.planning.certified.detours import (
     DETOUR_KINDS,
@@ -32,6 +32,7 @@ from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profiles import (
     RACETRACK,
     CandidateSet,
+    ProfileSpeeds,
     TimedProfile,
     profile_speeds,
     timed_profiles,
@@ -140,21 +141,16 @@ class Candidates(eqx.Module):
         fleet, routed = jnp.arange(chosen.shape[0]), self.routes.profile.shape[1]
         selected_routes = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, routed - 1)], self.routes)
         profiles = jax.tree.map(lambda leaf: leaf[fleet, selected_routes.profile], self.profiles)
-        routes = jax.vmap(route)(selected_routes.endpoints, selected_routes.turns_and_legs)
-        paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, profiles, routes)
+
+        def path(row: tuple[TabulatedProfile, Routes]) -> TimedPath:
+            return deliver(start_time, row[0], route(row[1].endpoints, row[1].turns_and_legs))
+
+        paths = jax.lax.map(path, (profiles, selected_routes))
         if self.splines is None:
             return paths
         splines = jax.tree.map(lambda leaf: leaf[fleet, jnp.maximum(chosen - routed, 0)], self.splines)
         splines = eqx.tree_at(lambda p: p.times, splines, start_time + splines.times)
         return select_rows(chosen >= routed, splines, paths)
-
-
-class _SelectedProfiles(NamedTuple):
-    """Profiles of a candidate set: their indices in the set, and their airspeeds."""
-
-    numbers: Int[Array, " selected"]
-    middle_speeds: Float[Array, " selected"]  # m/s
-    final_speeds: Float[Array, " selected"]  # m/s
 
 
 class _Routed(NamedTuple):
@@ -190,27 +186,29 @@ def routed_candidates(
     duration: ScalarLike,
     intervals: int,
     candidate_set: CandidateSet,
-    selected: _SelectedProfiles | None = None,  # profiles of the set to generate; None: all
+    speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles; None: found here
+    numbers: Int[Array, " profiles"] | None = None,  # indices of the profiles to generate in the set; None: all
 ) -> tuple[_Routed, TabulatedProfile]:
     """Generate the detours and turn-and-leg paths of one aircraft for a duration (s).
 
-    Returns the candidates, stacked, and the selected profiles, stacked; `routes.profile` of a candidate is the index of
-    its profile in the set.
+    Returns the candidates, stacked, and the profiles, stacked; `routes.profile` of a candidate is the index of its
+    profile in the set.
     """
     duration = jnp.asarray(duration, dtype=float)
-    if selected is None:
-        count = len(candidate_set.speeds)
-        speeds = profile_speeds(task, airspace, duration, intervals, candidate_set, count)
-        selected = _SelectedProfiles(jnp.arange(count), *speeds)
-    altitude_detours = jnp.asarray(candidate_set.altitude_detours)[selected.numbers]
-    speeds = selected.middle_speeds, selected.final_speeds
-    timed = timed_profiles(task, airspace, duration, intervals, altitude_detours, speeds)
+    if speeds is None:
+        needs = candidate_set.with_wide_turns, candidate_set.with_matched
+        speeds = profile_speeds(task, airspace, duration, intervals, *needs)
+    numbers = jnp.arange(len(candidate_set.speeds)) if numbers is None else numbers
+    choices = jnp.asarray(candidate_set.speeds)[numbers]
+    altitude_detours = jnp.asarray(candidate_set.altitude_detours)[numbers]
+    ends = speeds.middle[choices], speeds.final[choices]
+    timed = timed_profiles(task, airspace, duration, intervals, altitude_detours, ends)
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
     of_profile = functools.partial(_profile_candidates, task, airspace, candidate_set)
     if candidate_set.max_candidates is None:
-        candidates = jax.vmap(of_profile)(timed, costs, selected.numbers)
+        candidates = map_rows(of_profile, timed, costs, numbers)
     else:
-        candidates = _candidates_within_limits(of_profile, timed, costs, selected.numbers)
+        candidates = _candidates_within_limits(of_profile, timed, costs, numbers)
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), candidates)
     if candidate_set.max_candidates is not None and candidate_set.max_candidates < candidate_set.size:
         best = jnp.argsort(jnp.where(flat.valid, flat.cost, jnp.inf))[: candidate_set.max_candidates]
@@ -310,21 +308,22 @@ def _turn_leg_paths(
     )(solutions)
 
 
-def _aircraft_candidates(
+def aircraft_candidates(
+    task: AircraftTask,
     airspace: Airspace,
+    duration: Scalar,
     intervals: int,
     times: Float[Array, " instants"],
     candidate_set: CandidateSet,
-    task: AircraftTask,
-    duration: Scalar,
-    selected: _SelectedProfiles | None = None,
+    # as for `routed_candidates`
+    speeds: ProfileSpeeds | None = None,
+    numbers: Int[Array, " profiles"] | None = None,
 ) -> Candidates:
     """Generate candidates of one aircraft for a duration (s), with their tracks at the sample times `times` (s)."""
     parts: list[tuple[Any, ...]] = []
     routes = profiles = splines = None
     if candidate_set.speeds:
-        routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set, selected)
-        numbers = None if selected is None else selected.numbers
+        routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set, speeds, numbers)
         parts.append(_tracked(task, airspace, times, routed, profiles, numbers))
         routes = routed.routes
     if candidate_set.spline_starts:
@@ -349,10 +348,10 @@ def _tracked(
     times: Array,
     routed: _Routed,
     profiles: TabulatedProfile,
-    numbers: Int[Array, " selected"] | None,  # indices of the profiles in the candidate set; None: 0, 1, 2, ...
+    numbers: Int[Array, " profiles"] | None,  # indices of the profiles in the candidate set; None: 0, 1, 2, ...
 ) -> tuple[Any, ...]:
     """Return the fields that `_common_fields` lists for detours and turn-and-leg paths; tracks at sample times (s)."""
-    samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
+    samples = map_rows(lambda profile: sample_profile(profile, times), profiles)
 
     def track(routes: Routes, speed: Scalar) -> tuple[Track, Flag]:
         row = routes.profile if numbers is None else jnp.argmax(numbers == routes.profile)
@@ -368,38 +367,55 @@ def fleet_candidates(
     tasks: AircraftTask,
     airspace: Airspace,
     durations: Float[Array, " aircraft"],  # time to each rendezvous, s
-    # number of equal intervals of the paths and number of sample times
-    intervals: int,
-    instants: int,
+    intervals: int,  # number of equal intervals of the paths, and of the sample times up to the last arrival
     candidate_set: CandidateSet,
+    speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles, leading axis aircraft; None: found here
+    selected: Bool[Array, " aircraft"] | None = None,  # aircraft that get candidates; None: all
     # number of profiles for which candidates are generated, the first of the set, one after another; candidates of the
     # rest are absent. None: all profiles, as one batch
     profile_count: Integer | None = None,
 ) -> Candidates:
-    """Generate the candidates of a fleet, with tracks at `instants` common sample times up to the last arrival."""
-    generate = _generator(airspace, durations, intervals, instants, candidate_set)
-    if profile_count is None:
-        return jax.vmap(generate)(tasks, durations)
-    all_speeds = jax.vmap(
-        lambda task, duration: profile_speeds(task, airspace, duration, intervals, candidate_set, profile_count)
-    )(tasks, durations)
+    """Generate the candidates of a fleet, one aircraft after another; rows of the others hold absent candidates."""
+    times = jnp.max(durations) / intervals * jnp.arange(intervals + 1)
+
+    @jax.jit  # traced once, for its shapes and for the loop
+    def of_aircraft(task: AircraftTask, duration: Scalar, speeds: ProfileSpeeds | None) -> Candidates:
+        generate = functools.partial(
+            aircraft_candidates, task, airspace, duration, intervals, times, candidate_set, speeds
+        )
+        return generate() if profile_count is None else _first_profiles(generate, candidate_set, profile_count)
+
+    rows = tasks, durations, speeds
+    if selected is None:
+        return jax.lax.map(lambda row: of_aircraft(*row), rows)
+    shapes = jax.eval_shape(of_aircraft, *jax.tree.map(lambda leaf: leaf[0], rows))
+    queue = jnp.argsort(~selected, stable=True)
+
+    def add(k: Integer, candidates: Candidates) -> Candidates:
+        aircraft = queue[k]
+        added = of_aircraft(*jax.tree.map(lambda leaf: leaf[aircraft], rows))
+        return jax.tree.map(lambda stored, leaf: stored.at[aircraft].set(leaf), candidates, added)
+
+    return jax.lax.fori_loop(0, jnp.sum(selected), add, _absent(shapes, lambda shape: (*durations.shape, *shape)))
+
+
+def _first_profiles(
+    generate: Callable[..., Candidates], candidate_set: CandidateSet, profile_count: Integer
+) -> Candidates:
+    """Candidates of the first profiles of a set, one profile after another; those of the rest are absent."""
 
     @jax.jit  # traced once, for its shapes and for the loop
     def of_profile(number: Integer) -> Candidates:
-        speeds = (jax.lax.dynamic_slice_in_dim(values, number, 1, axis=1) for values in all_speeds)
-        selected = _SelectedProfiles(jnp.broadcast_to(number, (durations.shape[0], 1)), *speeds)
-        return jax.vmap(generate)(tasks, durations, selected)
+        return generate(numbers=number[None])
 
     def add(number: Integer, candidates: Candidates) -> Candidates:
         def insert(stored: Array, rows: Array) -> Array:
-            return jax.lax.dynamic_update_slice_in_dim(stored, rows, number * rows.shape[1], axis=1)
+            return jax.lax.dynamic_update_slice_in_dim(stored, rows, number * rows.shape[0], axis=0)
 
         return jax.tree.map(insert, candidates, of_profile(number))
 
-    profiles = len(candidate_set.speeds)
-    empty = _absent(
-        jax.eval_shape(of_profile, profile_count), lambda shape: (shape[0], profiles * shape[1], *shape[2:])
-    )
+    profiles, shapes = len(candidate_set.speeds), jax.eval_shape(of_profile, profile_count)
+    empty = _absent(shapes, lambda shape: (profiles * shape[0], *shape[1:]))
     return jax.lax.fori_loop(jnp.zeros_like(profile_count), profile_count, add, empty)
 
 
@@ -407,35 +423,6 @@ def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, .
     """Absent candidates in shapes changed by `resize`."""
     absent = jax.tree.map(lambda leaf: jnp.zeros(resize(leaf.shape), leaf.dtype), shapes)
     return eqx.tree_at(lambda c: c.cost, absent, jnp.full_like(absent.cost, ABSENT))
-
-
-def candidates_for_selected(
-    tasks: AircraftTask,
-    airspace: Airspace,
-    durations: Float[Array, " aircraft"],
-    intervals: int,
-    candidate_set: CandidateSet,
-    selected: Bool[Array, " aircraft"],
-) -> Candidates:
-    """Generate candidates for the selected aircraft only, one at a time; the other rows hold absent candidates."""
-    generate = jax.jit(_generator(airspace, durations, intervals, intervals, candidate_set))
-    first_aircraft = jax.tree.map(lambda leaf: leaf[0], (tasks, durations))
-    fleet = selected.shape[0]
-    empty = _absent(jax.eval_shape(generate, *first_aircraft), lambda shape: (fleet, *shape))
-    queue = jnp.argsort(~selected, stable=True)
-
-    def add(k: Integer, candidates: Candidates) -> Candidates:
-        aircraft_candidates = generate(*jax.tree.map(lambda leaf: leaf[queue[k]], (tasks, durations)))
-        return jax.tree.map(lambda stored, leaf: stored.at[queue[k]].set(leaf), candidates, aircraft_candidates)
-
-    return jax.lax.fori_loop(0, jnp.sum(selected), add, empty)
-
-
-def _generator(
-    airspace: Airspace, durations: Float[Array, " aircraft"], intervals: int, instants: int, candidate_set: CandidateSet
-) -> Callable[..., Candidates]:
-    times = jnp.max(durations) / instants * jnp.arange(instants + 1)
-    return functools.partial(_aircraft_candidates, airspace, intervals, times, candidate_set)
 
 
 def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidates:

@@ -22,7 +22,6 @@ from anser.planning.certified.candidates import (
     SPLINE,
     Candidates,
     absent_candidates,
-    candidates_for_selected,
     concatenate_candidates,
     fleet_candidates,
     knot_count,
@@ -41,7 +40,14 @@ from anser.planning.certified.clearance import (
 )
 from anser.planning.certified.path_bounds import PathBounds, excess, path_bounds
 from anser.planning.certified.task import AircraftTask, Airspace
-from anser.planning.certified.timed_profiles import EXTRA_SETS, MINIMAL, STANDARD, CandidateSet
+from anser.planning.certified.timed_profiles import (
+    EXTRA_SETS,
+    MINIMAL,
+    STANDARD,
+    CandidateSet,
+    ProfileSpeeds,
+    fleet_speeds,
+)
 from anser.planning.limits import PathLimits
 from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
@@ -235,7 +241,8 @@ class FixedPaths(eqx.Module):
 
 def fleet_bounds(paths: TimedPath, airspace: Airspace) -> PathBounds:
     """Compute proven bounds of the flight quantities (`PathBounds`) along each of the stacked paths."""
-    return jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
+    # A loop over the aircraft is traced and compiled in less time than a batch, and takes no longer.
+    return jax.lax.map(lambda path: path_bounds(path, airspace.wind, airspace.gravity), paths)
 
 
 def within_limits(bounds: PathBounds, limits: PathLimits) -> Bool[Array, " aircraft"]:
@@ -267,7 +274,7 @@ def certify(
     def tracked(path: TimedPath, accelerations: Array, active: Scalar) -> Track:
         return path_track(path, accelerations, active, times, from_time)
 
-    tracks = jax.vmap(tracked)(paths, bounds.cell_acceleration, tasks.active)
+    tracks = jax.lax.map(lambda row: tracked(*row), (paths, bounds.cell_acceleration, tasks.active))
     ratios = fleet_clearance_ratios(tracks, airspace.separation, TIMES_PER_INTERVAL * INTERVALS_PER_CYLINDER)
     clearance = jax.lax.map(
         lambda fleet_track: clearance_from_keep_outs(fleet_track, times, airspace.keep_outs), tracks
@@ -282,16 +289,16 @@ def _candidates(
     durations: Float[Array, " aircraft"],
     intervals: int,
     candidate_set: CandidateSet,
-    selected: Bool[Array, " aircraft"] | None = None,  # aircraft that get candidates; None: all, as one batch
-    profile_count: Integer | None = None,  # as in `fleet_candidates`
+    # as for `fleet_candidates`
+    speeds: ProfileSpeeds | None = None,
+    selected: Bool[Array, " aircraft"] | None = None,
+    profile_count: Integer | None = None,
 ) -> Candidates:
     volumes = airspace.keep_outs
     airspace = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
-    if selected is None:
-        return fleet_candidates(tasks, airspace, durations, intervals, intervals, candidate_set, profile_count)
-    return candidates_for_selected(tasks, airspace, durations, intervals, candidate_set, selected)
+    return fleet_candidates(tasks, airspace, durations, intervals, candidate_set, speeds, selected, profile_count)
 
 
 def _choose_and_certify(
@@ -337,7 +344,7 @@ def _choose_and_certify(
             arrival_times=arrivals,
             certificate=certify(paths, tasks, airspace, intervals, start_time),
             valid=placement.valid,
-            lengths=jax.vmap(TimedPath.air_length)(paths),
+            lengths=jax.lax.map(TimedPath.air_length, paths),
             total_turn=candidates.total_turn[fleet, placement.chosen],
             speeds=candidates.speed[fleet, placement.chosen],
         )
@@ -349,6 +356,7 @@ def _choose_and_certify(
     return _choose_best_placement(place_and_certify, candidates.valid, withdrawn, tasks.active > 0.0, rounds)
 
 
+_find_speeds = compiled_by_older_generator(("intervals",), "airspeeds")(fleet_speeds)
 _generate = compiled_by_older_generator(("intervals", "candidate_set"), "paths")(_candidates)
 _choose = compiled_by_older_generator(("intervals",), "choice of paths")(_choose_and_certify)
 
@@ -371,8 +379,9 @@ def standard_candidates(
 
     Only the profiles that `candidate_set` needs are generated; candidates of the rest are absent.
     """
+    speeds = _find_speeds(tasks, airspace, durations, intervals, *_speed_flags(STANDARD, candidate_set))
     arguments = as_array(start_time), tasks, airspace, durations
-    return _generate(*arguments, intervals, STANDARD, profile_count=_profile_count(candidate_set))
+    return _generate(*arguments, intervals, STANDARD, speeds, profile_count=_profile_count(candidate_set))
 
 
 def plans_at(
@@ -401,7 +410,10 @@ def plans_at(
     extra = _absent_extra(candidates, extra_set)
     if extra_set is not None:
         selected = as_array(tasks.active if extra_for is None else extra_for, bool)
-        extra[extra_set] = _generate(*arguments, intervals, extra_set, selected)
+        speeds = None
+        if extra_set.speeds:
+            speeds = _find_speeds(tasks, airspace, durations, intervals, *_speed_flags(extra_set, extra_set))
+        extra[extra_set] = _generate(*arguments, intervals, extra_set, speeds, selected)
     choice = _choice_arguments(candidates, intervals, candidate_set, extra, fixed_paths)
     for look_ahead_s in (0.0, _LOOK_AHEAD_S):
         yield _choose(*arguments, *choice, look_ahead=as_array(look_ahead_s))
@@ -425,7 +437,10 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
     """Yield the programs of `plan_at` without extra candidates, one at a time; the last one's shapes are the plan's."""
     times = as_array(0.0), jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     arguments = times[0], tasks, airspace, times[1]
-    candidates = _generate.prepare(*arguments, intervals, STANDARD, profile_count=_profile_count(MINIMAL))
+    speeds = _find_speeds.prepare(*arguments[1:], intervals, *_speed_flags(STANDARD, MINIMAL))
+    yield speeds
+    count = _profile_count(MINIMAL)
+    candidates = _generate.prepare(*arguments, intervals, STANDARD, speeds.shapes, profile_count=count)
     yield candidates
     extra = _absent_extra(candidates.shapes, STANDARD.extra)
     choice = _choice_arguments(candidates.shapes, intervals, STANDARD, extra, None)
@@ -439,7 +454,17 @@ def prepare_extra_candidates(
     durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     selected = jax.ShapeDtypeStruct(tasks.active.shape, np.bool_)
     for kind in kinds:
-        yield _generate.prepare(as_array(0.0), tasks, airspace, durations, intervals, kind, selected)
+        speeds = None
+        if kind.speeds:
+            speeds = _find_speeds.prepare(tasks, airspace, durations, intervals, *_speed_flags(kind, kind))
+            yield speeds
+        shapes = None if speeds is None else speeds.shapes
+        yield _generate.prepare(as_array(0.0), tasks, airspace, durations, intervals, kind, shapes, selected)
+
+
+def _speed_flags(candidate_set: CandidateSet, members: CandidateSet) -> tuple[Array, Array]:
+    """Flags for the airspeeds of a set: whether paths may have wide turns; whether the members need a matched speed."""
+    return as_array(candidate_set.with_wide_turns, bool), as_array(members.with_matched, bool)
 
 
 def _profile_count(candidate_set: CandidateSet) -> Array:
@@ -513,7 +538,7 @@ def _with_fixed_paths(
 ) -> Candidates:
     """Replace every candidate of an aircraft that has a fixed path by this path."""
     times = start_time + jnp.max(durations) / intervals * jnp.arange(intervals + 1)
-    tracks = jax.vmap(bounded_track, in_axes=(0, None, None, None))(fixed_paths.paths, airspace, 1.0, times)
+    tracks = jax.lax.map(lambda path: bounded_track(path, airspace, 1.0, times), fixed_paths.paths)
     count = candidates.valid.shape[1]
     tracks = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[:, None], (leaf.shape[0], count, *leaf.shape[1:])), tracks)
     fixed_fields = (

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.environment.environment import AbstractWind
-from anser.numerics.arrays import zeros_like_result
+from anser.numerics.arrays import map_rows, zeros_like_result
 from anser.parts.paths import polar
 from anser.parts.planners import final_air_velocity
 from anser.planning.certified.detours import (
@@ -91,6 +91,11 @@ class CandidateSet(NamedTuple):
         return 1 + max(
             profiles.index(profile) for profile in zip(smaller.speeds, smaller.altitude_detours, strict=True)
         )
+
+    @property
+    def with_matched(self) -> bool:
+        """Whether a profile has the airspeed at which the direct path takes the duration."""
+        return MATCHED in self.speeds
 
     def members_of(self, smaller: "CandidateSet") -> Bool[np.ndarray, " candidates"]:
         """Mask of the candidates that a smaller set of detours with wide turns contains too."""
@@ -376,7 +381,7 @@ def _approach_direct_length(
     mean: Scalar,  # initial mean airspeed, m/s
     bounds: tuple[Scalar, Scalar],  # least and greatest mean airspeed, m/s
     rounds: ScalarLike,  # number of changes of the airspeed
-    with_wide_turns: bool,  # whether the path may have wide turns
+    with_wide_turns: Flag | bool,  # whether the path may have wide turns
 ) -> tuple[Scalar, _NearbyPath]:
     """Approach the mean airspeed (m/s) at which the shortest direct path takes the duration.
 
@@ -439,16 +444,22 @@ def _match_direct_length(
     return matched_mean, jnp.abs(final_mismatch) <= _LENGTH_TOLERANCE
 
 
+class ProfileSpeeds(NamedTuple):
+    """Middle and final airspeeds of an aircraft's profiles, m/s, by choice of the airspeed (`PREFERRED`, ...)."""
+
+    middle: Float[Array, "*aircraft choices"]
+    final: Float[Array, "*aircraft choices"]
+
+
 def profile_speeds(
     task: AircraftTask,
     airspace: Airspace,
     duration: Scalar,
     intervals: int,
-    candidate_set: CandidateSet,
-    profile_count: ScalarLike,  # number of profiles needed, the first of the set; the speeds of the rest are arbitrary
-) -> tuple[Float[Array, " profiles"], Float[Array, " profiles"]]:
-    """Middle and final airspeeds of the profiles of a candidate set for a duration (s), m/s."""
-    kinds = tuple(dict.fromkeys(candidate_set.speeds))
+    with_wide_turns: Flag | bool,  # whether the direct path may have wide turns
+    with_matched: Flag | bool,  # whether the choice `MATCHED` is needed; its airspeed is arbitrary otherwise
+) -> ProfileSpeeds:
+    """Find the airspeeds of the profiles of one aircraft for a duration (s)."""
     limits, preferred = task.limits, task.speed
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
     speed_0, rates = _speed_0(task), speed_rates(task)
@@ -464,7 +475,7 @@ def profile_speeds(
         an approximate airspeed.
         """
         where = task, airspace, duration, intervals
-        mean, nearby = _approach_direct_length(*where, mean, bounds, rounds, candidate_set.with_wide_turns)
+        mean, nearby = _approach_direct_length(*where, mean, bounds, rounds, with_wide_turns)
         matched_mean, converged = _match_direct_length(*where, mean, nearby)
         is_near = (matched_mean <= jnp.minimum(_SPEED_FACTOR_MAX * mean, high)) & (
             matched_mean >= jnp.maximum(_SPEED_FACTOR_MIN * mean, low)
@@ -473,24 +484,23 @@ def profile_speeds(
 
     # The preferred airspeed stays where it is in the approximation. The matched one is slightly faster than the
     # approximation, so that a detour slightly longer than the direct path exists.
-    choices = [(preferred_speed, (preferred_speed, preferred_speed), 0, 1.0)]
-    needed: ScalarLike = 1
-    if MATCHED in kinds:
-        choices.append((preferred, (slowest, fastest), _SPEED_ROUNDS, 1.0 + 2e-4))
-        needed = jnp.where(profile_count > candidate_set.speeds.index(MATCHED), 2, 1)
+    choices = (
+        (preferred_speed, (preferred_speed, preferred_speed), 0, 1.0),
+        (preferred, (slowest, fastest), _SPEED_ROUNDS, 1.0 + 2e-4),
+    )
     stacked = jax.tree.map(lambda *values: jnp.stack([jnp.asarray(value) for value in values]), *choices)
 
-    def match_next(k: Integer, means: Float[Array, " choices"]) -> Float[Array, " choices"]:
+    def match_next(k: Integer, means: Float[Array, "2"]) -> Float[Array, "2"]:
         return means.at[k].set(match(*jax.tree.map(lambda values: values[k], stacked)))
 
-    matched = jax.lax.fori_loop(0, needed, match_next, stacked[0])
+    matched = jax.lax.fori_loop(0, jnp.where(with_matched, 2, 1), match_next, stacked[0])
     means = {
         PREFERRED: matched[0],
-        MATCHED: matched[-1],
+        MATCHED: matched[1],
         SLOWER: 0.5 * (preferred_speed + slowest),
         FASTER: 0.5 * (preferred_speed + fastest),
     }
-    speeds = {kind: speeds_for_mean(task, duration, mean) for kind, mean in means.items()} | {
+    speeds = {choice: speeds_for_mean(task, duration, mean) for choice, mean in means.items()} | {
         SLOWEST: (low, low),
         FASTEST: (high, high),
         SLOW_FAST: (low, high),
@@ -498,8 +508,24 @@ def profile_speeds(
         LATE_FAST: (current_speed, high),
         LATE_SLOW: (current_speed, low),
     }
-    middle_speeds, final_speeds = (jnp.stack([speeds[kind][k] for kind in candidate_set.speeds]) for k in range(2))
-    return middle_speeds, final_speeds
+    return ProfileSpeeds(*(jnp.stack([speeds[choice][k] for choice in range(len(speeds))]) for k in range(2)))
+
+
+def fleet_speeds(
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    intervals: int,
+    # as for `profile_speeds`
+    with_wide_turns: Flag,
+    with_matched: Flag,
+) -> ProfileSpeeds:
+    """Find the airspeeds of the profiles of each aircraft for its duration (s)."""
+
+    def speeds_of(row: tuple[AircraftTask, Scalar]) -> ProfileSpeeds:
+        return profile_speeds(row[0], airspace, row[1], intervals, with_wide_turns, with_matched)
+
+    return jax.lax.map(speeds_of, (tasks, durations))
 
 
 def timed_profiles(
@@ -512,4 +538,4 @@ def timed_profiles(
 ) -> TimedProfile:
     """Make profiles for a duration (s), stacked."""
     profile_for = functools.partial(timed_profile, task, airspace, duration, intervals)
-    return jax.vmap(profile_for)(altitude_detours, speeds)
+    return map_rows(profile_for, altitude_detours, speeds)

@@ -141,10 +141,10 @@ def assign_holds(
     gravity, separation, volumes = airspace.gravity, airspace.separation, airspace.keep_outs
     end = jnp.maximum(end_time, jnp.max(arrival_times) + 1.0)
     times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, SAMPLES_PER_CELL * cells + 1)
-    circles = jax.vmap(_candidate_circles, in_axes=(0, None, None))(tasks, airspace, settings)
+    circles = jax.lax.map(lambda task: _candidate_circles(task, airspace, settings), tasks)
     stays = arrival_times <= start_time if stays is None else stays
 
-    approaches = jax.vmap(bounded_track, in_axes=(0, None, 0, None))(paths, airspace, tasks.active, times)
+    approaches = jax.lax.map(lambda row: bounded_track(row[0], airspace, row[1], times), (paths, tasks.active))
 
     @jax.jit  # one trace
     def evaluate_circle(index: Integer, circle_index: Integer) -> _HoldOption:
