@@ -97,6 +97,13 @@ def test_shapes_and_options_distinguish_programs(store):
     assert len(store.files()) == 3
 
 
+def test_stored_programs_contain_no_lines_of_source_code(store):
+    """The lines would be a third of a large program."""
+    solved()(MATRIX, VECTOR)
+    (content,) = (path.read_bytes() for path in store.files())
+    assert b"linear.py" not in content
+
+
 def test_stored_programs_are_bit_identical_to_newly_traced_programs(store):
     airframe, environment, target = load_airframe("f16"), standard_environment(), trim_target(150.0, 1000.0)
     trims = []

@@ -195,6 +195,16 @@ def _bypass_jax_cache() -> Iterator[None]:
             jax.config.update(setting, former_minimum)
 
 
+def _strip_locations(lowered: Any) -> None:
+    """Remove the lines of source code from a lowered program: its stored code is a third smaller and loads sooner."""
+    with contextlib.suppress(ImportError, AttributeError, RuntimeError):  # another version of JAX
+        from jax._src.lib.mlir import passmanager  # pyright: ignore[reportPrivateImportUsage]
+
+        module = lowered.compiler_ir()
+        with module.context:
+            passmanager.PassManager.parse("builtin.module(strip-debuginfo)").run(module.operation)
+
+
 def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
     """Compile a lowered program; return it with a flag, True if it can be serialized.
 
@@ -476,6 +486,7 @@ class Program(Generic[_P, _R]):
         def lower() -> Callable[[], _LoadedProgram]:
             # Unused arguments are left out of the lowered text: with them, XLA's older code generator ends the process.
             lowered = translate("lowering", traced.lower)
+            _strip_locations(lowered)
             return functools.partial(make, lowered)
 
         def make(lowered: Any) -> _LoadedProgram:
