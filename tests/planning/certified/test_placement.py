@@ -147,7 +147,7 @@ def test_the_smaller_set_and_the_first_profiles_are_parts_of_the_standard_set():
     durations = jnp.full(8, 260.0)
 
     @compiled_quickly
-    def generated(candidate_set, profile_count=profile_count):
+    def generated(candidate_set, profile_count):
         return fleet_candidates(tasks, airspace, durations, INTERVALS, candidate_set, profile_count=profile_count)
 
     small, large = (generated(candidate_set, None) for candidate_set in (MINIMAL, STANDARD))
