@@ -178,7 +178,7 @@ def test_goal_rendezvous_and_goal_estimate_are_handed_over():
 
 @pytest.mark.long
 def test_the_new_goal_is_met(tmp_path):
-    # At the earliest arrival, at 61 s, the choice of one path depends on rounding, and one of the paths is hard to fly.
+    # At the preferred arrival, at 61 s, the choice of one path depends on rounding, and one of the paths is hard to fly.
     flown = run(loads(text(("c", "spare")) + '[arrival]\nrule = "at"\ntime_s = 80.0\n'))
     assert flown.met
     entries = {entry["name"]: entry for entry in flown.summary["aircraft"]}

@@ -91,3 +91,6 @@ def test_packed_rows_are_the_same_rows_with_their_types():
         assert isinstance(values, np.ndarray)
         assert values.dtype == rows[key].dtype
         np.testing.assert_array_equal(values, rows[key])
+    start = jnp.zeros(2), jnp.asarray(7, dtype=jnp.int32), COUNT, Signals(), None
+    with pytest.raises(ValueError, match="packed_rows"):
+        scan_steps(advance, *start, None, packed_rows=True)

@@ -134,19 +134,19 @@ def _source_hash(description: str) -> str:
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
-class _LoadedModule(NamedTuple):
-    """Description of a module's names, as of the last look."""
+class _ModuleDescription(NamedTuple):
+    """Description of the names in a module."""
 
     bindings: list[Any]  # names and values of the module, then of each of its classes
     modules: frozenset[str]  # modules of the package that the values come from
     text: str  # functions, classes and numbers by name
 
 
-_loaded_modules: dict[str, _LoadedModule] = {}
+_descriptions: dict[str, _ModuleDescription] = {}
 
 
-def _look_at_module(module: ModuleType) -> _LoadedModule:
-    """Describe a module; the description of the last look is returned if no name is bound to another value since.
+def _describe_module(module: ModuleType) -> _ModuleDescription:
+    """Describe the names in a module; the former description is returned unless a name is bound to another value.
 
     Raises NotCacheableError if a replacement comes from outside the trusted packages and the package's own libraries.
     """
@@ -156,7 +156,7 @@ def _look_at_module(module: ModuleType) -> _LoadedModule:
         vars(value) for value in vars(module).values() if inspect.isclass(value) and value.__module__ == name
     ]
     bindings = [entry for namespace in namespaces for entry in (*namespace, *namespace.values())]
-    former = _loaded_modules.get(name)
+    former = _descriptions.get(name)
     if former is not None and len(former.bindings) == len(bindings) and all(map(is_, former.bindings, bindings)):
         return former
     entries, modules = [], set()
@@ -179,18 +179,18 @@ def _look_at_module(module: ModuleType) -> _LoadedModule:
             for method_name, method in vars(value).items():
                 if inspect.isfunction(method):
                     add(f"{name}.{key}.{method_name}", method)
-    _loaded_modules[name] = _LoadedModule(bindings, frozenset(modules), "\n".join(entries))
-    return _loaded_modules[name]
+    _descriptions[name] = _ModuleDescription(bindings, frozenset(modules), "\n".join(entries))
+    return _descriptions[name]
 
 
-def _modules_behind(description: str) -> dict[str, _LoadedModule]:
+def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
     """Return the loaded modules of the package that a program names, and those that they import, by name.
 
     Other loaded modules are left out, so that the key of a program does not depend on what else a process imported.
 
-    Raises NotCacheableError as `_look_at_module` does.
+    Raises NotCacheableError as `_describe_module` does.
     """
-    modules: dict[str, _LoadedModule] = {}
+    modules: dict[str, _ModuleDescription] = {}
     names = set(re.findall(r"\banser(?:\.\w+)+", description))
     while names:
         name = names.pop()
@@ -198,7 +198,7 @@ def _modules_behind(description: str) -> dict[str, _LoadedModule]:
         if module is None:  # a class or function: the module before the last dot
             names.update({name.rpartition(".")[0]} - {_ROOT})
         elif name not in modules and not hasattr(module, "__path__"):
-            modules[name] = _look_at_module(module)
+            modules[name] = _describe_module(module)
             names.update(modules[name].modules)
     return modules
 

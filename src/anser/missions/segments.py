@@ -26,7 +26,7 @@ fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly,
 fly_large_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, packed_rows=True))
 """One segment of a single flight of more aircraft, compiled."""
 # Greatest number of aircraft whose step is made of single kernels. With more, the kernels take longer: for twenty
-# aircraft half as long again on two cores.
+# aircraft 1.7 times as long on two cores.
 _KERNEL_AIRCRAFT = 4
 _SHORT_SEGMENTS = 6  # number of segments from one planning time to the next that a batch flies after a new plan
 

@@ -360,11 +360,13 @@ def scan_steps(
     Returns the state after the last step, the state of the recorder, and the stacked rows of samples `first_sample`,
     `first_sample + stride`, ...
 
-    Raises ValueError if the steps are not a multiple of the stride.
+    Raises ValueError if the steps are not a multiple of the stride, or if packed rows are impossible.
     """
     stride = recorder.stride
     if stride < 1 or count % stride:
         raise ValueError(f"a row every {stride} samples does not fit a flight of {count} samples")
+    if packed_rows and (active_steps is None or stride != 1):
+        raise ValueError("packed_rows: expected active_steps and a recorder of a row at every step")
 
     def step(carry: tuple[Any, Any], number: Integer) -> tuple[tuple[Any, Any], Any]:
         state, recorder_state = carry
