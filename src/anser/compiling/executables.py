@@ -9,11 +9,12 @@ import functools
 import importlib
 import json
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import jaxlib.version
 import numpy as np
 from jax.sharding import SingleDeviceSharding
 
@@ -40,7 +41,7 @@ def encode_structure(value: Any) -> Any:
         raise NotCacheableError(name)
     if isinstance(value, enum.Enum):
         return {"enum": [name, value.name]}
-    return {"class": [name, {field: encode_structure(getattr(value, field)) for field in _fields(type(value))}]}
+    return {"class": [name, {field: encode_structure(getattr(value, field)) for field in _field_names(type(value))}]}
 
 
 def decode_structure(value: Any) -> Any:
@@ -64,7 +65,7 @@ def decode_structure(value: Any) -> Any:
             return {key: decode_structure(item) for key, item in content.items()}
         case "enum", [str(name), str(member)] if member in getattr(_class(name), "__members__", ()):
             return getattr(_class(name), member)
-        case "class", [str(name), dict(fields)] if list(fields) == list(_fields(_class(name))):
+        case "class", [str(name), dict(fields)] if list(fields) == list(_field_names(_class(name))):
             return _instance(_class(name), {field: decode_structure(item) for field, item in fields.items()})
         case _:
             raise NotCacheableError(repr(value)[:80])
@@ -96,7 +97,7 @@ def _class(name: str) -> type[Any]:
     return value
 
 
-def _fields(class_: type[Any]) -> tuple[str, ...]:
+def _field_names(class_: type[Any]) -> tuple[str, ...]:
     if dataclasses.is_dataclass(class_):
         return tuple(field.name for field in dataclasses.fields(class_))
     if issubclass(class_, tuple) and hasattr(class_, "_fields"):
@@ -194,7 +195,10 @@ def _serialize(compiled: Any) -> Executable:
         or compiled._params.const_args
     ):
         raise NotCacheableError("an executable that is more than its code")
-    return Executable(compiled.runtime_executable().serialize(), sorted(whole.kept_var_idx))
+    code = compiled.runtime_executable().serialize()
+    if jax.devices()[0].platform == "cpu" and jaxlib.version.__version_info__ < UNTESTED_JAXLIB:
+        code = without_fused_instructions(code)
+    return Executable(code, sorted(whole.kept_var_idx))
 
 
 def _without_features(code: bytes) -> bytes:
@@ -211,3 +215,154 @@ def _without_features(code: bytes) -> bytes:
 def _register_lapack() -> None:
     """Make JAX register the LAPACK functions, by lowering a LAPACK call; loading a program does not."""
     jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), jnp.float32))
+
+
+UNTESTED_JAXLIB = (0, 13)
+"""First version of jaxlib whose serialized programs `without_fused_instructions` was not tested with."""
+_EXECUTABLE, _MODULE_CONFIG, _MODULE, _COMPUTATION = 1, 1, 1, 3
+_INSTRUCTION, _COMPUTATION_ID, _ROOT_ID, _IS_FUSED = 2, 5, 6, 7
+_NAME, _OPCODE, _SHAPE, _FUSION_KIND, _CALL_TARGET, _ID, _CALLED_IDS = 1, 2, 3, 11, 28, 35, 38
+"""Numbers of fields in XLA's messages: xla/service/hlo.proto, xla/service/cpu/executable.proto."""
+_COMPILED_FUSIONS = {b"kLoop", b"kInput", b"kOutput"}
+"""Kinds of fusions that are machine code; a library makes its own program from a custom fusion when it is called."""
+
+
+def without_fused_instructions(code: bytes) -> bytes:
+    """Return the serialized code of a CPU program without the instructions inside compiled fusions.
+
+    XLA stores the optimised program beside the machine code of its kernels, and builds it again on loading. Most of its
+    instructions are fused into kernels; of these, loading needs the parameters and the shape of the result only. The
+    result becomes a call without operands. The smaller code loads in half the time. Code in an unexpected form is
+    returned unchanged.
+    """
+    try:
+        length, start = _number(code, 0)  # of a header
+        program = code[start + length :]
+        return code[: start + length] + _replace(program, (_EXECUTABLE, _MODULE_CONFIG, _MODULE), _shrink_module)
+    except (ValueError, IndexError):
+        return code
+
+
+def _shrink_module(module: bytes) -> bytes:
+    computations = [module[start:end] for number, _, start, end in _fields(module) if number == _COMPUTATION]
+    compiled_ids: set[int] = set()
+    for computation in computations:
+        if not _integer(computation, _IS_FUSED):
+            for number, _, start, end in _fields(computation):
+                if number == _INSTRUCTION and _has_opcode(computation, start, end, b"fusion"):
+                    compiled_ids.update(_called_ids(computation[start:end]))
+
+    def shrink(computation: bytes) -> bytes:
+        return _shrink(computation) if _integer(computation, _COMPUTATION_ID) in compiled_ids else computation
+
+    return _replace(module, (_COMPUTATION,), shrink)
+
+
+def _called_ids(fusion: bytes) -> list[int]:
+    """Return the identifiers of the computations of a fusion that is machine code; otherwise none."""
+    identifiers: list[int] = []
+    if _bytes(fusion, _FUSION_KIND) in _COMPILED_FUSIONS:
+        called, end = _bytes(fusion, _CALLED_IDS), 0
+        while end < len(called):
+            identifier, end = _number(called, end)
+            identifiers.append(identifier)
+    return identifiers
+
+
+def _shrink(computation: bytes) -> bytes:
+    """Return a fused computation with its parameters and a call without operands in place of the result."""
+    others, instructions = [], []
+    for number, begin, start, end in _fields(computation):
+        (instructions if number == _INSTRUCTION else others).append((begin, start, end))
+    *operations, (_, start, end) = instructions
+    result = computation[start:end]
+    if _integer(result, _ID) != _integer(computation, _ROOT_ID):
+        raise ValueError("the last instruction of a fused computation is not its result")
+    if _has_opcode(computation, start, end, b"parameter"):
+        return computation
+    kept = [result[begin:end] for number, begin, _, end in _fields(result) if number in (_NAME, _SHAPE, _ID)]
+    call = b"".join([*kept, _with_length(_OPCODE, b"custom-call"), _with_length(_CALL_TARGET, b"compiled")])
+    parameters = (field for field in operations if _has_opcode(computation, field[1], field[2], b"parameter"))
+    remaining = (computation[begin:end] for begin, _, end in (*others, *parameters))
+    return b"".join([*remaining, _with_length(_INSTRUCTION, call)])
+
+
+def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
+    """Whether the instruction at `start` to `end` of a message has an operation code; its name is the first field."""
+    name_length = message[start + 1]
+    if name_length < 128:
+        return message.startswith(bytes([_OPCODE << 3 | 2, len(opcode)]) + opcode, start + 2 + name_length)
+    return _bytes(message[start:end], _OPCODE) == opcode
+
+
+def _replace(message: bytes, path: tuple[int, ...], function: Callable[[bytes], bytes]) -> bytes:
+    """Return a message with `function` applied to each embedded message at a path of field numbers."""
+    if not path:
+        return function(message)
+    return b"".join(
+        _with_length(number, _replace(message[start:end], path[1:], function))
+        if number == path[0]
+        else message[begin:end]
+        for number, begin, start, end in _fields(message)
+    )
+
+
+def _fields(message: bytes) -> Iterator[tuple[int, int, int, int]]:
+    """Yield the number of each field of a message, and the positions of its begin, its value, and its end."""
+    end, size = 0, len(message)
+    while end < size:
+        begin = end
+        tag, start = _number(message, begin)
+        match tag & 7:
+            case 0:
+                _, end = _number(message, start)
+            case 1:
+                end = start + 8
+            case 2:
+                length, start = _number(message, start)
+                end = start + length
+            case 5:
+                end = start + 4
+            case _:
+                raise ValueError("no message of Protocol Buffers")
+        if end > size:
+            raise ValueError("the message ends within a field")
+        yield tag >> 3, begin, start, end
+
+
+def _integer(message: bytes, number: int) -> int:
+    """Return the value of the first field with a number; 0 without such a field."""
+    return next((_number(message, start)[0] for found, _, start, _ in _fields(message) if found == number), 0)
+
+
+def _bytes(message: bytes, number: int) -> bytes:
+    return next((message[start:end] for found, _, start, end in _fields(message) if found == number), b"")
+
+
+def _number(message: bytes, position: int) -> tuple[int, int]:
+    """Return the integer of variable length at a position, and the position after it."""
+    value = message[position]
+    if value < 128:
+        return value, position + 1
+    value, shift = value & 127, 7
+    while True:
+        position += 1
+        part = message[position]
+        value |= (part & 127) << shift
+        if part < 128:
+            return value, position + 1
+        shift += 7
+
+
+def _with_length(number: int, value: bytes) -> bytes:
+    """Encode a field of bytes."""
+    return _encode(number << 3 | 2) + _encode(len(value)) + value
+
+
+def _encode(number: int) -> bytes:
+    encoded = bytearray()
+    while number > 127:
+        encoded.append(number & 127 | 128)
+        number >>= 7
+    encoded.append(number)
+    return bytes(encoded)

@@ -12,7 +12,7 @@ import jax
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 
-COMPUTED_MAX, MOVED_MAX = 320, 16_384
+COMPUTED_MAX, MOVED_MAX = 512, 16_384
 """Greatest sizes of computed arrays and of arrays that are only moved, elements, within one kernel. XLA divides larger
 arrays (from 256 KiB or 200,000 operations) among cores; inside a kernel that division ends with an internal fault."""
 _MOVES = frozenset(
