@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import jaxlib.version
 import numpy as np
 from jax.sharding import SingleDeviceSharding
 
@@ -196,7 +195,7 @@ def _serialize(compiled: Any) -> Executable:
     ):
         raise NotCacheableError("an executable that is more than its code")
     code = compiled.runtime_executable().serialize()
-    if jax.devices()[0].platform == "cpu" and jaxlib.version.__version_info__ < UNTESTED_JAXLIB:
+    if jax.devices()[0].platform == "cpu":
         code = without_fused_instructions(code)
     return Executable(code, sorted(whole.kept_var_idx))
 
@@ -217,8 +216,6 @@ def _register_lapack() -> None:
     jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), jnp.float32))
 
 
-UNTESTED_JAXLIB = (0, 13)
-"""First version of jaxlib whose serialized programs `without_fused_instructions` was not tested with."""
 _EXECUTABLE, _MODULE_CONFIG, _MODULE, _COMPUTATION = 1, 1, 1, 3
 _INSTRUCTION, _COMPUTATION_ID, _ROOT_ID, _IS_FUSED = 2, 5, 6, 7
 _NAME, _OPCODE, _SHAPE, _FUSION_KIND, _CALL_TARGET, _ID, _CALLED_IDS = 1, 2, 3, 11, 28, 35, 38
