@@ -1,9 +1,11 @@
 """One flight of a scenario: check of the precision, planning, the flight with its events, and the result."""
 
+import contextlib
 import functools
 import importlib
 import json
 import os
+import threading
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -94,10 +96,17 @@ _RESULT_FILES = (FLIGHT, SUMMARY, "report.html")
 
 
 def _prepare(precision: Precision, flight: Flight, state: FlightState) -> PreparedProgram:
-    """Start the program of a flight's segments in a precision; import xarray and pandas in the meantime."""
+    """Start the program of a flight's segments in a precision; import xarray while it is compiled."""
     prepared = prepare_flight(cast_flight(flight, precision), cast_state(state, precision)).start()
-    importlib.import_module("anser.results.dataset")
+    if prepared.is_compiling:
+        _import_results()
     return prepared
+
+
+def _import_results() -> None:
+    """Import the modules of results, with xarray and pandas; the statement that needs a module repeats a failure."""
+    with contextlib.suppress(Exception):
+        importlib.import_module("anser.results.dataset")
 
 
 def _start_replanning_programs(flight: Flight, state: FlightState) -> None:
@@ -192,16 +201,14 @@ def run(
         planned = plan(scenario, lambda message: on_progress(message, None), functools.partial(_prepare, precision))
     elif planned.scenario != scenario:
         raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
-    from anser.results.dataset import to_dataset
-    from anser.results.documents import version_attributes
-    from anser.results.summary import summarize
-
     if planned.refusals:
         raise NoPlanError(planned.refusals)
     flight, state = cast_flight(planned.flight, precision), cast_state(planned.initial_state(), precision)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     _start_replanning_programs(flight, state)
+    # While the compiled steps leave a core free. No daemon: the interpreter must not end within an import.
+    threading.Thread(target=_import_results, name="anser-imports").start()
     on_progress("flying", 0.0)
     segments, sample_index = [], 0
     schedule = EventSchedule(scenario, lambda message: on_progress(message, None))
@@ -222,6 +229,10 @@ def run(
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - start_time
     on_progress("summing up", None)
+    from anser.results.dataset import to_dataset
+    from anser.results.documents import version_attributes
+    from anser.results.summary import summarize
+
     outcomes = [outcome.as_dict() for outcome in schedule.outcomes]
     surfaces = planned.flight.surfaces[: len(scenario.aircraft)]
     summary = summarize(
