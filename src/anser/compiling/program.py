@@ -160,10 +160,10 @@ class _ArrayMarker:
 _cache_hits: list[int] = []
 """Thread of each program that JAX's own persistent cache supplied."""
 _executor = ThreadPoolExecutor(2, "anser-compiling")
-_CODE_MAX = 72 << 20
-"""Greatest total code size of a process, bytes; loaded programs take about twenty times as much memory."""
+_CODE_MAX = 44 << 20
+"""Greatest total size of stored code of a process, bytes; programs take about thirty times as much memory."""
 _REGIONS_SHARE_MAX = 0.5
-_LARGE = 4 << 20
+_LARGE = 5 << 19
 _LOG = logging.getLogger(__name__)
 _uses = itertools.count()
 _release_lock = threading.Lock()
