@@ -1,9 +1,5 @@
 """Functions compiled without the optimizer, and batches divided among cores: equal results, one compilation per shape."""
 
-import os
-import subprocess
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -72,20 +68,3 @@ def test_calls_on_cores_keep_their_order_and_their_errors():
     assert [int(square) for square in squares] == [0, 1, 4, 9, 16]
     with pytest.raises(ZeroDivisionError):
         call_on_cores([lambda: jnp.asarray(1 / 0), lambda: jnp.asarray(1.0)])
-
-
-@pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="threads are counted on Linux")
-@pytest.mark.parametrize(("environment", "threads"), [({}, 1), ({"PJRT_NPROC": "2"}, 1), ({"NPROC": "3"}, 3)])
-def test_the_pool_of_xla_has_the_requested_number_of_threads_unless_the_user_sets_it(environment, threads):
-    program = """
-import pathlib
-from anser.compiling.options import limit_xla_threads
-limit_xla_threads(1)
-import jax
-jax.devices()
-print([path.read_text().strip() for path in pathlib.Path("/proc/self/task").glob("*/comm")].count("tf_XLAEigen"))
-"""
-    inherited = {name: value for name, value in os.environ.items() if name not in ("NPROC", "PJRT_NPROC")}
-    call = [sys.executable, "-c", program]
-    printed = subprocess.run(call, env=inherited | environment, check=True, capture_output=True, text=True).stdout
-    assert int(printed) == threads

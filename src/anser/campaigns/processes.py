@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 from anser.campaigns.machine import available_memory
 from anser.campaigns.store_integrity import StoreError
 from anser.compiling.measuring import compilation_message, usable_cores
-from anser.compiling.options import enable_compilation_cache, limit_xla_threads
+from anser.compiling.options import enable_compilation_cache
 from anser.missions.batches import Progress
 from anser.missions.series import SeriesSelection
 from anser.scenario.schema import Scenario
@@ -162,7 +162,8 @@ def _initialize_worker(reports: Any) -> None:
     """Initialize a worker process; the main process handles Ctrl-C."""
     threading.Thread(target=_send_reports, args=(reports,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    limit_xla_threads(1)  # one process per core suffices, and further threads would compete for the cores
+    # XLA's threads: one process per core suffices, and further threads would compete for the cores
+    os.environ.setdefault("NPROC", "1")
     enable_compilation_cache()
 
 

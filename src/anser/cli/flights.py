@@ -91,7 +91,6 @@ def run(
     from anser.missions.first_plan import NoPlanError, PlanFileError
     from anser.missions.runs import run as fly  # late import: errors in the file come first
 
-    _leave_cores_to_other_work()
     target = out if out is not None else default_folder if force else make_next_folder(default_folder)
     try:
         with open_output_folder(target, force or out is None) as into, progress_bar() as tell:
@@ -132,14 +131,6 @@ def demo(
     For a copy of its scenario: anser new mine.toml --from three-aircraft
     """
     run(shipped_files()["three-aircraft"], out=out, force=force, open_=open_)
-
-
-def _leave_cores_to_other_work() -> None:
-    """Give XLA's pool half of the cores: programs are compiled and loaded, and libraries imported, in other threads."""
-    from anser.compiling.measuring import usable_cores
-    from anser.compiling.options import limit_xla_threads
-
-    limit_xla_threads(max(1, usable_cores() // 2))
 
 
 def _open_in_browser(page: Path) -> None:
@@ -248,7 +239,6 @@ def plan(
         from anser.missions.plans import plan as make_plan  # late import: errors in the file come first
         from anser.missions.plans import write_plan
 
-        _leave_cores_to_other_work()
         planned = make_plan(scenario_to_plan, tell)
         if planned.refusals:
             end_without_result("no plan", planned.refusals, "no plan: ")

@@ -72,15 +72,6 @@ def compiled_by_older_generator(
     return decorate
 
 
-def limit_xla_threads(number: int) -> None:
-    """Limit XLA's pool of threads in this process to `number`, unless `NPROC` is set; before the first use of JAX.
-
-    XLA hands ready kernels to its pool although most kernels of a step take less time than the hand-over, and a waiting
-    thread of the pool keeps a core busy.
-    """
-    os.environ["PJRT_NPROC"] = os.environ.get("NPROC", str(number))
-
-
 def blocks_on_cores(
     count: int,
     least: int,  # rows of a block whose computation takes longer than its hand-over to another thread
