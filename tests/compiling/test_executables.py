@@ -5,11 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.compiling.executables import (
-    Executable,
-    load_executable,
-    without_fused_instructions,
-)
+from anser.compiling.executables import Executable, load_executable, without_fused_instructions
 from anser.compiling.program import _compile_serializable
 
 X = jnp.linspace(-1.0, 2.0, 400).reshape(20, 20)

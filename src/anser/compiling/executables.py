@@ -241,6 +241,7 @@ def without_fused_instructions(code: bytes) -> bytes:
 
 
 def _shrink_module(module: bytes) -> bytes:
+    """Return a program (XLA's HloModule) with shortened computations of compiled fusions."""
     computations = [module[start:end] for number, _, start, end in _fields(module) if number == _COMPUTATION]
     compiled_ids: set[int] = set()
     for computation in computations:
@@ -268,20 +269,20 @@ def _called_ids(fusion: bytes) -> list[int]:
 
 def _shrink(computation: bytes) -> bytes:
     """Return a fused computation with its parameters and a call without operands in place of the result."""
-    others, instructions = [], []
+    properties, instructions = [], []
     for number, begin, start, end in _fields(computation):
-        (instructions if number == _INSTRUCTION else others).append((begin, start, end))
+        (instructions if number == _INSTRUCTION else properties).append((begin, start, end))
     *operations, (_, start, end) = instructions
     result = computation[start:end]
     if _integer(result, _ID) != _integer(computation, _ROOT_ID):
         raise ValueError("the last instruction of a fused computation is not its result")
     if _has_opcode(computation, start, end, b"parameter"):
         return computation
-    kept = [result[begin:end] for number, begin, _, end in _fields(result) if number in (_NAME, _SHAPE, _ID)]
-    call = b"".join([*kept, _with_length(_OPCODE, b"custom-call"), _with_length(_CALL_TARGET, b"compiled")])
+    identity = [result[begin:end] for number, begin, _, end in _fields(result) if number in (_NAME, _SHAPE, _ID)]
+    call = b"".join([*identity, _with_length(_OPCODE, b"custom-call"), _with_length(_CALL_TARGET, b"compiled")])
     parameters = (field for field in operations if _has_opcode(computation, field[1], field[2], b"parameter"))
-    remaining = (computation[begin:end] for begin, _, end in (*others, *parameters))
-    return b"".join([*remaining, _with_length(_INSTRUCTION, call)])
+    unchanged_fields = (computation[begin:end] for begin, _, end in (*properties, *parameters))
+    return b"".join([*unchanged_fields, _with_length(_INSTRUCTION, call)])
 
 
 def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
@@ -329,11 +330,12 @@ def _fields(message: bytes) -> Iterator[tuple[int, int, int, int]]:
 
 def _integer(message: bytes, number: int) -> int:
     """Return the value of the first field with a number; 0 without such a field."""
-    return next((_number(message, start)[0] for found, _, start, _ in _fields(message) if found == number), 0)
+    return next((_number(message, start)[0] for field, _, start, _ in _fields(message) if field == number), 0)
 
 
 def _bytes(message: bytes, number: int) -> bytes:
-    return next((message[start:end] for found, _, start, end in _fields(message) if found == number), b"")
+    """Return the content of the first field with a number; empty without such a field."""
+    return next((message[start:end] for field, _, start, end in _fields(message) if field == number), b"")
 
 
 def _number(message: bytes, position: int) -> tuple[int, int]:
@@ -357,6 +359,7 @@ def _with_length(number: int, value: bytes) -> bytes:
 
 
 def _encode(number: int) -> bytes:
+    """Encode an integer with variable length: seven bits in each byte, the lowest first."""
     encoded = bytearray()
     while number > 127:
         encoded.append(number & 127 | 128)

@@ -104,7 +104,7 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 
 def _import_results() -> None:
-    """Import the modules of results, with xarray and pandas; the statement that needs a module repeats a failure."""
+    """Import the modules of results, with xarray and pandas; a failure is raised where `run` imports them again."""
     with contextlib.suppress(Exception):
         importlib.import_module("anser.results.dataset")
 
