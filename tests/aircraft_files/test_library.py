@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from anser.aircraft import AbstractAirframe
-from anser.aircraft_files import AIRFRAMES, load_airframe
-from anser.aircraft_files.sources import VARIANTS
+from anser.aircraft_files import AIRFRAMES, build, library, load_airframe
+from anser.aircraft_files.sources import VARIANTS, library_file
 
 
 @pytest.mark.parametrize(
@@ -18,6 +18,16 @@ def test_every_listed_variant_loads_twice_alike(name, variant):
     assert jax.tree.structure(first_airframe) == jax.tree.structure(second_airframe)
     for a, b in zip(jax.tree.leaves(first_airframe), jax.tree.leaves(second_airframe), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(("name", "variant"), [*(("f16", v) for v in VARIANTS["f16"]), ("aerosonde", "textbook")])
+def test_an_airframe_that_is_first_loaded_by_a_traced_function_has_concrete_arrays(name, variant):
+    # A cached tracer ends every later use of the airframe with an error about a leaked tracer.
+    for loader in (build._build_cached, library.load_f16, library.load_tp1538, library.load_global_f16, library_file):
+        loader.cache_clear()
+    loaded = []
+    jax.eval_shape(lambda: loaded.append(load_airframe(name, variant)))
+    assert not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(loaded))
 
 
 def test_every_number_of_an_airframe_is_a_float64_array():

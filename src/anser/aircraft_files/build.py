@@ -316,6 +316,7 @@ def _build_cached(_: str, unhashed: _UnhashedFile) -> DerivativeAircraft | DaveM
     return build_dave_ml(file) if isinstance(file, DaveMlFile) else _build_derivative_aircraft(file)
 
 
+@jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
     geometry, aero, valid = file.geometry, file.aerodynamics, file.validity
     aspect = geometry.span_m**2 / geometry.wing_area_m2

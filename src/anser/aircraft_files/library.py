@@ -7,6 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import jax
+
 from anser.aircraft.airframe import AbstractAirframe, refuse_impossible_body
 from anser.aircraft.derivative_aircraft import DerivativeAircraft
 from anser.aircraft.f16 import F16, AbstractF16, f16_engine_from_data, f16_from_data
@@ -26,6 +28,9 @@ from anser.aircraft_files.sources import (
     unknown_type_hint,
 )
 
+_concrete = jax.ensure_compile_time_eval()
+"""Decorator for loaders of cached airframes: the arrays are concrete even if the first caller is being traced."""
+
 
 @functools.cache
 def library_data(name: str) -> dict[str, Any]:
@@ -34,6 +39,7 @@ def library_data(name: str) -> dict[str, Any]:
 
 
 @functools.cache
+@_concrete
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
     """Load a reduced F-16 model by tables: a variant of `VARIANTS["f16"]` except "tp1538" and "global".
 
@@ -44,12 +50,14 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
 
 
 @functools.cache
+@_concrete
 def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
     """Load the complete F-16 of NASA TP-1538; `x_cg_over_c` as a fraction of the mean chord (default: the source's)."""
     return tp1538_from_data(library_data("tp1538"), f16_engine_from_data(library_data("f16")), x_cg_over_c)
 
 
 @functools.cache
+@_concrete
 def load_global_f16(x_cg_over_c: float | None = None) -> F16Global:
     """Load the F-16 with the global aerodynamic model, with actuators and engine of the textbook's F-16.
 
@@ -126,6 +134,7 @@ def span_of(airframe: AbstractAirframe) -> Any:
 
 
 @functools.cache
+@_concrete
 def load_body(name: str) -> SimpleBody:
     """Load an unpowered rigid body of the library, for free flight, by a name of `sources.BODIES`.
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 import jax
-import jax.numpy as jnp
 import platformdirs
 
 from anser.compiling.measuring import usable_cores
@@ -22,30 +21,9 @@ OLDER_GENERATOR: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 _UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **OLDER_GENERATOR}
 
 
-@functools.cache
-def _accepts(option: str, value: bool | str) -> bool:
-    """Whether the installed compiler accepts an option; a trivial program is compiled once as a test."""
-    probe = jax.jit(lambda x: x + 1).lower(jax.ShapeDtypeStruct((), jnp.int32))
-    try:
-        probe.compile({option: value})
-    except jax.errors.JaxRuntimeError as error:
-        if option not in str(error):
-            raise
-        return False
-    return True
-
-
-def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]:
-    """Return the requested options without those that the installed compiler rejects.
-
-    XLA removes options between versions.
-    """
-    return {option: value for option, value in requested.items() if _accepts(option, value)}
-
-
 def compiled(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
-    """Compile a function with the compiler's default options; `title` names the program for the user."""
-    return Program(function, dict, title=title)
+    """Compile a function with XLA's optimizer; `title` names the program for the user."""
+    return Program(function, {}, title=title)
 
 
 def compiled_quickly(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
@@ -53,7 +31,7 @@ def compiled_quickly(function: Callable[_P, _R], title: str | None = None) -> Pr
 
     The function runs more slowly, and the results differ by rounding.
     """
-    return Program(function, lambda: supported_options(_UNOPTIMIZED), title=title)
+    return Program(function, _UNOPTIMIZED, title=title)
 
 
 def compiled_by_older_generator(
@@ -67,7 +45,7 @@ def compiled_by_older_generator(
     """
 
     def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:
-        return Program(function, lambda: supported_options(OLDER_GENERATOR), static_argnames, title)
+        return Program(function, OLDER_GENERATOR, static_argnames, title)
 
     return decorate
 

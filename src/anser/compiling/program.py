@@ -25,7 +25,7 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from anser.compiling.executables import Executable, load_executable, pack_program, unpack_program
+from anser.compiling.executables import Executable, load_executable, pack_program, supported_options, unpack_program
 from anser.compiling.keys import NotCacheableError, jax_settings, operations_key, program_key
 from anser.compiling.measuring import (
     Compilation,
@@ -216,7 +216,7 @@ def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple
     thread = threading.get_ident()
     former_hits = _cache_hits.count(thread)
     with _bypass_jax_cache():
-        return lowered.compile(options or None), _cache_hits.count(thread) == former_hits
+        return lowered.compile(supported_options(options) or None), _cache_hits.count(thread) == former_hits
 
 
 def _load(executable: Executable, result: Any, size: int) -> _LoadedProgram:
@@ -314,7 +314,7 @@ class Program(Generic[_P, _R]):
     def __init__(
         self,
         function: Callable[_P, _R],  # pure function
-        options: Callable[[], dict[str, bool | str]],  # returns the compiler options; called on first use
+        options: dict[str, bool | str],  # for the compiler, if supported
         # names of static arguments, as in `jax.jit`; other arguments are traced. None: every argument without arrays
         # is static
         static_argnames: Sequence[str] | None = None,
@@ -401,10 +401,11 @@ class Program(Generic[_P, _R]):
             return structure.unflatten([next(remaining) if leaf is _ArrayMarker else leaf for leaf in static_leaves])
         return (), structure.unflatten(arrays) | dict(static_leaves)
 
-    def _key(self, arrays: list[Any], static: tuple[Any, Any], options: dict[str, bool | str]) -> str | None:
+    def _key(self, arrays: list[Any], static: tuple[Any, Any]) -> str | None:
         """Return the store key of the program for the given arguments, or None if the program cannot be stored."""
         try:
-            return program_key((self._function, self._join_arguments(list(map(_shape_of, arrays)), static), options))
+            arguments = self._join_arguments(list(map(_shape_of, arrays)), static)
+            return program_key((self._function, arguments, self._options))
         except NotCacheableError:
             return None
 
@@ -437,7 +438,7 @@ class Program(Generic[_P, _R]):
     def _load_stored(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
         """Return the program from the store, or None if missing or invalid."""
         store = _active_stores[0] if _active_stores else None
-        key = None if store is None else self._key(arrays, static, self._options())
+        key = None if store is None else self._key(arrays, static)
         content = store.load(key) if store is not None and key is not None else None
         if content is None:
             return None
@@ -468,9 +469,9 @@ class Program(Generic[_P, _R]):
             results.append(structure.unflatten([_shape_of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]))
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 
-        options, store = self._options(), _active_stores[0] if _active_stores else None
-        key = None if store is None else self._key(arrays, static, options)
-        record = Compilation(self.title, options)
+        store = _active_stores[0] if _active_stores else None
+        key = None if store is None else self._key(arrays, static)
+        record = Compilation(self.title, self._options)
         compilations.append(record)
 
         def translate(phase: str, step: Callable[[], Any]) -> Any:
@@ -498,7 +499,7 @@ class Program(Generic[_P, _R]):
                 with contextlib.suppress(NotCacheableError, AttributeError, KeyError):
                     # The operations identify a program only together with the arguments that they use.
                     used = sorted(lowered._lowering.compile_args["kept_var_idx"])
-                    store_key = operations_key(f"{used}\n{lowered.as_text()}", options)
+                    store_key = operations_key(f"{used}\n{lowered.as_text()}", self._options)
             if store is None or store_key is None:
                 return compile_and_save(lowered, None)
             # Workers of a campaign need the same programs at the same time: one compiles, the others wait and load.
@@ -517,7 +518,7 @@ class Program(Generic[_P, _R]):
 
         def compile_and_save(lowered: Any, store_key: str | None) -> _LoadedProgram:
             with measured(record, "compiling"):
-                compiled, whole = _compile_serializable(lowered, options)
+                compiled, whole = _compile_serializable(lowered, self._options)
             record.is_compiled = True
             content = b""
             if whole:

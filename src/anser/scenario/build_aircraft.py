@@ -237,6 +237,7 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
 
 
 @functools.lru_cache(maxsize=256)
+@jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def _build_gains(gains: Gains) -> AutopilotGains:
     """Build the gains from the scenario's table, completed by the published gains.
 
