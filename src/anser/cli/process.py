@@ -56,9 +56,17 @@ class Interrupts:
         self.arrived = True
         sys.unraisablehook = lambda _: None  # no message for an interrupt inside a finaliser
         if _loads_extension(frame):
-            threading.Timer(_POSTPONED_S, signal.raise_signal, (number,)).start()
+            threading.Timer(_POSTPONED_S, _interrupt_main_thread, (number,)).start()
             return
         raise KeyboardInterrupt
+
+
+def _interrupt_main_thread(number: int) -> None:
+    """Raise a signal in the main thread, which a signal of another thread would not wake from a wait."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:  # Windows
+        signal.raise_signal(number)
 
 
 _POSTPONED_S = 0.02
