@@ -47,6 +47,7 @@ def test_the_verbosity_of_xla_is_left_to_the_user(tmp_path, monkeypatch):
     assert _run('import os, anser\nprint("TF_CPP_MIN_LOG_LEVEL" in os.environ)', tmp_path) == "False"
 
 
+@pytest.mark.long
 def test_a_flight_imports_only_what_it_uses(tmp_path):
     program = f"""
 import sys

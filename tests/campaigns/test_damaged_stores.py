@@ -147,6 +147,7 @@ def test_metadata_of_another_study_are_not_inserted(study, out, tmp_path):
         campaign(study.parent / "other.toml", out, resume=True, processes=1)
 
 
+@pytest.mark.long
 def test_two_processes_do_not_resume_one_store(study, out):
     program = (
         "import pathlib, sys\nfrom anser.campaigns.store_integrity import folder_lock\n"

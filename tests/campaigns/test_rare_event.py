@@ -68,6 +68,7 @@ def test_a_known_probability_is_estimated_and_documented(study, tmp_path):
     assert read_rare(tmp_path / "out").document == event.document
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn_figures")
 def test_an_interrupted_analysis_is_resumed_bit_identically(study, tmp_path, monkeypatch):
     whole = rare(study, tmp_path / "whole", processes=1)

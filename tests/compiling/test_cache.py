@@ -31,6 +31,7 @@ def _run(program, setting, **environment):
     return process.stdout.strip(), process.stderr
 
 
+@pytest.mark.long
 def test_a_chosen_folder_works_with_any_order_of_imports_silently(tmp_path):
     folder = tmp_path / "cache"
     expected = (f"{folder} [0.0, 1.0, 2.0]", "")
@@ -58,6 +59,7 @@ def test_the_default_folder_is_in_the_users_cache(monkeypatch):
         jax.config.update("jax_compilation_cache_dir", former_folder)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="modes of files are those of POSIX")
 def test_a_folder_writable_by_others_gives_one_warning_and_is_not_used(tmp_path):
     folder = tmp_path / "cache"

@@ -90,6 +90,7 @@ def test_the_bank_of_the_f16_of_tp1538_stops_the_drift_of_the_course():
     assert float(mu) == pytest.approx(np.radians(0.73), rel=0.03)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turn", [-0.06, 0.06])
 def test_turns_to_both_sides_are_level_and_at_the_commanded_rate(turn):
     """At 43 deg of bank the side force adds to the lift: without correction, one turn climbs, the other descends."""

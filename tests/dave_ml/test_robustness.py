@@ -53,6 +53,7 @@ def usable(model):
     assert reread.definition.variables == model.definition.variables
 
 
+@pytest.mark.long
 def test_100_mutated_files():
     assert 10 < survive(range(100)) < 50
 

@@ -110,6 +110,7 @@ def test_the_vector_is_gymnasiums_own_vector_of_single_environments(environment,
     assert lengths > 0
 
 
+@pytest.mark.long
 def test_parts_of_a_vector_on_two_cores_are_the_vectors_of_their_seeds(environment, vector, monkeypatch):
     monkeypatch.setattr(wrapped, "_BLOCK_MIN", COUNT)
     monkeypatch.setattr("anser.compiling.options.usable_cores", lambda: 3)
@@ -142,6 +143,7 @@ def test_episodes_are_those_of_the_keys_of_the_seed(single, vector):
     np.testing.assert_array_equal(vector.reset(seed=seeds)[0], expected)
 
 
+@pytest.mark.long
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**31), scale=st.floats(0.0, 1.0))
 def test_no_state_survives_a_reset_within_random_episodes_of_the_vector(vector, seed, scale):

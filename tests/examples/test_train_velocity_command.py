@@ -101,6 +101,7 @@ def test_adam_moves_by_the_rate_at_first_and_finds_the_minimum():
     np.testing.assert_allclose(training.model["p"], target, atol=1e-3)
 
 
+@pytest.mark.long
 def test_a_toy_task_is_learned_and_the_policy_survives_its_file(tmp_path):
     settings = ppo.Settings(environments=64, rollout=16, decisions=64 * 16 * 60, minibatches=4, gamma=0.9, width=16)
     model, rows = ppo.train(ToyEnvironment(), settings, seed=0)

@@ -33,6 +33,7 @@ def test_coefficients_are_those_of_the_airframe(manoeuvre, tolerance):
         assert error < tolerance * np.std(values[inner]) + 3e-6, name
 
 
+@pytest.mark.long
 def test_an_aircraft_by_a_file_with_a_propeller_has_its_own_coefficients_too():
     model = anser.aircraft("aerosonde")
     trim = model.trim(speed_m_s=30.0, altitude_m=300.0)

@@ -144,6 +144,7 @@ def test_what_the_record_does_not_tell_is_taken_from_the_aircraft_and_said():
     assert "Cm_alpha" not in assumed
 
 
+@pytest.mark.long
 def test_an_aircraft_by_a_file_keeps_its_engine_and_actuators(tmp_path):
     model = anser.aircraft("aerosonde")
     trim = model.trim(speed_m_s=30.0, altitude_m=300.0)

@@ -86,7 +86,8 @@ def test_a_scenario_that_does_not_allow_float32_gives_a_row_with_the_reason():
 
 
 def test_rows_are_the_summaries_of_single_flights():
-    nominal = THREE.replace("timing.duration_s", 66.0)  # the arrival is at 60 s, in wind at 63 s
+    # The arrival is at 60 s, in wind at 63 s.
+    nominal = THREE.replace("timing.duration_s", 66.0, "timing.step_s", 0.02)
     windy = nominal.replace("wind.speed_m_s", 3.0, "wind.from_deg", 250.0)
     calls = []
     flight_rows = fly_many(
@@ -100,7 +101,7 @@ def test_rows_are_the_summaries_of_single_flights():
     assert_row_equals_summary(flight_rows[1], anser.run(windy))
     *shares, rows, last_share = calls
     assert shares[0] == 0.0
-    assert len(shares) > 10  # the share grows within the batch
+    assert len(shares) > 5  # the share grows within the batch
     assert shares == sorted(shares)
     assert (shares[-1], rows, last_share) == (1.0, [0, 1], 1.0)
 

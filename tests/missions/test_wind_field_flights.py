@@ -138,6 +138,7 @@ def test_a_flight_that_leaves_the_field_ends_with_a_status() -> None:
 LEVEL = {"airspeed_m_s": 150.0, "altitude_m": 1000.0, "alpha_deg": 4.0, "pitch_deg": 4.0, "throttle": 0.2}
 
 
+@pytest.mark.long
 def test_open_loop_flights_end_where_the_field_ends() -> None:
     wind = {"field": field(1.0, north_max_m=500.0)}
     flight = anser.simulate("f16", LEVEL, duration_s=6.0, step_s=0.02, wind=wind)
@@ -152,9 +153,8 @@ def test_open_loop_flights_go_on_where_the_wind_is_held() -> None:
     assert held.dataset.attrs["end"] == "flown to the end"
 
 
-@pytest.mark.parametrize(
-    "start", [LEVEL, pytest.param([LEVEL, {**LEVEL, "altitude_m": 2000.0}], marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("start", [LEVEL, [LEVEL, {**LEVEL, "altitude_m": 2000.0}]])
 def test_a_simulator_stops_at_the_end_of_the_field(start: Any) -> None:
     simulator = anser.Simulator("f16", start, step_s=0.1, wind={"field": field(1.0, north_max_m=500.0)})
     with pytest.raises(ValueError, match=r"leaves the wind field of the file at 3\.\d s, 5\d\d m north, .*outside"):

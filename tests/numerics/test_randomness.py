@@ -41,6 +41,7 @@ def draw_normals(flight, aircraft, number):
     return source.normals(AIR, number, 7) + 0.0 * flight
 
 
+@pytest.mark.long
 def test_numbers_alone_and_in_a_batch_are_bit_identical():
     """Compiled with the default options: the test suite's compiler options allow different rounding."""
     path = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))

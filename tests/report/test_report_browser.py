@@ -98,6 +98,7 @@ def test_the_dark_scheme_applies_to_every_part(browser, path):
     assert np.median(picture_of(browser, ".scene")) > 0.9
 
 
+@pytest.mark.long
 def test_printed_plots_and_scene_are_complete_and_light(browser, path):
     opened(browser, path)
     # what is on the canvases when the printing begins: the least lightness of a colour, and how many pixels are inked

@@ -16,7 +16,7 @@ EVIL = "</script><script>window.harmed = true</script><img src=x onerror='window
 SIZE_MAX, READY_MAX_MS = 8_000_000, 3000.0
 
 
-@pytest.mark.parametrize("repeat", [1, 7])
+@pytest.mark.parametrize("repeat", [1, pytest.param(7, marks=pytest.mark.long)])
 def test_the_page_opens_quickly_without_errors(browser, tmp_path, repeat):
     path = tmp_path / "report.html"
     write_report(*make_flight(repeat=repeat), path)

@@ -25,6 +25,7 @@ print("\\n".join(names))
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scenario", "programs"),
     [

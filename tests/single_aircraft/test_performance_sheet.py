@@ -18,6 +18,7 @@ def sheet():
     return anser.aircraft("f16").performance(1000.0)
 
 
+@pytest.mark.long
 def test_the_command_prints_the_limits_of_a_coarse_sheet(anser, monkeypatch):
     """With grids of a quarter of the size: the stall, the level flight and the turn end at the limits of the F-16."""
     for name, value in (("_SPEEDS", 11), ("_ALTITUDES", 3), ("_TURN_PASSES", 2), ("_CHUNK", 16)):

@@ -50,6 +50,7 @@ def linear_response(amplitude_deg):
     return dict(zip(model.states, (x + np.asarray(model.x)).T, strict=True))
 
 
+@pytest.mark.long
 def test_small_doublets_approach_the_linear_model_with_the_square_of_the_amplitude():
     quantities = {"alpha": "alpha_deg", "Q": "pitch_rate_deg_s", "theta": "pitch_deg", "phi": "roll_deg"}
     quantities |= {"P": "roll_rate_deg_s"}
@@ -298,6 +299,7 @@ def test_a_change_that_is_not_valid_is_refused(change, message):
         anser.simulate(f16(), level(), duration_s=1.0, change=change)
 
 
+@pytest.mark.long
 def test_a_trim_in_hot_air_is_steady_there_and_refused_elsewhere():
     f16, hot = anser.aircraft("f16"), {"temperature_offset_k": 20.0}
     trim = f16.trim(150, 1000, atmosphere=hot)

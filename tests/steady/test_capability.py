@@ -53,6 +53,7 @@ def test_airspeeds_of_level_flight(capability):
     assert capability.speed_min == pytest.approx(33.0, rel=0.05)
 
 
+@pytest.mark.long
 def test_turns_and_climbs(capability):
     rate = 9.80665 * np.tan(capability.bank_max) / SPEED
     assert smallest_margin(SPEED, turn_rate=rate) >= 0.1 - 1e-9

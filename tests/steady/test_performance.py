@@ -48,6 +48,7 @@ def against_path(airframe, speed, altitude, load_factor):
     return -float(np.dot(force, direction_b)) / float(airframe.mass_properties.mass)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("speed", [95.0, 115.0, 134.0, 164.0, 200.0])
 @pytest.mark.parametrize("load_factor", [1.0, 0.75, 0.5])
 def test_idle_deceleration_equals_trims_at_other_airspeeds(speed, load_factor):

@@ -10,6 +10,7 @@ from trials.airframe_mutations import outcomes, principal_margin, table, try_tom
 STARTER = tomllib.loads(airframe_starter())
 
 
+@pytest.mark.long
 def test_a_sample_is_refused_or_right():
     results = list(outcomes(bodies=30, seed=3, every_unit=80))
     assert [outcome for outcome in results if not outcome.good] == []

@@ -9,6 +9,7 @@ from anser.compiling.store import FolderStore
 from trials.damaged_caches import DAMAGES, run_trial
 
 
+@pytest.mark.long
 def test_damaged_programs_are_rebuilt_and_untrusted_folders_ignored(tmp_path):
     outcomes = run_trial(len(DAMAGES), tmp_path)
     assert Counter(outcome.kind for outcome in outcomes) == dict.fromkeys(DAMAGES, 1)

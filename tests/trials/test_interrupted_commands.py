@@ -9,6 +9,7 @@ from trials.interrupted_commands import COMMANDS, Ended, faults_of, interrupt, p
 STOPPED = Ended(130, "stopped\n", 1.0, 0.1)
 
 
+@pytest.mark.long
 def test_a_command_interrupted_at_random_moments_of_its_imports_stops_with_one_message(tmp_path):
     faults, line = interrupt("new", tmp_path, 3, random.Random(1))
     assert faults == []
