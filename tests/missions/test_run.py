@@ -120,9 +120,9 @@ def test_the_hold_circles_the_goal(three):
 def test_a_repeated_flight_has_equal_numbers(three):
     assert anser.loads(THREE).hash == three.scenario.hash
     # The same flight given up earlier: the duration is no part of it.
-    repeated = anser.run(anser.loads(THREE.replace("duration_s = 150.0", "duration_s = 30.0")))
+    repeated = anser.run(anser.loads(THREE.replace("duration_s = 150.0", "duration_s = 45.0")))
     same_period = three.dataset.isel(time=slice(repeated.dataset.sizes["time"]))
-    assert repeated.dataset.sizes["time"] == 301
+    assert repeated.dataset.sizes["time"] == 451
     for name in ("north_m", "altitude_m", "elevator_deg", "throttle"):
         np.testing.assert_array_equal(repeated.dataset[name], same_period[name])
 
