@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from anser.control import GuidanceSettings
@@ -128,6 +128,9 @@ def test_the_path_through_the_goal_is_straight(course, gamma, goal_velocity_n, w
     winds,
     st.sampled_from([1.0, -1.0]),
 )
+@example(
+    np.array([69.0, 0.0, 0.0]), 1.045441162201652, np.array([-11.5, -11.75, 0.0]), np.array([-11.5, -11.75, 0.0]), 1.0
+)
 def test_rates_of_the_hold_agree_with_differences(relative_n, course, goal_velocity_n, wind_n, turn):
     distance = np.hypot(*relative_n[:2])
     # away from the kinks: the smoothstep's end at a tenth of the radius, the radius
@@ -138,11 +141,14 @@ def test_rates_of_the_hold_agree_with_differences(relative_n, course, goal_veloc
     commands = [
         held(relative_n + h * moving_n, velocity_n, goal_velocity_n, wind_n, velocity_n, turn) for h in (-1e-3, 0, 1e-3)
     ]
-    difference = (np.array(jax.tree.leaves(commands[2])) - np.array(jax.tree.leaves(commands[0]))) / 2e-3
-    chi_difference = (difference[2] * 2e-3 + np.pi) % (2 * np.pi) - np.pi
-    difference[2] = chi_difference / 2e-3
+    values = np.array([jax.tree.leaves(command)[:3] for command in commands])
+    values[:, 2] = np.unwrap(values[:, 2])
+    # Where the limit of the course change begins, the rate is that of one side.
+    before, after = np.diff(values, axis=0) / 1e-3
+    rates = np.array(jax.tree.leaves(commands[1])[3:])
     # second differences of the field over 0.15 m; rounding 1e-13 over h
-    np.testing.assert_allclose(jax.tree.leaves(commands[1])[3:], difference[:3], atol=3e-5)
+    assert np.all(rates >= np.minimum(before, after) - 3e-5)
+    assert np.all(rates <= np.maximum(before, after) + 3e-5)
 
 
 def _fly(relative_0_n, goal_velocity_n, wind_n, arrival_n, turn, count, step):
