@@ -1,5 +1,7 @@
 """Height needed to end a descent: against integrated motion, and special cases."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,13 +19,13 @@ heights = jax.jit(jax.vmap(level_off_height, in_axes=(None, 0, None, None, None)
 
 def integrated(speed, gamma, pull, step=1e-4):
     """Height lost until level: reaction time at constant sink without thrust or drag, then V gamma_dot = pull."""
-    fallen = speed * np.sin(gamma) * REACTION_S
-    V, angle, lost = np.sqrt(speed**2 + 2 * GRAVITY * fallen), 0.0, fallen
-    angle = np.arcsin(speed * np.sin(gamma) / V)
+    fallen = speed * math.sin(gamma) * REACTION_S
+    V, angle, lost = math.sqrt(speed**2 + 2 * GRAVITY * fallen), 0.0, fallen
+    angle = math.asin(speed * math.sin(gamma) / V)
     while angle > 0.0:
         middle = angle - 0.5 * step * pull / V
-        lost += step * V * np.sin(middle)
-        V += step * GRAVITY * np.sin(middle)
+        lost += step * V * math.sin(middle)
+        V += step * GRAVITY * math.sin(middle)
         angle -= step * pull / V
     return lost
 
