@@ -96,6 +96,7 @@ def test_a_new_file_is_checked_and_errors_are_reported(anser, tmp_path):
     assert "stands out from its neighbours" in err
 
 
+@pytest.mark.long
 def test_show_draws_and_prints_level_flight(anser, tmp_path):
     picture = tmp_path / "aerosonde.png"
     code, out, _ = anser("aircraft", "show", "aerosonde", "--out", picture, "--json")

@@ -55,6 +55,7 @@ def vector(environment):
     return gymnasium.make_vec(NAME, num_envs=COUNT, task=environment)
 
 
+@pytest.mark.long
 def test_the_single_environment_passes_gymnasiums_check_without_warnings(single):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

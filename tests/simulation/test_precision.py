@@ -85,6 +85,7 @@ def float64_of_a_step(path):
     return files
 
 
+@pytest.mark.long
 def test_a_float32_step_has_no_float64_part():
     assert float64_of_a_step(THREE) == set()
 

@@ -60,6 +60,7 @@ def test_idle_deceleration_equals_trims_at_other_airspeeds(speed, load_factor):
     assert deceleration == pytest.approx(expected, rel=0.03, abs=0.06)
 
 
+@pytest.mark.long
 def test_the_deceleration_at_the_start_equals_the_trim():
     able = performance(F16, 150.0, 1000.0)
     assert float(able.deceleration) == pytest.approx(against_path(F16, 150.0, 1000.0, 1.0), rel=1e-12)
