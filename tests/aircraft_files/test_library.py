@@ -8,10 +8,12 @@ from anser.aircraft import AbstractAirframe
 from anser.aircraft_files import AIRFRAMES, build, library, load_airframe
 from anser.aircraft_files.sources import VARIANTS, library_file
 
-
-@pytest.mark.parametrize(
+every_airframe = pytest.mark.parametrize(
     ("name", "variant"), [(name, variant) for name in AIRFRAMES for variant in VARIANTS.get(name, ("textbook",))]
 )
+
+
+@every_airframe
 def test_every_listed_variant_loads_twice_alike(name, variant):
     first_airframe, second_airframe = load_airframe(name, variant), load_airframe(name, variant)
     assert isinstance(first_airframe, AbstractAirframe)
@@ -20,7 +22,7 @@ def test_every_listed_variant_loads_twice_alike(name, variant):
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize(("name", "variant"), [*(("f16", v) for v in VARIANTS["f16"]), ("aerosonde", "textbook")])
+@every_airframe
 def test_an_airframe_that_is_first_loaded_by_a_traced_function_has_concrete_arrays(name, variant):
     # A cached tracer ends every later use of the airframe with an error about a leaked tracer.
     for loader in (build._build_cached, library.load_f16, library.load_tp1538, library.load_global_f16, library_file):

@@ -5,8 +5,17 @@ import threading
 
 from jax import stages
 from jax._src.interpreters import mlir
+from jax._src.lib.mlir import ir
 
 _RENEWAL = 500  # programs, after which a new context lets the memory of the former go
+
+
+def _is_lowering() -> bool:
+    """Whether a program is being lowered: a program compiled meanwhile would become a part of it in its context."""
+    try:
+        return ir.InsertionPoint.current is not None
+    except ValueError:
+        return False
 
 
 def share_contexts() -> None:
@@ -22,7 +31,7 @@ def share_contexts() -> None:
     held = {"count": 0, "lowered for later": 0, "context": None}
 
     def common_context():
-        if held["lowered for later"] or threading.current_thread() is not threading.main_thread():
+        if held["lowered for later"] or _is_lowering() or threading.current_thread() is not threading.main_thread():
             return make_context()
         if held["count"] % _RENEWAL == 0:
             held["context"] = make_context()

@@ -287,6 +287,7 @@ def _evaluate_airframe(airframe: DaveMlAircraft) -> object:
 
 
 @overload
+@jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def build_airframe(file: AirframeFile) -> DerivativeAircraft: ...
 @overload
 def build_airframe(file: DaveMlFile) -> DaveMlAircraft: ...
@@ -316,7 +317,6 @@ def _build_cached(_: str, unhashed: _UnhashedFile) -> DerivativeAircraft | DaveM
     return build_dave_ml(file) if isinstance(file, DaveMlFile) else _build_derivative_aircraft(file)
 
 
-@jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
     geometry, aero, valid = file.geometry, file.aerodynamics, file.validity
     aspect = geometry.span_m**2 / geometry.wing_area_m2

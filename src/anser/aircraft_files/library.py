@@ -67,6 +67,7 @@ def load_global_f16(x_cg_over_c: float | None = None) -> F16Global:
     return global_f16_from_data(library_data("f16-global"), textbook.actuators, textbook.engine, x_cg_over_c)
 
 
+@_concrete
 def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> AbstractAirframe:
     """Load an airframe.
 
