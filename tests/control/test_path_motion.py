@@ -36,7 +36,7 @@ def rates_two_ways(x):
 
     angles_now, true_rates = jax.jvp(angles, (state,), (moving,))
     motion = believed_motion(state, x)[1]
-    attitude_rates = motion.drift + jnp.sum(motion.effectiveness * state.rates_b[None, :], axis=1)
+    attitude_rates = motion.force_rates + jnp.sum(motion.rate_matrix * state.rates_b[None, :], axis=1)
     return angles_now, true_rates, jnp.concatenate([attitude_rates, motion.path_rates])
 
 
@@ -53,8 +53,8 @@ def test_published_rates_are_the_rates_of_the_simulated_motion(x):
 @jax.jit
 def inverted(x, target):
     motion = setting_of(x).motion
-    rates_b = solve3(motion.effectiveness, target - motion.drift)
-    return motion.drift + jnp.sum(motion.effectiveness * rates_b[None, :], axis=1)
+    rates_b = solve3(motion.rate_matrix, target - motion.force_rates)
+    return motion.force_rates + jnp.sum(motion.rate_matrix * rates_b[None, :], axis=1)
 
 
 @modest
@@ -66,7 +66,7 @@ def test_the_effectiveness_is_invertible_in_the_whole_envelope(x):
 
 def _outputs(x):
     motion = setting_of(x).motion
-    return jnp.concatenate([motion.drift, motion.effectiveness.ravel(), motion.path_rates, motion.mu[None]])
+    return jnp.concatenate([motion.force_rates, motion.rate_matrix.ravel(), motion.path_rates, motion.mu[None]])
 
 
 _outputs_jit = jax.jit(_outputs)

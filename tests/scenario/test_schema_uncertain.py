@@ -173,7 +173,7 @@ def test_a_perfect_world_is_the_default():
     assert isinstance(vehicle.sensors, IdealSensors)
     assert isinstance(vehicle.estimator, DirectEstimator)
     assert isinstance(vehicle.gusts, NoGusts)
-    assert np.isinf(vehicle.faults.departure_time)
+    assert np.isinf(vehicle.faults.leaving_time)
 
 
 def test_each_table_builds_its_part():

@@ -210,7 +210,7 @@ def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, tr
     moment_b = moment_b - airframe.aerodynamics(data, zero_rates, surfaces).moment_b
     actuators = airframe.actuators
     moments = surface_moments(airframe, condition, zero_rates, surfaces)
-    deflection_used = jnp.abs(deflection_for_moment(actuators, moments.slope) @ moment_b)
+    deflection_used = jnp.abs(deflection_for_moment(actuators, moments.effectiveness) @ moment_b)
     travel_left = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
     commanded = np.flatnonzero(actuators.is_commanded)
     return _SIDESLIP_SEEN * jnp.min(travel_left[commanded] / jnp.maximum(deflection_used[commanded], 1e-6))

@@ -280,7 +280,7 @@ def _shrink_module(module: bytes) -> bytes:
 
 
 def _called_ids(fusion: bytes) -> list[int]:
-    """Return the identifiers of the computations of a fusion that is machine code; otherwise none."""
+    """Return the identifiers of the computations that a fusion calls, if compiled to machine code; otherwise none."""
     identifiers: list[int] = []
     if _bytes(fusion, _FUSION_KIND) in _COMPILED_FUSIONS:
         called, end = _bytes(fusion, _CALLED_IDS), 0

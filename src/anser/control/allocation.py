@@ -29,7 +29,7 @@ class SurfaceMoments(eqx.Module):
     moment_b: Vector3  # aerodynamic moment at `surfaces` (3,), N m
     # control effectiveness, the derivative of the moment by the deflections (3, surfaces), N m/rad; 0 for surfaces that
     # no controller commands
-    slope: Float[Array, "3 n"]
+    effectiveness: Float[Array, "3 n"]
 
 
 class SurfaceDemand(eqx.Module):
@@ -47,10 +47,10 @@ def surface_moments(
     def moment_of(deflections: Vector) -> Vector3:
         return airframe.aerodynamics(condition.air_data, rates_b, deflections).moment_b
 
-    moment_b, slope_of = jax.linearize(moment_of, surfaces)
+    moment_b, moment_change = jax.linearize(moment_of, surfaces)
     unit = np.eye(surfaces.shape[0])[_commanded_indices(airframe.actuators)]
-    slope = jax.vmap(slope_of, out_axes=1)(jnp.asarray(unit, dtype=surfaces.dtype))
-    return SurfaceMoments(surfaces, moment_b, _scatter_to_surfaces(airframe.actuators, slope.T).T)
+    effectiveness = jax.vmap(moment_change, out_axes=1)(jnp.asarray(unit, dtype=surfaces.dtype))
+    return SurfaceMoments(surfaces, moment_b, _scatter_to_surfaces(airframe.actuators, effectiveness.T).T)
 
 
 def has_one_surface_per_axis(actuators: AbstractActuators) -> bool:
@@ -69,18 +69,18 @@ def _scatter_to_surfaces(actuators: AbstractActuators, block: Float[Array, "comm
     return jnp.zeros((len(actuators.names), block.shape[1]), block.dtype).at[_commanded_indices(actuators)].set(block)
 
 
-def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
+def deflection_for_moment(actuators: AbstractActuators, effectiveness: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
     """Return the deflections per unit moment about each body axis, rad/(N m), shape (surfaces, 3).
 
-    With one surface per axis, the result is the inverse of the slope. With more surfaces, it is the right inverse W S'
-    (S W S')^-1, weighted with the squares W of the half ranges: the smallest deflections relative to the ranges. With
-    fewer or redundant surfaces the unattainable part of the moment is dropped, yaw first and pitch last (weighted least
-    squares: O. Harkegard, "Efficient active set algorithms for solving constrained least squares problems in aircraft
-    control allocation", 2002, with the weights in closed form).
+    With one surface per axis, the result is the inverse of the effectiveness S. With more surfaces, it is the right
+    inverse W S' (S W S')^-1, weighted with the squares W of the half ranges: the smallest deflections relative to the
+    ranges. With fewer surfaces than axes, or a rank-deficient S, the unattainable part of the moment is dropped, yaw
+    first and pitch last (weighted least squares: O. Harkegard, "Efficient active set algorithms for solving constrained
+    least squares problems in aircraft control allocation", 2002, with the weights in closed form).
     """
     if has_one_surface_per_axis(actuators):
-        return _scatter_to_surfaces(actuators, inverse3(slope[:, _commanded_indices(actuators)]))
-    return _weighted_inverse(actuators, slope, jnp.asarray(actuators.is_commanded, dtype=slope.dtype))
+        return _scatter_to_surfaces(actuators, inverse3(effectiveness[:, _commanded_indices(actuators)]))
+    return _weighted_inverse(actuators, effectiveness, jnp.asarray(actuators.is_commanded, dtype=effectiveness.dtype))
 
 
 def allocate(
@@ -95,9 +95,9 @@ def allocate(
     The first iterate is `present`, the moments at the present deflections.
 
     The control effectiveness is the derivative of the airframe's aerodynamic moments by the deflections, evaluated at
-    every iterate (theory section 5, item 1: Cm0 is not linear in the elevator, so no constant slope is assumed). A
-    surface with a demand beyond a stop is fixed at the stop, and the remaining surfaces give as much of the missing
-    moment as possible, pitch before roll before yaw. With one surface per axis, no surface can compensate.
+    every iterate (theory section 5, item 1: Cm0 is not linear in the elevator). A surface with a demand beyond a stop
+    is fixed at the stop, and the remaining surfaces give as much of the missing moment as possible, pitch before roll
+    before yaw. With one surface per axis, no surface can compensate.
     """
     target_b = moment_b - condition.propulsive.moment_b
     actuators = airframe.actuators
@@ -108,12 +108,12 @@ def allocate(
             moments = surface_moments(airframe, condition, rates_b, solution)
         missing_b = target_b - moments.moment_b
         if has_one_surface_per_axis(actuators):
-            change = solve3(moments.slope[:, _commanded_indices(actuators)], missing_b)
+            change = solve3(moments.effectiveness[:, _commanded_indices(actuators)], missing_b)
             solution = moments.surfaces + _scatter_to_surfaces(actuators, change[:, None])[:, 0]
         else:
             base = _neutral_surfaces(actuators, moments.surfaces)
-            missing_b = missing_b + _multiply(moments.slope, moments.surfaces - base)
-            solution = base + _multiply(deflection_for_moment(actuators, moments.slope), missing_b)
+            missing_b = missing_b + _multiply(moments.effectiveness, moments.surfaces - base)
+            solution = base + _multiply(deflection_for_moment(actuators, moments.effectiveness), missing_b)
         solution = jnp.clip(solution, lower - _SLACK_RAD, upper + _SLACK_RAD)
     saturated = (solution < lower) | (solution > upper)
     if has_one_surface_per_axis(actuators):
@@ -136,17 +136,17 @@ def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
 
 
 def _weighted_inverse(
-    actuators: AbstractActuators, slope: Float[Array, "3 n"], is_free: Float[Array, " n"]
+    actuators: AbstractActuators, effectiveness: Float[Array, "3 n"], is_free: Float[Array, " n"]
 ) -> Float[Array, "n 3"]:
-    """Return the weighted pseudo-inverse W S' (S W S' + E)^-1 of the slope S over the free surfaces.
+    """Return the weighted pseudo-inverse W S' (S W S' + E)^-1 of the effectiveness S over the free surfaces.
 
     `is_free` is 1 for a free and 0 for a fixed surface. E is small and sets the order in which axes are given up.
     """
     half = 0.5 * (actuators.upper - actuators.lower)
     weight = is_free * half**2
-    weighted = slope * weight[None, :]
-    gram = jnp.sum(weighted[:, None, :] * slope[None, :, :], axis=2)
-    square_max = jnp.max(jnp.sum((slope * half[None, :]) ** 2, axis=1))
+    weighted = effectiveness * weight[None, :]
+    gram = jnp.sum(weighted[:, None, :] * effectiveness[None, :, :], axis=2)
+    square_max = jnp.max(jnp.sum((effectiveness * half[None, :]) ** 2, axis=1))
     inverse = inverse3(gram + jnp.diag(_REGULARIZATION * square_max * _AXIS_PENALTY.astype(square_max.dtype)))
     return jnp.sum(weighted[:, :, None] * inverse[:, None, :], axis=0)
 
@@ -159,8 +159,10 @@ def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_
     limited = jnp.clip(solution, lower, upper)
     for _ in range(sum(actuators.is_commanded) - 1):
         base = jnp.where(fixed, limited, _neutral_surfaces(actuators, moments.surfaces))
-        missing_b = target_b - moments.moment_b - _multiply(moments.slope, base - moments.surfaces)
-        solution = base + _multiply(_weighted_inverse(actuators, moments.slope, jnp.where(fixed, 0.0, 1.0)), missing_b)
+        missing_b = target_b - moments.moment_b - _multiply(moments.effectiveness, base - moments.surfaces)
+        solution = base + _multiply(
+            _weighted_inverse(actuators, moments.effectiveness, jnp.where(fixed, 0.0, 1.0)), missing_b
+        )
         exceeds_stop = (solution < lower) | (solution > upper)
         limited = jnp.clip(solution, lower, upper)
         fixed = fixed | exceeds_stop
@@ -186,12 +188,12 @@ class Authority(eqx.Module):
         """Return the greatest rate of change of each angular acceleration (of P, Q, R), used alone, rad/s^3."""
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 
-    def attitude_acceleration(self, effectiveness: Matrix33) -> Vector3:
+    def attitude_acceleration(self, rate_matrix: Matrix33) -> Vector3:
         """Return the greatest angular acceleration of each of (mu, alpha, beta), used alone, rad/s^2.
 
-        `effectiveness` is that of `PathMotion`: rates of the three angles per body rate.
+        `rate_matrix` is that of `PathMotion`: rates of the three angles per body rate.
         """
-        return _AUTHORITY_SHARE * _largest_outputs(product3(self.deflection, inverse3(effectiveness)), self.margin)
+        return _AUTHORITY_SHARE * _largest_outputs(product3(self.deflection, inverse3(rate_matrix)), self.margin)
 
 
 def surface_authority(
@@ -201,7 +203,7 @@ def surface_authority(
     half = 0.5 * (actuators.upper - actuators.lower)
     margin = jnp.minimum(surfaces_slow - actuators.lower, actuators.upper - surfaces_slow)
     return Authority(
-        deflection=product3(deflection_for_moment(actuators, moments.slope), mass_properties.inertia_b),
+        deflection=product3(deflection_for_moment(actuators, moments.effectiveness), mass_properties.inertia_b),
         margin=jnp.maximum(margin, _MARGIN_MIN * half),
         rate_limit=actuators.rate_limit,
     )

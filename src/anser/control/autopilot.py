@@ -77,15 +77,15 @@ def rate_control(
     demand = allocate(model.airframe, model.condition, rates_b, model.moments, moment_b)
     actuators, surfaces = model.airframe.actuators, model.state.surfaces
     target = demand.surfaces
-    share = _bandwidth_share(model, gains)
-    command_bandwidth = share * gains.surfaces_command_bandwidth
+    factor = _bandwidth_factor(model, gains)
+    command_bandwidth = factor * gains.surfaces_command_bandwidth
     target_dot = controller_state.surfaces_filter.rate(target, command_bandwidth, model.step)
-    rate = target_dot + share * gains.actuator_bandwidth * (target - surfaces)
+    rate = target_dot + factor * gains.actuator_bandwidth * (target - surfaces)
     surfaces_filter = controller_state.surfaces_filter.advance(target, command_bandwidth, model.step)
     demand = SurfaceDemand(actuators.command_for_rate(surfaces, rate), demand.saturated)
     integral = advance_integral(controller_state.rates_integral, error, jnp.any(demand.saturated), model.step)
-    fade = 1 - jnp.exp(-gains.surface_bandwidth * model.step)
-    surfaces_slow = model.surfaces_slow + fade * (model.state.surfaces - model.surfaces_slow)
+    filter_coefficient = 1 - jnp.exp(-gains.surface_bandwidth * model.step)
+    surfaces_slow = model.surfaces_slow + filter_coefficient * (model.state.surfaces - model.surfaces_slow)
     return demand, eqx.tree_at(
         lambda m: (m.rates_integral, m.surfaces_filter, m.surfaces_slow, m.residual),
         controller_state,
@@ -93,7 +93,7 @@ def rate_control(
     )
 
 
-def _bandwidth_share(model: OnboardModel, gains: AutopilotGains) -> Scalar:
+def _bandwidth_factor(model: OnboardModel, gains: AutopilotGains) -> Scalar:
     """Return the factor (0..1) on actuator and filter bandwidths that the sampling allows; 1 for short periods.
 
     The derivative gain K_D makes the target deflection depend on the present deflection with slope -K_D. The commanded
@@ -122,16 +122,16 @@ def attitude_control(
     """
     motion = model.motion
     measured = jnp.stack([motion.mu, motion.alpha, motion.beta])
-    acceleration = model.authority.attitude_acceleration(motion.effectiveness)
+    acceleration = model.authority.attitude_acceleration(motion.rate_matrix)
     error = limit_to_braking(gains.attitude, wrap_angle(attitude_command - measured), acceleration)
-    measured_dot = motion.drift + jnp.sum(motion.effectiveness * model.state.rates_b[None, :], axis=1)
+    measured_dot = motion.force_rates + jnp.sum(motion.rate_matrix * model.state.rates_b[None, :], axis=1)
     nu = virtual_control(gains.attitude, error, controller_state.attitude_integral, attitude_command_dot, measured_dot)
-    effectiveness, target_rates = motion.effectiveness, nu - motion.drift
+    rate_matrix, target_rates = motion.rate_matrix, nu - motion.force_rates
     if not model.airframe.actuators.controls_yaw:
         # The fin determines the sideslip: bank and angle of attack are solved for the present yaw rate.
-        effectiveness = effectiveness.at[2].set(_YAW.astype(target_rates.dtype))
+        rate_matrix = rate_matrix.at[2].set(_YAW.astype(target_rates.dtype))
         target_rates = target_rates.at[2].set(model.state.rates_b[2])
-    unlimited_rates = solve3(effectiveness, target_rates)
+    unlimited_rates = solve3(rate_matrix, target_rates)
     # One common factor: limiting the roll rate without the coordinated yaw rate would cause sideslip.
     rates_command = unlimited_rates / jnp.maximum(jnp.max(jnp.abs(unlimited_rates) / model.limits.rates_max), 1.0)
     integral = advance_integral(controller_state.attitude_integral, error, rates_command != unlimited_rates, model.step)
@@ -172,7 +172,7 @@ def velocity_control(
     saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
     integral = advance_integral(controller_state.velocity_integral, error, saturated, model.step)
     excited_attitude = attitude.angles + added.attitude
-    acceleration = model.authority.attitude_acceleration(motion.effectiveness)
+    acceleration = model.authority.attitude_acceleration(motion.rate_matrix)
     attitude_dot = controller_state.attitude_filter.limited_rate(
         excited_attitude, gains.attitude_command_bandwidth, model.step, acceleration
     )

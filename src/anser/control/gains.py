@@ -148,7 +148,7 @@ def derived_bandwidths(
     lag_limit = _ACTUATOR_SPEEDUP / jnp.max(actuators.time_constant[commanded])
     actuator_bandwidth = jnp.minimum(lag_limit, _ACTUATOR_BANDWIDTH_STEP_MAX / step)
     moments = surface_moments(airframe, condition, jnp.zeros(3), surfaces)
-    deflection = product3(deflection_for_moment(actuators, moments.slope), airframe.mass_properties.inertia_b)
+    deflection = product3(deflection_for_moment(actuators, moments.effectiveness), airframe.mass_properties.inertia_b)
     margin = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
     margin_share = jnp.abs(deflection) / jnp.maximum(margin, 1e-3)[:, None]
     authority_limit = 1.0 / jnp.maximum(jnp.max(margin_share[commanded], axis=0), 1e-6) / _RATE_ERROR

@@ -29,8 +29,8 @@ class PathMotion(eqx.Module):
     mu: Scalar
     alpha: Scalar
     beta: Scalar
-    drift: Vector3  # the terms of (mu_dot, alpha_dot, beta_dot) without body rates, rad/s
-    effectiveness: Matrix33  # G in (mu_dot, alpha_dot, beta_dot) = drift + G (P, Q, R)
+    force_rates: Vector3  # f in (mu_dot, alpha_dot, beta_dot) = f + G (P, Q, R): rates due to forces, rad/s
+    rate_matrix: Matrix33  # G
     path_rates: Vector3  # (V_dot, gamma_dot, chi_dot) from the acceleration, m/s^2 and rad/s
 
 
@@ -39,7 +39,7 @@ def path_motion(
 ) -> PathMotion:
     """Compute path angles and their rates by the wind-axis equations of theory section 2; `gravity` is positive.
 
-    `slow_force_b` is the non-gravitational force for `drift` (see `OnboardModel`); the path rates use the present
+    `slow_force_b` is the non-gravitational force for `force_rates` (see `OnboardModel`); the path rates use the present
     force.
 
     Vertical flight (cos gamma = 0) and a sideslip of 90 deg are outside the domain; denominators are bounded away from
@@ -49,8 +49,8 @@ def path_motion(
     velocity_air_n = rotate_back(condition.R_bn, velocity_b) - condition.wind_n
     mu = bank_about_velocity(condition.R_bn, alpha, beta)
     force_b = condition.wrench.force_b
-    fall_n = jnp.zeros_like(velocity_air_n).at[2].set(gravity)
-    path = polar(velocity_air_n, rotate_back(condition.R_bn, force_b) / mass + fall_n)
+    gravity_n = jnp.zeros_like(velocity_air_n).at[2].set(gravity)
+    path = polar(velocity_air_n, rotate_back(condition.R_bn, force_b) / mass + gravity_n)
     gamma, chi = path.gamma, path.chi
     V = jnp.maximum(condition.air_data.V, 1.0)
     sa, ca, sb, cb = jnp.sin(alpha), jnp.cos(alpha), jnp.sin(beta), jnp.maximum(jnp.cos(beta), 0.05)
@@ -59,7 +59,7 @@ def path_motion(
     tb, t_gam = sb / cb, jnp.sin(gamma) / cos_gamma
     X, Y, Z = jnp.unstack(slow_force_b)
     mV = mass * V
-    mu_drift = (
+    mu_force_rate = (
         -(gravity / V) * cos_gamma * c_mu * tb
         + (
             X * (sa * tb + sa * s_mu * t_gam - ca * sb * c_mu * t_gam)
@@ -68,10 +68,10 @@ def path_motion(
         )
         / mV
     )
-    alpha_drift = (Z * ca - X * sa) / (mV * cb) + gravity * cos_gamma * c_mu / (V * cb)
-    beta_drift = (-X * ca * sb + Y * cb - Z * sa * sb) / mV + gravity * cos_gamma * s_mu / V
+    alpha_force_rate = (Z * ca - X * sa) / (mV * cb) + gravity * cos_gamma * c_mu / (V * cb)
+    beta_force_rate = (-X * ca * sb + Y * cb - Z * sa * sb) / mV + gravity * cos_gamma * s_mu / V
     zero, unity = jnp.zeros_like(sa), jnp.ones_like(sa)
-    effectiveness = jnp.stack(
+    rate_matrix = jnp.stack(
         [
             jnp.stack([ca / cb, zero, sa / cb]),
             jnp.stack([-ca * tb, unity, -sa * tb]),
@@ -85,8 +85,8 @@ def path_motion(
         mu=mu,
         alpha=alpha,
         beta=beta,
-        drift=jnp.stack([mu_drift, alpha_drift, beta_drift]),
-        effectiveness=effectiveness,
+        force_rates=jnp.stack([mu_force_rate, alpha_force_rate, beta_force_rate]),
+        rate_matrix=rate_matrix,
         path_rates=jnp.stack([path.V_dot, path.gamma_dot, path.chi_dot]),
     )
 

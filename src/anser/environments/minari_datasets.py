@@ -14,7 +14,8 @@ from anser.results.documents import install_hint
 def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any) -> Any:
     """Write episodes of one environment as a dataset of Minari, and return the dataset.
 
-    The name has Minari's form, such as "anser/velocity-command/expert-v0"; observations are clipped as Gymnasium's are.
+    `dataset_id` has Minari's form, such as "anser/velocity-command/expert-v0"; observations are clipped to
+    +-`OBSERVATION_MAX`, as in the Gymnasium environments.
     `description`: arguments of `minari.create_dataset_from_buffers` (`algorithm_name`, `author`, `description`, ...).
     Raises ImportError without Minari.
     """

@@ -58,11 +58,11 @@ def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -
 
 
 def _forced_motion(data: ModelData, frequency_max_hz: float) -> dict[str, Series]:
-    """Return the motion that the recorded surfaces cause in linear models of the aircraft: without gusts and noise.
+    """Return instrumental variables: the response of linear models to the recorded deflections, without gusts or noise.
 
     The aircraft's motion in turbulence correlates with the gusts that cause a part of it, such as the roll rate of the
-    air, which no sensor measures; the forced motion does not, unless feedback moves the surfaces. Unstable modes are
-    mirrored, so that they stay within the size of the measured ones.
+    air, which no sensor measures; the forced motion does not, unless feedback moves the surfaces. Unstable
+    eigenvalues are reflected into the left half-plane, so that the response stays bounded.
     """
     motion: dict[str, Series] = {}
     for model in MODELS[:2]:

@@ -47,7 +47,7 @@ class FleetSnapshot(NamedTuple):
 
 
 def take_snapshot(
-    flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport, is_departed: Bool[Array, " aircraft"]
+    flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport, has_left: Bool[Array, " aircraft"]
 ) -> FleetSnapshot:
     """Collect the data with which the certified planner replans a fleet in flight at a time (s).
 
@@ -60,7 +60,7 @@ def take_snapshot(
     can_replan = reports.active & (plan.arrival_times - time > jnp.maximum(planner.freeze, COMMITTED_S))
     tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, flying_tasks, time)
     tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(can_replan))
-    is_flying = reports.active | is_departed
+    is_flying = reports.active | has_left
     fixed_paths = FixedPaths(is_flying & ~can_replan, plan.paths, plan.arrival_times)
     flying_tasks = eqx.tree_at(lambda t: t.active, flying_tasks, as_array(is_flying))
     return FleetSnapshot(tasks, fixed_paths, flying_tasks)

@@ -339,7 +339,7 @@ def _fly_batch(
     outputs: OutputRecording | None,
     on_share: Callable[[float], None],
 ) -> list[FlightRow]:
-    """Trim, plan and fly one batch, which is padded beyond the cases; return the result rows of the cases.
+    """Trim, plan and fly one batch (`flights`, padded to a fixed size); return the result rows of `cases` alone.
 
     `on_share` is called with the completed share of the batch, 0..1; searches of plans count as half of the work.
     """

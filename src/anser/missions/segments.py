@@ -86,20 +86,20 @@ def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> tuple[Ai
     """
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     reports = cast_to_precision(fleet_reports(flight, state, instant)[1], float)
-    is_departed = jnp.zeros(flight.count, dtype=bool)
+    has_left = jnp.zeros(flight.count, dtype=bool)
     for group, states in zip(flight.groups, state.vehicles, strict=True):
-        group_departed = group.vehicles.map(
-            lambda vehicle, vehicle_state: vehicle.faults.has_departed(instant.time) & ~vehicle_state.stopped, states
+        group_has_left = group.vehicles.map(
+            lambda vehicle, vehicle_state: vehicle.faults.has_left_fleet(instant.time) & ~vehicle_state.stopped, states
         )
-        is_departed = is_departed.at[jnp.asarray(group.members)].set(group_departed)
-    return reports, is_departed
+        has_left = has_left.at[jnp.asarray(group.members)].set(group_has_left)
+    return reports, has_left
 
 
 def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> FlightState:
     """Replan a fleet in flight before the step from sample `sample` on."""
     number = as_array(sample, np.int32)
-    (reports, is_departed), time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
-    planner_state = flight.planner.replan_between_steps(state.planner, time_s, reports, np.asarray(is_departed))
+    (reports, has_left), time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
+    planner_state = flight.planner.replan_between_steps(state.planner, time_s, reports, np.asarray(has_left))
     return FlightState(state.vehicles, planner_state, number)
 
 

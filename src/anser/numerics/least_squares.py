@@ -57,12 +57,13 @@ class SearchState(NamedTuple):
     damping: Scalar  # damping of the last step; NaN before the first
 
 
-def start_search(context: PyTree, start: Array, unknown: Any) -> SearchState:
+def start_search(context: PyTree, start: Array, unevaluated: Any) -> SearchState:
     """Return the search state before the first step.
 
-    `start` holds the initial unknowns; `unknown` has the shapes of the linearized equations and an infinite cost.
+    `start` holds the initial unknowns. `unevaluated` stands for the linearized equations before the first evaluation:
+    the same shapes, an infinite cost.
     """
-    return SearchState(context, start, start, unknown, jnp.asarray(jnp.nan))
+    return SearchState(context, start, start, unevaluated, jnp.asarray(jnp.nan))
 
 
 def search_step(evaluate: Evaluate, move: StepRule, damping: Damping, search: SearchState) -> SearchState:
@@ -170,11 +171,11 @@ def levenberg_marquardt(
         unsolved = jnp.max(jnp.abs(search.at.residual)) > tolerance
         return (count <= steps) & unsolved & ~(search.damping >= _LAST_DAMPING)
 
-    unknown = Linearized(jnp.full_like(start, jnp.inf), jnp.eye(start.size))
+    unevaluated = Linearized(jnp.full_like(start, jnp.inf), jnp.eye(start.size))
     final, _ = jax.lax.while_loop(
         proceed,
         lambda carry: (search_step(evaluate, move, _DAMPING, carry[0]), carry[1] + 1),
-        (start_search(None, start, unknown), jnp.asarray(0)),
+        (start_search(None, start, unevaluated), jnp.asarray(0)),
     )
     return Solution(final.best, jnp.max(jnp.abs(final.at.residual)))
 

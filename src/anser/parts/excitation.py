@@ -41,7 +41,7 @@ class Excitation(eqx.Module):
         return jnp.stack([sum((value for target, value in values if target == name), start=zero) for name in names])
 
     def excite_controls(self, controls: Controls, surfaces: Sequence[str], time: ScalarLike) -> Controls:
-        """Return controls with the signals of surfaces (named `surfaces`) and throttle added."""
+        """Return controls plus the signals; `surfaces`: the names of the deflections of `controls`, in order."""
         added = self._sums((*surfaces, "throttle"), time)
         return Controls(controls.surfaces + added[:-1], controls.throttle + added[-1])
 

@@ -325,7 +325,7 @@ class AbstractPlanner(AbstractPart):
         planner_state: Any,
         time: float,  # current time, s
         reports: AircraftReport,
-        is_departed: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
+        has_left: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
     ) -> Any:
         """Make the plan that `replan_needed` asks for, by any Python code; return the new planner state.
 

@@ -50,7 +50,7 @@ from anser.units import DEG_RAD
 
 
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
-    """Collect the faults of one aircraft from the events: times of thrust loss, goal sensor loss and departure."""
+    """Collect the faults of one aircraft from the events: times of thrust loss, sensor loss and leaving the fleet."""
 
     def first_event(kind: str) -> tuple[float, float]:
         """Return the time (s) and the remaining thrust of the aircraft's first event of a kind; never without one."""

@@ -186,7 +186,7 @@ class _LoopGains(Table):
     damping: Gain3 | None = optional_gain("required damping of the pair of poles; left out: no integral")
 
     def consistency_problems(self) -> list[Problem]:
-        """List gains defined twice, a damping without a bandwidth, and a damping that is too small."""
+        """List gains given beside a bandwidth, a damping without a bandwidth, and a damping below the minimum."""
         problems = []
         if self.bandwidth_rad_s is not None:
             conflicting_keys = [key for key in ("proportional", "integral") if key in self.model_fields_set]

@@ -8,8 +8,9 @@ filters of the aircraft's motion (navigation) and of the goal (goal_filters, wit
 A new sensor needs: a field of `Reading` (`anser.parts.perception`); an error model with `init` and `read` and its state
 (like `VehicleSensors`), read by `NoisySensors`; a part number for its random numbers (`anser.numerics.randomness`); an
 estimator that uses the field; a field of `Belief` if guidance or controller use a new quantity; scenario keys
-(`anser.scenario.schema_sensing`) and their construction (`build_sensing`); recorded variables
-(`anser.simulation.recorders`, `anser.variables`).
+(`anser.scenario.schema_sensing`), their construction and the test for exact sensors (`build_sensing`), and the rule for
+keys without effect (`unused_keys`); recorded variables (`anser.simulation.recorders`, `anser.variables`). A new filter
+of the goal also needs its state in `hand_over_goal` (goal_filters).
 """
 
 import lazy_loader

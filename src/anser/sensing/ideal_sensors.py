@@ -46,7 +46,7 @@ def true_line_of_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None
 
 
 def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3, goal: GoalState) -> LineOfSight:
-    """Compute the line of sight to a goal: straight through space, in the NED axes at the aircraft's position.
+    """Compute the straight line of sight to a goal, in the NED axes at the aircraft's position.
 
     `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` its velocity over the ground (3,), NED,
     m/s.

@@ -304,10 +304,10 @@ def guide_and_move(
 def _vehicle_status(
     vehicle: Vehicle, status: Integer, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
 ) -> Integer:
-    """Return the status code after a check for a departure from the fleet and for a goal without usable estimate."""
+    """Return the status code after a check for leaving the fleet and for a goal without usable estimate."""
     time = instant.time
-    has_departed = (status == FLYING) & vehicle.faults.has_departed(time)
-    status = jnp.where(has_departed, LEFT_FLEET, status).astype(status.dtype)
+    has_left = (status == FLYING) & vehicle.faults.has_left_fleet(time)
+    status = jnp.where(has_left, LEFT_FLEET, status).astype(status.dtype)
     if belief.uncertainty is None:
         return status
     unseen = belief.uncertainty.goal_status == GOAL_NEVER_SEEN

@@ -241,7 +241,7 @@ def fleet_reports(flight: Flight, state: FlightState, instant: Instant) -> tuple
         return perceive(vehicle, vehicle_state, instant)
 
     def report_one(vehicle: Vehicle, perception: Perception, current: VehicleState) -> AircraftReport:
-        is_inactive = current.stopped | is_breakaway(current.status) | vehicle.faults.has_departed(instant.time)
+        is_inactive = current.stopped | is_breakaway(current.status) | vehicle.faults.has_left_fleet(instant.time)
         return aircraft_report(vehicle, perception, ~is_inactive)
 
     pairs = list(zip(flight.groups, state.vehicles, strict=True))

@@ -193,8 +193,8 @@ def step_metrics(
 ) -> StepMetrics:
     """Compute rise time, overshoot and the other `StepMetrics` of a response to a step at the first sample."""
     stepped = size != 0.0
-    departure = measured - measured[:1]
-    progress = departure / jnp.where(stepped, size, 1.0)[None, :]
+    deviation = measured - measured[:1]
+    progress = deviation / jnp.where(stepped, size, 1.0)[None, :]
     tail = jnp.arange(time.shape[0]) >= round((1.0 - _END) * time.shape[0])
     outside = jnp.abs(progress - 1.0) > band
     settled = jnp.max(jnp.where(outside, time[:, None], -jnp.inf), axis=0)
@@ -211,7 +211,7 @@ def step_metrics(
         settling_time=only_stepped(jnp.where(outside[-1], jnp.inf, jnp.maximum(settled - time[0], 0.0))),
         overshoot=only_stepped(jnp.maximum(jnp.max(progress, axis=0) - 1.0, 0.0)),
         final_error=only_stepped(1.0 - jnp.sum(jnp.where(tail[:, None], progress, 0.0), axis=0) / jnp.sum(tail)),
-        coupling=jnp.where(stepped, 0.0, jnp.max(jnp.abs(departure), axis=0)),
+        coupling=jnp.where(stepped, 0.0, jnp.max(jnp.abs(deviation), axis=0)),
         surface_utilization=jnp.max(jnp.abs(deflection) / jnp.maximum(travel, 1e-9), axis=0),
     )
 

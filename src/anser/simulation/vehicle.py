@@ -26,7 +26,7 @@ from anser.spatial.rotations import normalize
 
 
 class Faults(eqx.Module):
-    """Thrust loss, sensor failure and departure from the fleet of one aircraft, each by its time; infinite: never.
+    """Thrust loss, sensor failure and leaving the fleet of one aircraft, each by its time; infinite: never.
 
     The scenario's events set the times when the flight is built (`anser.scenario.build.build_faults`).
 
@@ -36,14 +36,14 @@ class Faults(eqx.Module):
         Time of a thrust loss, s, and fraction of the thrust that remains afterwards (0..1).
     goal_sensor_loss_time
         Time of a failure of the goal sensor, s.
-    departure_time
+    leaving_time
         Time at which the aircraft leaves the fleet and flies its exit path, s; the fleet no longer waits for it.
     """
 
     thrust_loss_time: Scalar
     thrust_ratio: Scalar
     goal_sensor_loss_time: Scalar
-    departure_time: Scalar
+    leaving_time: Scalar
 
     def thrust_ratio_at(self, time: ScalarLike) -> Scalar:
         """Return the fraction of the nominal thrust that is left at a time (s): 1 before a loss."""
@@ -53,9 +53,9 @@ class Faults(eqx.Module):
         """Whether the goal sensor works at a time, s."""
         return jnp.asarray(time < self.goal_sensor_loss_time)
 
-    def has_departed(self, time: ScalarLike) -> Flag:
+    def has_left_fleet(self, time: ScalarLike) -> Flag:
         """Whether the aircraft has left the fleet by a time, s."""
-        return jnp.asarray(time >= self.departure_time)
+        return jnp.asarray(time >= self.leaving_time)
 
 
 def no_faults() -> Faults:

@@ -25,8 +25,8 @@ def sample_inputs(
     Parameters
     ----------
     inputs
-        By name, as of `anser.simulate`; or a whole table, with a column `time_s` (a Dataset: the coordinate `time`) and
-        a column per input, whose name may end with `_deg`. Inputs left out keep their reference.
+        Values by name of the input, as for `anser.simulate`; or a table with a column `time_s` (a Dataset: the
+        coordinate `time`) and a column per input, whose name may end with `_deg`. Inputs left out keep their reference.
     reference
         Values at the start, by name of the input, in the unit of the input.
     time_s

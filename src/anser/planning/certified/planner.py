@@ -117,7 +117,7 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST_PLAN), holds, tasks.limits)
 
     def resolve_limits(self, performance: Performance) -> PathLimits:
-        """Complete the limits with the accelerations that the engine allows, less the reserve, unless prescribed.
+        """Replace unprescribed acceleration limits by those that the engine allows, and reduce them all by the reserve.
 
         At full thrust this is the acceleration at the start; at idle it depends on airspeed and load factor.
         """
@@ -255,7 +255,7 @@ class CertifiedPlanner(AbstractPlanner):
         planner_state: CertifiedPlanState,
         time: float,
         reports: AircraftReport,
-        is_departed: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
+        has_left: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
     ) -> CertifiedPlanState:
         """Correct, replace or keep the plan, in the order of `correct_or_replace_plan`; a new plan gets new holds.
 
@@ -280,12 +280,12 @@ class CertifiedPlanner(AbstractPlanner):
         if former is not None and (is_outdated or status == REPLANNED):
             end_time = _end_of_holds(former)
             active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
-            flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(active | is_departed))
+            flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(active | has_left))
             # Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
             are_under_way = bool(np.all(arrivals[active] > time))
             holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, None if are_under_way else former)
             can_search = active.any() and np.min(arrivals[active]) - time > max(COMMITTED_S, float(self.freeze))
-            if can_search and not np.all(holds.clear) and not np.any(is_departed):
+            if can_search and not np.all(holds.clear) and not np.any(has_left):
                 times_to_go = np.where(active, arrivals, np.max(arrivals[active])) - time
                 intervals = interval_count(plan.paths)
                 new_plan = self._search_in_flight(time, planned_tasks, times_to_go, end_time, intervals)

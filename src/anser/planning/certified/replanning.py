@@ -153,10 +153,10 @@ def arrival_delays(
     latest_arrival: ScalarLike,  # latest allowed arrival time, s
     parts: tuple[float, ...] = DELAY_FRACTIONS,  # delays as fractions of the longest time to go
 ) -> tuple[Float[Array, " delays"], Integer]:
-    """Delays to try for a fleet's arrivals, s, from zero on, and the number of allowed delays, at least one.
+    """Return the delays to try for a fleet's arrivals, s, from zero on, and how many, from the first on, are allowed.
 
     The delay is the same for the whole fleet, so that common arrivals stay common and the spacing of a sequence stays.
-    Hence no aircraft is delayed if one of them is fixed: it has arrived or is about to arrive.
+    Zero alone is allowed if an aircraft can no longer be replanned, or if the arrival rule fixes the times.
     """
     last_arrival = jnp.max(arrival_times)
     delays = jnp.asarray(parts) * jnp.maximum(last_arrival - time, 0.0)

@@ -201,21 +201,21 @@ def later_stage(fleet: FleetTask) -> Stage:
 
 
 @dataclass(frozen=True)
-class _Delays:
-    """Arrival times in ascending order for aircraft with a common delay: the fleet, or one aircraft with a window."""
+class _DelayedTimes:
+    """Arrival times to try, ascending, of aircraft delayed together: the fleet, or one aircraft with a window."""
 
     indices: Int[np.ndarray, " group"]  # indices of the aircraft
     times: Float[np.ndarray, "n group"]  # sets of arrival times, s
 
-    def truncated(self, index: int | None) -> "_Delays":
+    def truncated(self, index: int | None) -> "_DelayedTimes":
         """Keep the times before an index (None: every time); empty if at most one step after the first time."""
         is_close = index is not None and self.times[index, 0] <= DELAY_RATIO**1.5 * self.times[0, 0]
-        return _Delays(self.indices, self.times[: 0 if is_close else index])
+        return _DelayedTimes(self.indices, self.times[: 0 if is_close else index])
 
 
 def _delays(
     fleet: FleetTask, indices: Int[np.ndarray, " group"], first_times: ArrivalTimes, delay_min: float, delay_max: float
-) -> _Delays:
+) -> _DelayedTimes:
     """Admissible arrival times from `delay_min` to `delay_max` (factors) times the first times (s); offsets stay."""
     windows, offsets = fleet.request.windows_s, fleet.offsets
     factors = DELAY_RATIO ** np.arange(
@@ -225,13 +225,13 @@ def _delays(
     latest = fleet.request.latest_s if windows is None else windows[indices, 1]
     times = times[np.all(times[:, indices] <= latest, axis=1)]
     if windows is None:
-        return _Delays(indices, times[fleet.admissible(times)][:, indices])
+        return _DelayedTimes(indices, times[fleet.admissible(times)][:, indices])
     admissible = may_arrive(fleet.tasks, fleet.airspace, np.repeat(indices, len(times)), times[:, indices].ravel())
-    return _Delays(indices, times[admissible][:, indices])
+    return _DelayedTimes(indices, times[admissible][:, indices])
 
 
 def _find_first_open(
-    delays: Sequence[_Delays], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
+    delays: Sequence[_DelayedTimes], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
 ) -> Generator[Proposal, FailedAircraft, list[int | None]]:
     """For each entry of `delays`, return the index of the first feasible time; writes the times found into `times`.
 

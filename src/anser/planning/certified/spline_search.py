@@ -255,8 +255,8 @@ def find_splines(
 
     def start_at(start: SplineStart, metric: BlockTridiagonal) -> SearchState:
         zeros = jnp.zeros(metric.diagonal.shape[:2])
-        unknown = NormalEquations(jnp.asarray(jnp.inf), zeros, jax.tree.map(jnp.zeros_like, metric))
-        return start_search((start, metric), zeros, unknown)
+        unevaluated = NormalEquations(jnp.asarray(jnp.inf), zeros, jax.tree.map(jnp.zeros_like, metric))
+        return start_search((start, metric), zeros, unevaluated)
 
     def initialize(guess: Guess) -> SearchState:
         start = spline_start(problem, CELLS, guess)

@@ -520,7 +520,7 @@ def fleet_speeds(
     with_wide_turns: Flag,
     with_matched: Flag,
 ) -> ProfileSpeeds:
-    """Find the airspeeds of the profiles of each aircraft for its duration (s)."""
+    """Return the middle and final airspeeds of all profiles, for each aircraft and the duration of its flight (s)."""
 
     def speeds_of(row: tuple[AircraftTask, Scalar]) -> ProfileSpeeds:
         return profile_speeds(row[0], airspace, row[1], intervals, with_wide_turns, with_matched)

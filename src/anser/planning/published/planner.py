@@ -230,7 +230,7 @@ class PublishedPlanner(AbstractPlanner):
         planner_state: PublishedPlanState,
         time: float,
         reports: AircraftReport,
-        is_departed: Bool[np.ndarray, " aircraft"],
+        has_left: Bool[np.ndarray, " aircraft"],
     ) -> PublishedPlanState:
         """Coordinate the fleet again from the reported positions, as `replan` of the coordination does."""
         plan = _coordinate_again(self, planner_state, as_array(time), reports)
