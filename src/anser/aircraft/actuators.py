@@ -94,7 +94,7 @@ class FirstOrderActuators(AbstractActuators):
     names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
     def steady_state(self, position: Vector) -> Deflections:
-        """Return the state at rest: the position alone."""
+        """Return the actuator state at rest at `position` (rad)."""
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
@@ -173,7 +173,7 @@ class InstantActuators(AbstractActuators):
     names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
     def steady_state(self, position: Vector) -> Deflections:
-        """Return the state at rest: the position alone."""
+        """Return the actuator state at rest at `position` (rad)."""
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:

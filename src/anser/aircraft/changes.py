@@ -21,17 +21,21 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 
 
 class AirframeChange(eqx.Module):
-    """Factors on properties of an airframe, and a shift of its centre of gravity; factors of 1 and a shift of 0: none.
+    """Factors on properties of an airframe, and a shift of the centre of gravity.
+
+    Factors of 1 and a shift of 0 mean no change.
 
     Attributes
     ----------
     surface_effectiveness
-        Factor on the deflection of each surface as the air meets it; the actuators and their stops are unchanged.
+        Factor on the aerodynamically effective deflection of each surface; actuators and stops are unchanged.
     drag, lift_slope
-        Factors on drag and lift (by the same zero-lift angle of attack, on the lift slope), in axes turned by the angle
-        of attack alone. The moments about the centre of gravity are unchanged.
+        Factors on drag and lift in stability axes (body axes turned by alpha alone). The zero-lift angle of attack is
+        unchanged, so the factor on the lift is the factor on the lift slope. Both factors leave the moments about the
+        original centre of gravity unchanged.
     thrust
-        Factor on force and moment of the engine; the simulation applies this one by the disturbance of a flight.
+        Factor on force and moment of the engine. A `ChangedAirframe` does not contain this factor: the simulation
+        applies the factor through the `Disturbance` of the aircraft.
     mass, second_moments, actuator_bandwidth
         See `anser.aircraft.dispersions.BodyDispersion`.
     cg_shift

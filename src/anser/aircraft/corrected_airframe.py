@@ -104,7 +104,10 @@ class CorrectedAirframe(AbstractAirframe):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the base airframe is symmetric; the estimated side force without sideslip is not flown against."""
+        """Whether the side force of the base airframe is zero without sideslip, rates and deflections.
+
+        Increments do not count: the autopilot does not bank against an estimated side force.
+        """
         return self.base.symmetric
 
     @property

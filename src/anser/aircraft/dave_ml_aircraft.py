@@ -290,7 +290,10 @@ def dave_ml_airframe(
 
 
 def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether any point of a grid (alpha, airspeed, power) has a side force, all other arguments zero."""
+    """Whether airframe or engine has a side force without sideslip, rates and deflections.
+
+    The side force is evaluated on a grid of alpha, airspeed and power.
+    """
     low, high = aircraft.alpha_range
     alphas = np.linspace(float(low), float(high), _ALPHAS)
     return bool(np.any(_side_forces(aircraft, *(as_array(grid) for grid in (alphas, _SPEEDS_M_S, _POWERS)))))

@@ -106,7 +106,10 @@ class DerivativeAircraft(AbstractAirframe):
         return Wrench(force_b=force_b, moment_b=moment_b - cross(self.cg_offset_b, force_b))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether alpha, beta, airspeed, altitude, Mach number or the engine's data are out of range."""
+        """Whether the flight condition is outside the valid range of the aerodynamic data or of the engine's data.
+
+        The valid range of the aerodynamic data limits alpha, beta, airspeed, altitude and Mach number.
+        """
         return (
             is_outside(air_data.alpha, self.alpha_range)
             | is_outside(air_data.beta, self.beta_range)

@@ -174,7 +174,7 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
 class F16(AbstractF16):
-    """F-16 airframe with its engine."""
+    """F-16 of Stevens & Lewis with the engine; `f16_from_data` builds the published variants."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators

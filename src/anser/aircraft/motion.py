@@ -245,7 +245,7 @@ AnyMotionState = TypeVar("AnyMotionState", bound=MotionState)
 
 
 def to_motion_state(environment: Environment, state: AircraftState) -> MotionState:
-    """Convert a state in local axes to the integrated state, which over a round Earth is Earth-fixed."""
+    """Convert a state in local NED axes to the `MotionState` for integration: Earth-fixed over a round Earth."""
     earth = environment.earth
     return earth_fixed_state(earth, state) if isinstance(earth, RotatingEarth) else state
 

@@ -33,7 +33,10 @@ _FLAP = 3
 
 
 class ScheduledFlap(eqx.Module):
-    """Positions of elevator, aileron, rudder and leading-edge flap, and the schedule's low-passed alpha, rad."""
+    """State of `ScheduledFlapActuators`: `position` of the four surfaces and low-passed alpha of the schedule, rad.
+
+    The surfaces are elevator, aileron, rudder and leading-edge flap.
+    """
 
     position: Vector
     alpha_lag: Scalar
@@ -77,7 +80,10 @@ class ScheduledFlapActuators(AbstractActuators):
         return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> ScheduledFlap:
-        """Return the state at rest in a steady flow: flap on schedule, filter at the angle of attack."""
+        """Return the actuator state at rest in a steady flow: `position` (rad) with the leading-edge flap on schedule.
+
+        The low-passed alpha of the schedule is the angle of attack of the flow.
+        """
         return ScheduledFlap(self.scheduled_position(position, air_data), jnp.asarray(air_data.alpha))
 
     def rate(self, state: ScheduledFlap, command: Vector, air_data: AirData) -> ScheduledFlap:

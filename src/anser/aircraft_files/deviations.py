@@ -107,7 +107,7 @@ class Deviation(Table):
 
     @property
     def second_moments(self) -> tuple[float, float, float]:
-        """Return the factors on the second moments of mass along body x, y, z."""
+        """Factors on the second moments of mass, the integrals of x^2, y^2 and z^2 over the mass in body axes."""
         return self.second_moment_x, self.second_moment_y, self.second_moment_z
 
     @property

@@ -206,9 +206,11 @@ def level_air_data(
 
 
 def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
-    """Compute the derivatives of the coefficients near zero angles, tables included, by name.
+    """Return the stability and control derivatives by name, such as "Cm_alpha", and the drag coefficient "CD".
 
-    Moments are about the centre of gravity; derivatives by rates are by the dimensionless rates.
+    The derivatives, tables included, are per rad or per dimensionless rate, at alpha = 2 deg (or the nearest valid
+    angle) and the middle of the airspeed range, without sideslip, rates and deflections, at sea level. Moments are
+    about the centre of gravity.
     """
     alpha_min_deg, alpha_max_deg = file.validity.alpha_deg
     alpha = min(max(_SMALL_ALPHA_DEG, alpha_min_deg), alpha_max_deg) * DEG_RAD
@@ -233,7 +235,11 @@ def _lift_and_drag(force_b: jax.Array, alpha: jax.Array) -> tuple[jax.Array, jax
 def _derivatives(
     airframe: _Airframe, at: AirData, angles: jax.Array, reduced: jax.Array, surfaces: jax.Array
 ) -> tuple[Any, jax.Array]:
-    """Compute the derivatives of `COEFFICIENTS` by angles, dimensionless rates and surfaces; also the coefficients."""
+    """Return the derivatives of `COEFFICIENTS` in a flight condition, and the coefficients.
+
+    The derivatives are three arrays (coefficient, argument): by (alpha, beta), rad; by the dimensionless rates
+    (p b/2V, q c/2V, r b/2V); and by the deflections, rad. Moments are about the centre of gravity.
+    """
     b, c, S = airframe.span, airframe.mean_chord, airframe.wing_area
 
     def coefficients(angles: jax.Array, reduced: jax.Array, surfaces: jax.Array) -> tuple[jax.Array, jax.Array]:

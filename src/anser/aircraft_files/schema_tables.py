@@ -397,7 +397,7 @@ class Jet(Table):
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """Report axes that do not rise, and a thrust table whose shape does not fit the axes."""
+        """Report a missing axis, breakpoints that do not rise, and thrust values whose shape does not fit the axes."""
         if bool(self.altitude_m) != bool(self.mach):
             missing_key = "mach" if self.altitude_m else "altitude_m"
             return [Problem(missing_key, "nothing", "both altitude_m and mach, or none of them")]

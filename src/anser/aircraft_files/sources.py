@@ -202,7 +202,10 @@ class AirframeRange:
 
 
 def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> AirframeRange:
-    """Return the data ranges of an airframe, from its file, or by its type (`kind`) without a file."""
+    """Return the data ranges of an airframe: from `file`, or by the airframe type `kind` without a file.
+
+    The ranges of a type that is neither "f16" nor one of `LIBRARY_FILES` are None.
+    """
     if file is None and kind in LIBRARY_FILES:
         file = library_file(kind)
     if file is not None:

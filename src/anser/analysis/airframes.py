@@ -164,7 +164,10 @@ def _thrusts(
 
 @dataclass(frozen=True)
 class AirframeEntry:
-    """Entry in the list of airframes; without numbers, and with a `problem`, if an entry point could not be loaded."""
+    """Entry in the list of airframes; if an entry point could not be loaded, `problem` states the reason.
+
+    Such an entry has no mass, span, airspeeds and surfaces.
+    """
 
     name: str
     origin: str

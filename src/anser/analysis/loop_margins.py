@@ -192,7 +192,7 @@ class Margins(eqx.Module):
 
 
 class LoopAnalysis(eqx.Module):
-    """State matrix of the closed loop about a trim point, signals at a limit, and margins at every breakpoint."""
+    """State matrix of the sampled closed loop about a trim point, commands at a limit, and margins at breakpoints."""
 
     A: Float[Array, "state state"]
     limited: Bool[Array, "5"]
@@ -240,7 +240,10 @@ def frequencies(step: ScalarLike, count: int = FREQUENCY_COUNT) -> Float[Array, 
 
 
 def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " frequency"]) -> LoopResponse:
-    """Compute the frequency response of a sampled loop at its breakpoints, for frequencies up to pi / step."""
+    """Compute the frequency responses of a sampled loop at its breakpoints, at the frequencies `omega` (rad/s).
+
+    The frequencies are at most the Nyquist frequency pi / step.
+    """
     T_zw = jax.vmap(lambda w: _response_at(w, step, loop.A, loop.B, loop.C, loop.D))(omega)
     diagonal = jnp.diagonal(T_zw, axis1=1, axis2=2)
     actuators = _actuators(diagonal.shape[1])

@@ -45,7 +45,10 @@ loop is open; the closed loop is unstable; the closed loop is stable. Only stabl
 
 
 def _response_variables(response: LoopResponse) -> dict[str, Any]:
-    """Return the dataset variables of the response of each loop at a single trim point."""
+    """Return gain (dB) and phase (deg) of the loop transfer function at each breakpoint, for a single trim point.
+
+    The values are dataset variables over (breakpoint, frequency); the phase is unwrapped.
+    """
     loops = np.asarray(response.open)[0].T
     dimensions = ("breakpoint", "frequency")
     phase = np.unwrap(np.angle(loops), axis=1) * RAD_DEG

@@ -154,7 +154,7 @@ class Mode:
 
     @property
     def natural_frequency(self) -> float:
-        """Frequency of the undamped oscillation, rad/s; for a real mode the magnitude of the eigenvalue."""
+        """Undamped natural frequency, rad/s: the magnitude of the eigenvalue, also for a real mode."""
         return abs(self.eigenvalue)
 
     @property

@@ -323,9 +323,10 @@ def _fly(
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """Return outputs of the three loops and controls by key of the catalogue, SI units and rad, in a steady wind.
+    """Return the outputs of the three loops, the surface deflections and the engine power, by key of the catalogue.
 
-    Also `outside_tables`: 1 outside the range of the airframe's data, else 0.
+    Units are SI and rad; the power is in percent. The wind is steady; path angle and course are those of the velocity
+    relative to the air. The entry `outside_tables` is 1 outside the range of the airframe's data, else 0.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)

@@ -39,7 +39,10 @@ class RareEvent:
 
     @property
     def estimate(self) -> SubsetEstimate:
-        """Probability of the event with confidence interval; probability None if the threshold was not reached."""
+        """Estimated probability of the event, with confidence interval.
+
+        The probability is None if the levels did not reach the threshold.
+        """
         return self.probability_of(self.flights.config.threshold)
 
     @property

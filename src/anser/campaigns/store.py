@@ -243,7 +243,7 @@ class CampaignStore(AbstractFlightStore):
         return dataset
 
     def _series_columns(self, selection: SeriesSelection, flight_rows: list[FlightRow]) -> dict[str, np.ndarray]:
-        """Return the time series of a chunk's flights, float32 or, for codes, int32, by name of the array."""
+        """Return the time series of a chunk's flights, by array name: quantities float32, codes and booleans int32."""
         shape = len(self.scenario.aircraft), selection.rows(self.scenario)
         return {
             # a flight that could not start has no series

@@ -173,7 +173,11 @@ class RareEventConfig(Table):
         return round(1.0 / self.level_share)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of shares and numbers of flights that do not divide."""
+        """Return the problem of `level_share` or, without one, the problem of the number of flights.
+
+        1 / level_share must be whole; the number of flights must be a multiple of repetitions / level_share, and at
+        least ten times this ratio.
+        """
         if abs(self.chain_length * self.level_share - 1.0) > _WHOLE:
             return [
                 Problem("level_share", format_number(self.level_share), "one over a whole number, such as 0.1 or 0.2")

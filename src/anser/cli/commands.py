@@ -44,7 +44,10 @@ class DefaultCommandGroup(TyperGroup):
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Insert the default command's name if the first word is not a command, then parse the arguments."""
+        """Parse the arguments, after inserting the default command's name where the command line names no command.
+
+        No name is inserted before a help option or a misspelt command.
+        """
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             close = difflib.get_close_matches(args[0], self.commands)
             if not close or Path(args[0]).exists():

@@ -189,10 +189,10 @@ def _description_column() -> TextColumn:
 def _progress_display(
     first_description: str, total: float | None, *columns: ProgressColumn
 ) -> Iterator[Callable[..., None]]:
-    """Show a progress line in the `with` block; the yielded function takes a description and a fraction.
+    """Show a progress line in the `with` block, and yield a function that sets description and completed fraction.
 
-    While the process waits for a program to be compiled, the line says so and shows no fraction. Without a terminal, a
-    line is printed every ten seconds.
+    The function takes the description and, optionally, the fraction (0..1). While the process waits for a program to be
+    compiled, the line says so and shows no fraction. Without a terminal, a line is printed every ten seconds.
     """
     from anser.compiling.measuring import compilation_message
 

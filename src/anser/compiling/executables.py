@@ -309,7 +309,10 @@ def _shrink(computation: bytes) -> bytes:
 
 
 def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
-    """Whether the instruction at `start` to `end` of a message has an operation code; its name is the first field."""
+    """Whether the instruction in the bytes `start` to `end` of a message has the operation code `opcode`.
+
+    The first field of an instruction is its name.
+    """
     name_length = message[start + 1]
     if name_length < 128:
         return message.startswith(bytes([_OPCODE << 3 | 2, len(opcode)]) + opcode, start + 2 + name_length)

@@ -184,7 +184,7 @@ def _describe_module(module: ModuleType) -> _ModuleDescription:
 
 
 def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
-    """Return the loaded modules of the package that a program names, and those that they import, by name.
+    """Return descriptions, by name, of the loaded modules of anser that a program names, and that these modules use.
 
     Other loaded modules are left out, so that the key of a program does not depend on what else a process imported.
 

@@ -24,7 +24,10 @@ class Compilation:
 
     @property
     def estimate_s(self) -> float:
-        """Expected CPU time of compiling, s, from the equations and the programs compiled so far in this process."""
+        """Expected CPU time of compiling, s: the number of equations times the mean CPU time per equation.
+
+        The mean is over a prior and the programs compiled so far in this process with the same compiler options.
+        """
         similar = [r for r in compilations if r.is_compiled and dict(r.options) == dict(self.options)]
         equations = _PRIOR_EQUATIONS + sum(r.equations for r in similar)
         seconds = _PRIOR_EQUATIONS * _prior_s(self.options) + sum(r.cpu_s["compiling"] for r in similar)

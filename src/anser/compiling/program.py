@@ -183,7 +183,10 @@ def _listen() -> None:
 
 @contextlib.contextmanager
 def _bypass_jax_cache() -> Iterator[None]:
-    """Disable JAX's persistent cache, in every thread, for programs that go into the program store."""
+    """Keep JAX from writing to its persistent cache in the `with` block, in every thread.
+
+    For programs that go into the program store. Entries of the cache are still read.
+    """
     setting = "jax_persistent_cache_min_compile_time_secs"
     with _setting_lock:
         _former_minimums.append(getattr(jax.config, setting))
@@ -243,10 +246,9 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
 
 
 def strongly_typed(value: _T) -> _T:
-    """Fix the type of each array of a pytree that a Python number has left open ("weak type").
+    """Return a pytree whose arrays have fixed types, without the weak types that JAX derives from Python numbers.
 
-    A loop fixes the types of its state, and another program is compiled for each type of its arguments: an array of
-    open type would need a program of its own.
+    JAX compiles a program for each combination of argument types, and counts a weak type as another type.
     """
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype) if eqx.is_array(leaf) else leaf, value)
 

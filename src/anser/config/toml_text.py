@@ -105,10 +105,10 @@ def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: in
 
 
 def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None) -> dict[str, Any]:
-    """Parse TOML; raises ScenarioError, with the line, for invalid text.
+    """Parse TOML; raises ScenarioError for invalid text, with the line of a syntax error.
 
-    `hint` suggests a correction for an invalid line, or returns an empty text. Size and depth are checked before
-    parsing, which could otherwise take gigabytes.
+    `hint` suggests a correction for an invalid line, or returns an empty text. Size and depth of nesting are checked
+    before parsing, which could otherwise take gigabytes of memory.
     """
     if len(text) > SIZE_MAX:
         raise problem_error(source, f"{len(text):,} characters", f"a text of at most {SIZE_MAX:,}")

@@ -42,9 +42,10 @@ _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "
 
 
 def conversion_hint(text: str, unit: str) -> str:
-    """Suggest the number for a text in place of a number: `; 9 kt is 4.63 m/s: write 4.63`; empty if unclear.
+    """Return a hint for a text that was given instead of a number; empty if the text is unclear.
 
-    `unit` is the key's, as messages write it; empty for a pure number.
+    The hint names the number to write: `; 9 kt is 4.63 m/s: write 4.63`. `unit` is the unit of the key as written in
+    messages; empty for a dimensionless number.
     """
     match = _NUMBER_AND_UNIT.fullmatch(text)
     if match is None:

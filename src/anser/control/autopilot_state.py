@@ -42,7 +42,7 @@ class ModelResidual(eqx.Module):
 
 
 def no_residual(rates_b: Vector3) -> ModelResidual:
-    """Return a residual of zero whose previous sample has the body rates `rates_b` (rad/s) and no acceleration."""
+    """Return the initial residual: forces and accelerations 0, previous gyro reading `rates_b` (rad/s)."""
     zero = jnp.zeros(3)
     return ModelResidual(zero, zero, rates_b, zero)
 

@@ -81,7 +81,7 @@ class ProbingController(AbstractController):
         return controls, signals, ProbingState(waiting, state.surfaces, state.power, state.count + 1)
 
     def deflections(self, time: ScalarLike) -> Vector:
-        """Return the deflections of the test input at a time (s), near 0 at the start, rad."""
+        """Return the surface deflections (rad) of the test input at a time (s), near 0 at time 0."""
         phase_time = jnp.mod(jnp.asarray(time), self.period)
         return self.amplitude * jnp.stack([signal.at(phase_time) for signal in self.signals])
 

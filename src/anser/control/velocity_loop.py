@@ -165,9 +165,10 @@ def limit_bank_rate(
     limits: FlightLimits,
     step: ScalarLike,
 ) -> tuple[AttitudeDemand, Scalar | None]:
-    """Limit the rate of the bank angle; returns the limited demand and the bank angle for the next step.
+    """Limit the rate of the commanded bank angle; return the limited demand and the bank angle for the next step.
 
-    After an upset, beyond the greatest bank angle, the rate counts from the limit: the attitude loop rolls back.
+    A previous bank angle beyond the bank limit, as at a start in an upset, is first set to the limit, so the attitude
+    loop rolls back at once. Without a rate limit the demand is unchanged.
     """
     if previous_bank is None or limits.bank_rate_max is None:
         return demand, previous_bank

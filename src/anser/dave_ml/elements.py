@@ -100,7 +100,10 @@ class Element:
         return child
 
     def attribute(self, name: str) -> str:
-        """Return the value of a required attribute, stripped. Raises DaveMlError if absent."""
+        """Return the value of a required attribute, stripped.
+
+        Raises DaveMlError if the attribute is absent or, except for `units`, empty.
+        """
         value = self.attributes.get(name, "").strip()
         if name not in self.attributes or not (value or name == "units"):
             raise self.fault(f"<{self.tag}> without attribute {name}", f'{name}="..."')

@@ -364,7 +364,10 @@ def _compile_definition(definition: Definition) -> Evaluator:
 
 
 def _sorted_lines(definition: Definition) -> Definition:
-    """Return a copy of a definition in which ungridded tables of one coordinate are gridded tables, sorted."""
+    """Return a copy of a definition that has each ungridded table of one coordinate also as a gridded table, sorted.
+
+    The evaluator uses the gridded table. Raises DaveMlError if two points have the same coordinate.
+    """
     breakpoints, gridded = dict(definition.breakpoints), dict(definition.gridded)
     for table in definition.ungridded.values():
         if table.points.shape[1] == 1:

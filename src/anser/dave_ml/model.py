@@ -188,7 +188,7 @@ class Model:
         return self.evaluator.evaluate_si(inputs, outputs)
 
     def check(self) -> list[CheckResult]:
-        """Compare the model with the check shots of its file; raises ValueError as `check_shots`."""
+        """Compare the model with the check shots of its file; raises ValueError as `check_shots` does."""
         return check_shots(self.definition, self.evaluator)
 
     def with_shots(self, inputs: Mapping[str, Mapping[str, float]], tolerance: float = 1e-9) -> "Model":
@@ -216,8 +216,9 @@ def read_dave_ml(content: str | bytes, name: str) -> Model:
 def adapt_model(model: Model, names: Mapping[str, str], defaults: Mapping[str, float]) -> Model:
     """Return a copy of a model with other variable names and with default values for inputs, in the file's units.
 
-    `names` are new names -> varID or name in the file. Raises ValueError if a variable does not exist or a new name
-    belongs to another variable, DaveMlError (a ValueError) if the units do not fit a new name of the standard.
+    `names` maps each new name to a variable, by varID or name in the file; `defaults` maps inputs to values. Raises
+    ValueError if a variable does not exist, a default is given for a variable that the file computes, or a new name
+    belongs to another variable; DaveMlError (a ValueError) if the units do not fit a new name of the standard.
     """
     if not names and not defaults:
         return model

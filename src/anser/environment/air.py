@@ -111,9 +111,10 @@ def vapour_pressure(temperature: np.ndarray | float) -> np.ndarray:
 def virtual_temperature(
     temperature: np.ndarray | float, pressure: np.ndarray | float, relative_humidity: np.ndarray | float
 ) -> np.ndarray:
-    """Return the temperature (K) at which dry air has the density of moist air of a temperature (K) and pressure (Pa).
+    """Return the virtual temperature (K), at which dry air of equal pressure has the density of the moist air.
 
-    The relative humidity, 0 to 1, is that over water. Source: law of ideal gases with the molar masses of both gases.
+    The moist air has a temperature (K), a pressure (Pa) and a relative humidity over water (0 to 1). Source: law of
+    ideal gases with the molar masses of both gases.
     """
     vapour = np.minimum(relative_humidity * vapour_pressure(temperature), pressure)
     return temperature / (1.0 - (1.0 - VAPOUR_MOLAR_RATIO) * vapour / pressure)
@@ -194,7 +195,7 @@ def air_in_layers(layers: Layers, altitude: np.ndarray | float) -> AirValues:
 
 
 def air_at_geopotential(layers: Layers, geopotential: np.ndarray | float) -> AirValues:
-    """Return the air at geopotential altitudes (m), of any shape."""
+    """Return the air of `layers` at geopotential altitudes (m), a number or an array of any shape."""
     h = np.asarray(geopotential, dtype=float)
     row = layers[np.searchsorted(layers[1:, 0], h, side="right")]
     base, temperature_base, lapse, relative_lapse, pressure_base, power, decay = np.moveaxis(row, -1, 0)

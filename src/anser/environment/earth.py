@@ -181,7 +181,7 @@ class RotatingEarth(AbstractEarth):
         return self.gravitation_e(position_e) + self.rotation_rate * self.rotation_rate * out_e
 
     def gravitation_e(self, position_e: Vector3) -> Vector3:
-        """Return the gravitation alone (3,), ECEF axes, m/s^2, at an Earth-fixed position (m)."""
+        """Return the gravitation without centrifugal acceleration (3,), ECEF, m/s^2, at an Earth-fixed position (m)."""
         return gravitation_j2(position_e, self.gravitational_parameter, self.oblateness_j2, self.ellipsoid.a)
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:

@@ -101,10 +101,10 @@ class Episode:
 
 
 def score(environment: AnyEnvironment, policy: str | Policy = "expert", episodes: int = 1000, seed: int = 1) -> Score:
-    """Fly a number of episodes under a policy; the seed is that of the starts and of random actions.
+    """Fly episodes under a policy, and return the score; `seed` determines the starts and random actions.
 
-    The policy is "expert", "zero", "random", or a function `(key, observation, state, policy_state)` to action and
-    policy state.
+    The policy is "expert", "zero", "random", or a function `(key, observation, state, policy_state)` that returns the
+    action and the new state of the policy; the first `policy_state` of an episode is None.
     """
     _, sums, _ = _fly(environment, policy, episodes, seed, is_recorded=False)
     returns, successes, failures = sums
@@ -191,8 +191,10 @@ def record_flight(
 ) -> AircraftFlight:
     """Fly recorded actions from the start of an episode, and record the variables of the catalogue at every step.
 
-    Without any action, the flight has one sample, with the action 0. Of a fleet, the flight is that of one aircraft,
-    `agent`. It is flown in the precision of the environment and stored in float64, as by `anser.simulate`.
+    Without any action, the flight has one sample, with the action 0. For a fleet, `agent` names the aircraft whose
+    flight is returned. The flight is computed in the precision of the environment and stored in float64. Raises
+    ValueError for another `agent` than one of the fleet (None for one aircraft), and for more actions than an episode
+    has decisions.
     """
     params, member, level = environment.default_params, environment.single, environment.single.level
     vehicle_state, actions = start.vehicle, np.asarray(actions, np.float32)

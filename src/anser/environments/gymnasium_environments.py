@@ -120,7 +120,7 @@ def compiled_environment(task: Any, action: str | None, options: Mapping[str, An
 
 
 def seed_words(seed: int) -> np.ndarray:
-    """Return the words of `jax.random.key(seed)`."""
+    """Return the two 32-bit words of the key `jax.random.key(seed)`."""
     return np.array([seed >> 32 & 0xFFFFFFFF, seed & 0xFFFFFFFF], np.uint32)
 
 
@@ -143,7 +143,7 @@ def box_spaces(environment: Any) -> tuple[gymnasium.spaces.Box, gymnasium.spaces
 
 
 class EpisodeSequence:
-    """The episodes of an environment one after another: number, start, actions, and the present state."""
+    """Successive episodes of an environment; holds number, start, actions and state of the present episode."""
 
     def __init__(self, compiled: CompiledEnvironment) -> None:
         self.compiled, self.key, self.number = compiled, np.zeros(0, np.uint32), 0
@@ -306,7 +306,10 @@ class GymnasiumVectorEnvironment(VectorEnv):
         return np.concatenate(observations), np.concatenate(rewards).astype(np.float64), terminations, truncations, info
 
     def _fly(self, function: Callable[..., Any], states: list[Any], *rows: Any) -> Any:
-        """Return each result of a compiled function, and the states, by blocks of the batch."""
+        """Call a compiled function for each block of the batch, in parallel; return each result as a tuple over blocks.
+
+        `states` are sequences over the blocks; `rows` are arrays over the whole batch.
+        """
         blocks = zip(*states, *([array[block] for block in self._blocks] for array in rows), strict=True)
         return zip(*call_on_cores([partial(function, *block) for block in blocks]), strict=True)
 

@@ -69,7 +69,10 @@ class AbstractTask(eqx.Module):
         """Return the command of the scripted expert to the loop `expert_loop` of the autopilot."""
 
     def has_failed(self, situation: Situation) -> Flag:
-        """Whether the episode ends by failure, besides the ground and the limits of the aircraft: by default never."""
+        """Whether a condition of this task ends the episode by failure; by default never.
+
+        `AircraftEnvironment.judge` lists the other failures.
+        """
         return jnp.zeros((), bool)
 
     def reward(self, situation: Situation, errors: Float[Array, " error"]) -> Scalar:
@@ -94,7 +97,10 @@ class Aim(NamedTuple):
         return (wrap_angle(difference) if self.name in _CYCLIC else difference) / (self.tolerance * unit)
 
     def shown(self, command: Scalar, value: Scalar) -> Scalar:
-        """Return the command less a value of the variable, in its unit."""
+        """Return the commanded less the present value of the variable, in the variable's unit.
+
+        The command of an angle is in rad. Differences of course and bank angle are wrapped to -180..180 deg.
+        """
         if self.name in _CYCLIC:
             return wrap_angle(command - value * DEG_RAD) * RAD_DEG
         return (command * RAD_DEG if self.name.endswith("_deg") else command) - value

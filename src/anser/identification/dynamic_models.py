@@ -147,7 +147,11 @@ class ParameterSet:
     def input_influence(
         self, values: Values, manoeuvre: Manoeuvre, weights: Float[np.ndarray, "sample output parameter"]
     ) -> Float[np.ndarray, "parameter sample input"]:
-        """Return the derivatives by every sample of the inputs of weighted sums of the outputs, by reverse mode."""
+        """Return the derivatives of weighted sums of the outputs with respect to every sample of the inputs.
+
+        The sums are over samples and outputs, one for each parameter. The derivatives are computed by reverse-mode
+        automatic differentiation of the response without correction by measured outputs.
+        """
         return np.asarray(_input_influence(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights)))
 
     def linearize(self, values: Values, manoeuvre: Manoeuvre) -> StateSpace:

@@ -103,9 +103,14 @@ def estimate_filter_error(
 
 @compiled_quickly
 def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Array, logs: Array) -> tuple[Array, ...]:
-    """Return cost, gradient and information by (values, densities, logs), innovations, and whitened sensitivities.
+    """Return negative log-likelihood, gradient, Fisher information, innovations, whitened innovations, sensitivities.
 
-    The outputs of a sample correct the state one after the other, which is equivalent and leaves scalar variances.
+    Constants are left out of the likelihood. Gradient, information and sensitivities are with respect to (values,
+    densities, logs), in this order. An extended Kalman filter corrects the state with the outputs of a sample one after
+    the other, which is equivalent to a joint correction and has scalar innovation variances. The returned innovations
+    are the measured outputs less the outputs predicted before the corrections of the sample. The whitened innovations
+    are the innovations of the single corrections, divided by their standard deviations. The sensitivities are minus the
+    derivatives of the innovations of the single corrections, divided by the same standard deviations.
     """
     indices = np.asarray(noisy, dtype=int)
 

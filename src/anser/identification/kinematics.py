@@ -21,10 +21,11 @@ Rows3 = Float[np.ndarray, "3 sample"]
 def flow_rates(
     airspeed: Any, alpha: Any, beta: Any, rates_b: Any, specific_force_b: Any, gravity_b: Any, xp: Any = np
 ) -> Any:
-    """Return the rates of airspeed (m/s^2), angle of attack and sideslip (rad/s): stacked.
+    """Return the time derivatives of airspeed (m/s^2), angle of attack and sideslip angle (rad/s), stacked.
 
-    Body rates (rad/s), specific force and gravity (m/s^2) are rows of body axes; air at rest or moving steadily. `xp`
-    is the array module, `numpy` or `jax.numpy`. Source: [SL] eqs. 2.5-29 to 2.5-31.
+    Airspeed is in m/s, angles are in rad; body rates (rad/s), specific force and gravity (m/s^2) have one row per body
+    axis. The wind is constant and uniform. `xp` is the array module, `numpy` or `jax.numpy`. Source: [SL] eqs. 2.5-29
+    to 2.5-31.
     """
     P, Q, R = rates_b
     ax, ay, az = specific_force_b + gravity_b

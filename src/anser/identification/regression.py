@@ -339,7 +339,8 @@ def regress_with_prior(
     Raises
     ------
     ValueError
-        As for `regress`, from the information of record and prior values together.
+        A prior value is not that of a regressor, or its standard error is not positive and finite. Otherwise as for
+        `regress`, with collinearity judged from the sum of the information of the record and of the prior values.
     """
     problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=constant)
     if not set(prior) <= set(problem.names) or not all(0.0 < error < np.inf for _, error in prior.values()):

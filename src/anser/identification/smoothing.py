@@ -26,11 +26,13 @@ class Smoothed(NamedTuple):
 
 
 def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, shared: bool = False) -> Smoothed:
-    """Smooth and differentiate measured time histories.
+    """Smooth and differentiate measured time histories by global Fourier smoothing.
 
-    A line through the ends is subtracted, and the remainder is a sine series (odd about both ends), whose coefficients
-    b_k fall with the cube of the frequency for a smooth signal and are constant for white noise. The noise follows from
-    the upper coefficients; the Wiener filter 1 / (1 + noise / signal) keeps the rest. Source: C. Lanczos, *Applied
+    The straight line through the end values is subtracted, and the remainder is expanded in a sine series (odd about
+    both ends). Its coefficients fall with the cube of the frequency for a smooth signal, and have a constant variance
+    for white noise. The noise power is the mean square of the coefficients in the upper 40 % of the frequencies. Every
+    coefficient is multiplied by the Wiener weight 1 / (1 + noise power / signal power), with a signal power that falls
+    with the sixth power of the frequency; with negligible noise, all weights are 1. Source: C. Lanczos, *Applied
     Analysis* (1956), section 5.11; E. A. Morelli, "Estimating Noise Characteristics from Flight Test Data Using Optimal
     Fourier Smoothing", *J. Aircraft* 32(4), 1995.
 
@@ -41,7 +43,8 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
     step_s
         Period, s.
     shared
-        True: the filter of the first channel is applied to all, as both sides of an equation need it.
+        True: the weights of the first channel are applied to all channels, so that both sides of an equation are
+        filtered alike.
 
     Raises
     ------
@@ -122,7 +125,10 @@ def _sustained(above: np.ndarray, width: int) -> np.ndarray:
 
 
 def _sine_sums(values: np.ndarray) -> np.ndarray:
-    """Return twice the sums of values times sin(k pi i / intervals): its own inverse but for a factor."""
+    """Return the type-I discrete sine transform along the last axis: 2 sum_i values_i sin(pi k i / n), i, k = 1..n-1.
+
+    The transform applied twice gives the values times 2 n.
+    """
     return np.asarray(dst(values, type=1, axis=-1))
 
 

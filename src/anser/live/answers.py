@@ -82,7 +82,10 @@ def invalid_answer(error: ScenarioError) -> Answer:
 
 
 def without_arrival_times(values: dict[str, Any], error: ScenarioError) -> dict[str, Any] | None:
-    """Return a document without its prescribed arrival times, if they are the only problems; None otherwise."""
+    """Return a copy of a document with earliest arrivals in place of prescribed arrival times.
+
+    None if a problem concerns anything other than the prescribed arrival times.
+    """
     if not all(_ARRIVAL_PATHS.fullmatch(problem.path) for problem in error.problems):
         return None
     aircraft = [
@@ -265,7 +268,7 @@ def _position_at(samples: PlanSamples, k: int, time_s: float) -> Position:
 
 
 def _hold_track(holds: PlannedHolds | None, k: int) -> dict[str, list[float]] | None:
-    """Return the path of an aircraft's hold over the ground; None without planned holds."""
+    """Return the ground track and altitude (m) of the planned hold of aircraft `k`; None without planned holds."""
     if holds is None:
         return None
     knots = np.asarray(holds.paths.air_n)[k, :, 0] + np.asarray(holds.paths.drift_n)[k, :, 0]

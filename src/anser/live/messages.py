@@ -67,7 +67,7 @@ class SaveRequest(_Request):
 
 
 class TextRequest(_Request):
-    """Return a document as TOML."""
+    """Return a document as TOML, with the comments of the file `base`, if given."""
 
     type: Literal["text"]
     scenario: _Document

@@ -49,10 +49,9 @@ class FleetSnapshot(NamedTuple):
 def take_snapshot(
     flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport, has_left: Bool[Array, " aircraft"]
 ) -> FleetSnapshot:
-    """Collect the data with which the certified planner replans a fleet in flight at a time (s).
+    """Return the data with which the certified planner replans a fleet in flight at a time (s), see `FleetSnapshot`.
 
-    These are the tasks of the aircraft that can be replanned, and the fixed paths of the others (arrived, about to
-    arrive, or departed). `flight` must include the departures applied so far.
+    `has_left` is the mask of the aircraft that have left the fleet and still fly.
     """
     planner, plan_state = aircraft_planner(flight), state.planner
     plan = plan_state.plan

@@ -259,7 +259,7 @@ class PublishedFirstPlan(FirstPlan):
         return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on a mean airspeed other than requested, and on the change of the wind on the way."""
+        """Notes on a mean airspeed above the requested airspeed, and on a different wind at start and rendezvous."""
         fleet, notes, speed_m_s = self.scenario.fleet, [], float(self.plan.speed)
         preferred_m_s = fleet.airspeed_m_s
         if speed_m_s > preferred_m_s * (1.0 + _SPEED_TOLERANCE):

@@ -210,13 +210,14 @@ class PlannedFlights:
 def plan_many(cases: Sequence[FlightCase], progress: Progress | None = None) -> PlannedFlights:
     """Trim and plan many flights of equal structure by the certified planner, up to the arrivals.
 
-    Only the times that the arrival rule prefers are tried, and no holds are planned: a flight costs a fraction of its
-    first plan, and without a path at these times has none.
+    The result lacks a flight with an aircraft that cannot be trimmed, and a flight for which no plan was found. The
+    search tries the preferred arrival times only and plans no holds, which takes a fraction of the time of a first
+    plan; the arrival rule "earliest" has no preferred times and thus no plan.
 
     Raises
     ------
     ValueError
-        The scenarios have different structures, or another planner than the certified one.
+        If the scenarios have different structures, or a planner other than the certified planner.
     """
     enable_compilation_cache()
     on_progress = progress or no_progress

@@ -232,9 +232,9 @@ def _keep_out_margins(
 
 
 def keep_out_margins(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Smallest distance of each aircraft outside each keep-out, m, and its time, s; both (aircraft, volume).
+    """Return the least distance of each aircraft from each keep-out, m, and its time, s; both (aircraft, volume).
 
-    Negative inside. Evaluated at sixteen times between two samples.
+    The distance is that of `keep_out_room`, negative inside, evaluated at sixteen times per sampling interval.
     """
     if not keep_outs:
         empty = np.zeros((motion.positions_n.shape[1], 0))

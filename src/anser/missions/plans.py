@@ -136,7 +136,8 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
     Raises
     ------
     PlanFileError
-        If the file cannot be read, is damaged, or contains the plan of another scenario.
+        If the file cannot be read, is damaged, contains the plan of another scenario, or was written by another version
+        of anser.
     ScenarioError
         If an aircraft cannot be trimmed at its start.
     """

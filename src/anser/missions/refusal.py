@@ -160,9 +160,9 @@ def _straight_airspeed_m_s(scenario: Scenario, aircraft: Aircraft, time_s: float
 
 
 def earliest_common_time(arrival_intervals: Sequence[Intervals], from_s: float) -> float | None:
-    """Return the earliest time, s, at which every aircraft by itself can arrive, rounded up to a tenth; None without.
+    """Return the earliest time from `from_s` (s) on at which every aircraft, flying alone, can arrive.
 
-    Only times from `from_s` on count.
+    In seconds, rounded up to 0.1 s; None if no such time exists.
     """
     common = common_times(arrival_intervals, np.zeros(len(arrival_intervals)))
     earliest_s = min((max(start, from_s) for start, end in common if end >= from_s), default=None)
@@ -224,9 +224,9 @@ def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedP
 
 
 def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[Refusal, ...]:
-    """Return one reason for each aircraft that can arrive but cannot hold afterwards.
+    """Return reasons why aircraft can arrive but cannot hold afterwards: one per aircraft or pair too close together.
 
-    `holds` are the holds that the search found for the plan up to the arrivals.
+    `holds` are the holds that the search found for the plan up to the arrivals. At most `_MESSAGES_MAX` reasons.
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     scenario_aircraft = slice(len(names))  # without the padding

@@ -162,34 +162,35 @@ def run(
     planner: Any = None,
     on_segment: Callable[[np.ndarray, dict[str, np.ndarray]], None] = lambda time_s, history: None,
 ) -> FlightResult:
-    """Fly a scenario.
+    """Fly a scenario and return the recorded flight.
 
     Parameters
     ----------
     scenario
         From `load`, or the path of a scenario file.
     progress
-        Called with a description of the current work and the completed share of the flight; None before and after the
-        flight.
+        Called with a description of the current work and the completed share of the flight, 0..1; the share is None
+        during planning, replanning and the final summary.
     planned
         A finished plan of this scenario, from `anser.plan` or `anser.missions.read_plan`; None: the scenario is planned
         first.
     precision
         Precision of the flight; planning always uses float64.
     controller, guidance, sensors, estimator, planner
-        User-defined parts in place of the scenario's: an object of a subclass of `anser.parts.AbstractController` and
-        so on, its name as text ("my_package:MyController"), or, but for the planner, a mapping by the aircraft's name.
+        User-defined parts that replace the parts of the scenario: an object of a subclass of
+        `anser.parts.AbstractController` and so on, or a name as text ("my_package:MyController"). Except for `planner`,
+        also a mapping from names of aircraft to parts.
     on_segment
-        Called after each segment of the flight with its times, s, and the recorded values by key of the catalogue,
-        (time, aircraft), SI units and radians.
+        Called after each segment of the flight with the times of the steps, s, and the recorded values by key of the
+        catalogue, (time, aircraft), SI units and radians.
 
     Raises
     ------
     ValueError
         If `planned` is the plan of another scenario.
     ScenarioError
-        If the file cannot be read or is not a valid scenario, if an aircraft cannot be trimmed at its start, or if the
-        precision does not fit the scenario.
+        If the file cannot be read or is not a valid scenario, if a user-defined part is not valid, if an aircraft
+        cannot be trimmed at its start, or if the scenario cannot be flown in the precision.
     NoPlanError
         If no plan was found; the message contains the reasons.
     """

@@ -45,7 +45,7 @@ class SeriesSelection(eqx.Module):
         return math.gcd(self.stride, self.segment_divisor)
 
     def for_segments(self, divisor: int) -> "SeriesSelection":
-        """Return the selection for segments that are multiples of `divisor` steps."""
+        """Return the selection for segments whose numbers of steps are multiples of `divisor`."""
         return dataclasses.replace(self, segment_divisor=divisor)
 
     def rows(self, scenario: Scenario) -> int:

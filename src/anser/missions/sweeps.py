@@ -112,7 +112,10 @@ def sweep(
 
 
 def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -> list[Scenario]:
-    """Make the scenarios of a sweep, the values of the last path fastest; raises the errors of `sweep`."""
+    """Make the scenarios of a sweep; the value of the last path changes fastest.
+
+    Raises ScenarioError and ValueError as `sweep` does.
+    """
     if not swept:
         raise ValueError("sweep: arrived no path; expected one at least, such as {'wind.speed_m_s': [0, 5, 10]}")
     for path, values in swept.items():

@@ -56,7 +56,7 @@ def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
 
 
 def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solve matrix @ x = vector for a small positive definite matrix, by elimination.
+    """Solve matrix @ x = vector for a small positive definite matrix, by Gauss-Jordan elimination without pivoting.
 
     A batch of systems under `vmap` is solved in one computation.
     """

@@ -39,7 +39,10 @@ class AbstractRandomness(eqx.Module):
 
     @abc.abstractmethod
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw `count` independent numbers in (0, 1) for a part of the loop at sample `number`: Phi of the normals."""
+        """Draw `count` independent numbers, uniform in (0, 1), for a part of the loop at sample `number`.
+
+        The numbers are the standard normal distribution function of the `normals` of the same part and sample.
+        """
 
 
 class SeededRandomness(AbstractRandomness):

@@ -206,7 +206,7 @@ class Reading(eqx.Module):
     def air_data(self, environment: Environment) -> AirData:
         """Return the measured air data, gusts included.
 
-        Density and speed of sound are those of the true altitude, as from a static pressure without error.
+        Density and speed of sound are exact, for the true altitude: static pressure and temperature have no error.
         """
         data = self.condition.air_data
         if self.velocity_air_b is None:

@@ -85,7 +85,7 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
 def final_air_velocity(
     rendezvous: Rendezvous, line_n: Vector3, speed: ScalarLike, wind_n: Vector3
 ) -> tuple[Vector3, Flag]:
-    """Compute the velocity relative to the air (NED, m/s) at arrival, for any prescribed direction over the ground.
+    """Compute the velocity relative to the air (NED, m/s) at arrival in the prescribed direction over the ground.
 
     Parameters
     ----------
@@ -98,8 +98,9 @@ def final_air_velocity(
 
     Returns
     -------
-    Velocity with the given airspeed, and whether the prescribed direction over the ground can be flown: the ground
-    speed g > 0 solves |g d - wind| = speed. Without a solution the velocity is along `line_n`.
+    Velocity with the given airspeed, and whether the prescribed direction over the ground can be flown: with the unit
+    vector d of this direction, a ground speed g > 0 solves |g d - wind| = speed. Without a solution, or without a
+    prescribed direction, the velocity is along `line_n`.
     """
     straight_velocity = jnp.asarray(speed) * unit_vector(line_n, jnp.array([1.0, 0.0, 0.0]))
     straight_path = polar(straight_velocity + wind_n, jnp.zeros(3))
@@ -143,7 +144,7 @@ class IdleDeceleration(eqx.Module):
         return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """Return the increase of the relative deceleration due to a load factor above 1; 0 up to 1."""
+        """Return the increase of the relative deceleration due to a load factor above 1; up to 1 the increase is 0."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
 
@@ -215,8 +216,9 @@ class AircraftReport(eqx.Module):
 class Performance(eqx.Module):
     """Acceleration and deceleration that one aircraft can reach along its path; stacked for a fleet.
 
-    With full and with idle thrust, in level flight at the start airspeed, m/s^2; `idle` is the relative idle
-    deceleration at other airspeeds and load factors.
+    `acceleration` (full thrust) and `deceleration` (idle thrust) are for level flight at the start airspeed, m/s^2.
+    `idle` is the deceleration with idle thrust at other airspeeds and load factors, relative to `deceleration` (or to
+    a least value: `anser.steady.performance`).
     """
 
     deceleration: Float[Array, "..."]

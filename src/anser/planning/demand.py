@@ -46,11 +46,13 @@ class Demand(eqx.Module):
         acceleration: ScalarLike,
         deceleration: ScalarLike,
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return how far the demand exceeds three limits, m/s^2; negative within a limit.
+        """Return the excess of the demand over three limits, m/s^2; negative within a limit.
 
-        1. Bank: the excess of `side` over `lift` times `bank`, the tangent of the greatest bank angle.
-        2. Force normal to the velocity: at most `normal`, and `lift` at least `lift_min`, m/s^2.
-        3. Force along the velocity: the limits `acceleration` and `deceleration` are in m/s^2.
+        1. Bank angle: abs(side) - lift * bank; the argument `bank` is the tangent of the greatest bank angle.
+        2. Force normal to the velocity: the larger of `smooth_normal` - normal and lift_min - lift.
+        3. Force along the velocity: the larger of along - acceleration and -along - deceleration.
+
+        The other arguments are limits in m/s^2.
         """
         return (
             jnp.abs(self.side) - self.lift * bank,
@@ -94,7 +96,11 @@ def normal_force_max(limits: PathLimits, gravity: ScalarLike) -> Scalar:
 
 
 def side_force_max(lift_min: ScalarLike, lift_max: ScalarLike, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Greatest `Demand.side`, m/s^2, within bank and load factor, for lift from `lift_min` to `lift_max`, m/s^2."""
+    """Return the greatest `Demand.side`, m/s^2, within the limits of bank angle and load factor.
+
+    The limits are kept for every `Demand.lift` from `lift_min` to `lift_max`, m/s^2. The result is positive even if the
+    limits allow no turn.
+    """
     by_bank = jnp.maximum(lift_min, _FORCE_MIN) * jnp.tan(limits.bank_max)
     side_square = normal_force_max(limits, gravity) ** 2 - lift_max**2
     return jnp.minimum(by_bank, jnp.sqrt(jnp.maximum(side_square, _FORCE_MIN**2)))

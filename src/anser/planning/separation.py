@@ -30,8 +30,9 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
 def keep_out_room(distance: Any, altitude: Any, radius: Any, bottom: Any, top: Any) -> Any:
     """Distance of a point outside an upright cylinder, m: the larger of the horizontal and the vertical distance.
 
-    Negative inside. `distance` is that from the axis, `altitude` the point's, m; `radius`, `bottom` and `top` are those
-    of the cylinder, m; NumPy or JAX arrays.
+    Negative inside. `distance` is the horizontal distance of the point from the axis, `altitude` the altitude of the
+    point; the cylinder has the radius `radius` and extends from altitude `bottom` to `top`. All in m; NumPy or JAX
+    arrays.
     """
     xp = distance.__array_namespace__()
     return xp.maximum(distance - radius, xp.maximum(bottom - altitude, altitude - top))

@@ -289,7 +289,7 @@ _COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha
 
 
 def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> None:
-    """Draw the path tracking of the first aircraft of a flight until its arrival into new files."""
+    """Draw the path tracking of a flight's first aircraft up to the planned arrival; save the figure to new files."""
     mpl, figure = new_figure((7.6, 6.2))
     approach = dataset.isel(aircraft=0)
     approach = approach.sel(time=approach["time"] <= float(approach["arrival_time_s"].values[0]))

@@ -144,9 +144,10 @@ def _counts(size: int, points: int) -> np.ndarray:
 
 
 def success_convergence(succeeded: np.ndarray, confidence: float, points: int) -> dict[str, np.ndarray]:
-    """Compute the success rate and its confidence interval over growing numbers of flights.
+    """Compute the success rate and its Wilson confidence interval over growing numbers of flights.
 
-    Returns `n`, numbers of flights; `value`, success rate after n flights, %; `low` and `high`, its interval, %.
+    Returns `n`, numbers of flights; `value`, success rate of the first n flights, %; `low` and `high`, bounds of the
+    confidence interval, %.
     """
     counts = _counts(succeeded.size, points)
     successes = np.cumsum(succeeded)[counts - 1] if succeeded.size else counts

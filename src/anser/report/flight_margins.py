@@ -81,10 +81,11 @@ _LIMITS = (
 
 
 def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
-    """Return the margins of a flight: first margins not met before the arrival, then by decreasing utilization.
+    """Return the margins of a flight to requirements and limits: first those not met up to the arrival, then the rest.
 
-    Requirements and their evaluation are taken from the summary. Limits are those of each aircraft over the whole
-    record (with the derived variables); of a limit that differs between aircraft, only the tightest margin is listed.
+    Both groups are sorted by decreasing utilization. Requirements and their evaluation are taken from the summary.
+    Limits are those of each aircraft, over the whole record; of a limit that differs between aircraft, only the
+    tightest margin is listed. `dataset` contains the derived variables.
     """
     is_single = len(summary["aircraft"]) == 1
     flight_margins = [

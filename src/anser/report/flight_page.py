@@ -211,7 +211,10 @@ def difference_table(
 
 
 def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[float]], float]) -> float | None:
-    """Return the worst value of a summary entry over the aircraft still in the fleet; None if a value is missing."""
+    """Return the worst value of a summary entry over the aircraft that have not left the fleet.
+
+    None if one of their values is missing, or all aircraft have left. `worst` is `max` or `min`.
+    """
     values = [aircraft[key] for aircraft in summary["aircraft"] if "left_s" not in aircraft]
     return None if not values or None in values else worst(values)
 

@@ -157,7 +157,7 @@ def _goal_direction(dataset: xr.Dataset, k: int, finite: np.ndarray) -> tuple[fl
 
 
 def _last_position(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.ndarray:
-    """Return the last finite position of aircraft or goal number `k`, m; `names` are its two variables."""
+    """Return the last finite position of aircraft or goal number `k`, m; `names` are the variables with coordinates."""
     last_sample = np.flatnonzero(np.isfinite(dataset[names[0]].values[:, k]))[-1]
     return np.array([dataset[name].values[last_sample, k] for name in names])
 

@@ -110,7 +110,7 @@ def to_dataset(
 
 
 def air_variables(airspeed: np.ndarray, altitude: np.ndarray, layers: Layers) -> dict[str, np.ndarray]:
-    """Compute airspeeds and altitudes of the catalogue (calibrated, equivalent, pressure, ...) by key, SI units.
+    """Compute calibrated and equivalent airspeed (m/s) and pressure and density altitude (m), by key of the catalogue.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def build_environment(scenario: Scenario) -> Environment:
 
 
 def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
-    """Build the atmosphere: the standard one without a table, layers padded to a bucket size with one."""
+    """Build the atmosphere of a table, with the layers padded to a bucket size; None: the standard atmosphere."""
     if atmosphere is None:
         return StandardAtmosphere()
     layers = atmosphere.layers

@@ -35,7 +35,7 @@ _PULSES: dict[str, Callable[..., InputSignal]] = {"doublet": doublet, "3-2-1-1":
 
 
 def _signal(table: schema_excitation.Excitation, index: int) -> InputSignal:
-    """Return the signal of one of the table's inputs, in the units of the table."""
+    """Return the signal of input number `index` of a table [[excitation]], in the units of the table."""
     amplitude = table.amplitude_of(index)
     if table.signal == "step":
         return step_input(amplitude, table.start_s)

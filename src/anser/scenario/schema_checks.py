@@ -79,7 +79,11 @@ def name_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def speed_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List preferred airspeeds outside the limits or below the wind speed, and a hold radius that is too small."""
+    """List preferred airspeeds outside the limits, a wind not slower than an aircraft, and too small a hold radius.
+
+    The least hold radius is the turn radius with `limits.bank_max_deg` at the airspeed plus the greatest horizontal
+    wind. A wind field counts as still air: the file is not read here.
+    """
     problems: dict[str, Problem] = {}
     for index, aircraft in enumerate(scenario.aircraft):
         for problem in _aircraft_speed_problems(scenario, index, aircraft):

@@ -278,7 +278,7 @@ class Atmosphere(Table):
 
     @property
     def layers(self) -> Layers:
-        """Layers of the air, see `anser.environment.air`."""
+        """Layers of the air: array (layer, 7) with the columns of `anser.environment.air`."""
         if self.sounding is not None:
             return self.sounding.layers(self.temperature_offset_k)
         pressure = SEA_LEVEL_PRESSURE_PA

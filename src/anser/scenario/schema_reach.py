@@ -32,7 +32,11 @@ class ReferenceSpeed:
 
 
 def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSpeed:
-    """Return the airspeed with which the checks decide whether an aircraft can reach its goal."""
+    """Return the airspeed with which the checks decide whether an aircraft can reach its goal.
+
+    The airspeed is the preferred airspeed, or the greatest airspeed of the limits for a certified plan with an arrival
+    rule other than "together".
+    """
     fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified
     if not certified or arrival.rule == "together":
@@ -190,7 +194,12 @@ def _leg_speed_problems(
 def _aircraft_reach_problems(
     path: str, aircraft: Aircraft, scenario: ScenarioTables, reference: ReferenceSpeed, fastest_m_s: float | None
 ) -> list[Problem]:
-    """List the reasons why one aircraft cannot reach its goal."""
+    """List the problems of one aircraft's flight to the rendezvous.
+
+    Problems are a goal that outruns the aircraft, a rendezvous out of reach within `timing.duration_s`, a start at the
+    rendezvous, and a rendezvous outside the altitude limits. `fastest_m_s` is an upper bound of the mean airspeed, m/s,
+    to which the greatest tail wind is added; None: the reference airspeed without tail wind.
+    """
     goal, limits, subject = scenario.goal_of(aircraft), scenario.limits_for(aircraft), aircraft.label
     wind, timing = scenario.wind, scenario.timing
     rendezvous_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)

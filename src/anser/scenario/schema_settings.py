@@ -42,7 +42,11 @@ class AirspeedTable(Table):
 
     @property
     def airspeed_m_s(self) -> float:
-        """True airspeed, m/s; raises ValueError if the table has none or is not part of a scenario."""
+        """True airspeed, m/s.
+
+        Raises ValueError if the table has no airspeed, or a calibrated airspeed, equivalent airspeed or Mach number
+        outside a scenario: the conversion needs the air of the scenario.
+        """
         if self._airspeed_m_s is None:
             value = getattr(self, "speed_m_s", None)
             if value is None:

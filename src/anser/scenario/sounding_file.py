@@ -191,7 +191,10 @@ def _level(row: _Row, source: str) -> dict[str, float]:
 
 
 def _wind(row: _Row, altitude_m: float, source: str) -> dict[str, float] | None:
-    """Return the layer of the wind at a level; None without wind, or above the greatest altitude of a wind layer."""
+    """Return the wind of a level as a wind layer of a scenario.
+
+    None if the level has no wind, or is above the greatest altitude allowed for a wind layer.
+    """
     speed, direction = row.values.get("wind speed"), row.values.get("wind direction")
     if (speed is None) != (direction is None) and speed != 0.0:
         arrived = "a wind without speed" if speed is None else "a wind without direction"

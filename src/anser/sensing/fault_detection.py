@@ -81,9 +81,10 @@ class FaultDetection(eqx.Module):
         fade: ScalarLike,  # part of a new value in the low-pass filter
         step: ScalarLike,
     ) -> "FaultState":
-        """Return the state after one more sample, with a fault once confirmed; the first reported fault stays.
+        """Return the state after one more sample; only the first confirmed fault is reported.
 
-        `response`: missing coefficients; `effects`: their change by each fault of size 1; `noise`: their variances.
+        Missing coefficients are measured minus modelled CX, CY, CZ, Cl, Cm and Cn: `response` holds the low-pass
+        filtered values, `effects` the changes by each fault of size 1, and `noise` the standard deviations.
         """
         prediction = state.prediction + fade * (effects - state.prediction)
         # biases of sensors look like a constant lateral coefficient: only changes count there
@@ -133,16 +134,19 @@ class FaultState(eqx.Module):
     Attributes
     ----------
     prediction
-        Low-pass filtered effect of each fault of size 1 on the six coefficients, (fault, 6).
+        Low-pass filtered effect of each fault of size 1 on CX, CY, CZ, Cl, Cm, Cn, (fault, 6).
     mean_prediction, mean_response
-        Slow mean values of the predictions and of the missing coefficients.
+        Slow mean values of the predictions and of the missing coefficients (measured minus modelled).
     information, correlation, energy
-        Windowed sums of squared predictions, of predictions times missing coefficients, and of the missing coefficients
-        squared, in units of the noise.
+        Time integrals with exponential forgetting, s: of squared predictions, of predictions times missing
+        coefficients, and of squared missing coefficients, with every coefficient divided by the standard deviation of
+        the noise. Lateral coefficients count as deviations from the slow mean values.
     duration, candidate
-        Time since the best hypothesis meets the conditions, s, and its code.
+        Time for which one hypothesis has met the conditions without interruption, s, and the code of this hypothesis;
+        0 and `NO_FAULT` while the conditions are not met.
     code, size
-        Reported fault, `NO_FAULT` before, and its size: see `FAULT_SIZES`.
+        Code of the reported fault, `NO_FAULT` before a report, and the present estimate of the size, in the unit of
+        `FAULT_SIZES`.
     """
 
     prediction: Float[Array, "fault 6"]

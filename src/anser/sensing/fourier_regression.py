@@ -192,7 +192,11 @@ class FourierRegression(eqx.Module):
 
     @property
     def _rate_factor(self) -> Complex[Array, " frequency"]:
-        """Factor on the transform of a signal in the transform of its derivative, 1/s, with forgetting."""
+        """Factor i w - 1 / `forgetting_time` at every frequency w, 1/s.
+
+        By integration by parts, the transform of the derivative of a signal is the factor times the transform of the
+        signal, plus the end term.
+        """
         return 1j * self.frequencies - 1.0 / self.forgetting_time
 
     def _sum_factor(self, coefficients: Vector, signal: int, *, is_response: bool) -> Complex[Array, " frequency"]:
@@ -242,7 +246,11 @@ class _EndWeights:
         return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor[None, :]
 
     def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
-        """Return x(T) exp(-i w T) - x(0), the start weighted by the memory."""
+        """Return the end terms x(T) exp(-i w T) - m x(0) of every signal x, with the forgetting factor m of the start.
+
+        x(0) and x(T) are the end values of straight lines through the first and the last samples; with `steady_start`
+        x(0) is 0.
+        """
         start = self.start_weight * (self.start_line @ sums.first)[:, None]
         return (self.line @ sums.last)[:, None] * self.end_phasor[None, :] - start
 

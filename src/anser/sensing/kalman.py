@@ -110,7 +110,7 @@ def unscented_prediction(
 def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
 ) -> KalmanUpdate:
-    """Unscented Kalman update by all measurements at once."""
+    """Compute the unscented Kalman update by all measured components simultaneously."""
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     sigma_points = points.generate(mean, covariance)
     innovations, measured = jax.vmap(measurement.innovation)(sigma_points), measurement.measured

@@ -62,7 +62,10 @@ class SteadyMotion(AbstractMotionModel):
         return jnp.concatenate([state[:3] + span * state[3:6], state[3:]])
 
     def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
-        """Return the covariance that the acceleration noise adds over `span` seconds."""
+        """Return the covariance of the process noise over `span` seconds: white noise of acceleration and turn rate.
+
+        The turn-rate noise is present only if the turn rate is a state.
+        """
         return _white_acceleration(self.density, self.density_up, self.turn_density, span)
 
     def predict_covariance(

@@ -76,7 +76,7 @@ APPROACH, FROZEN, HOLD = range(3)
 
 
 class Perception(eqx.Module):
-    """Result of `perceive` for one aircraft at one sample: truth, belief, new states of sensors and estimator."""
+    """Result of `perceive` for one aircraft at one sample: truth, belief, air flow, new sensor and estimator states."""
 
     truth: Truth
     belief: Belief

@@ -61,7 +61,7 @@ class Timing(eqx.Module):
 
 
 class AircraftGroup(eqx.Module):
-    """Aircraft group: aircraft of the same structure, flown as one batch."""
+    """Aircraft of a fleet with the same pytree structure, shapes and dtypes of all parts, flown as one batch."""
 
     vehicles: Stacked[Vehicle]  # parts of the aircraft, stacked; leading axis members
     starts: TrimTarget  # steady flight at the start (trim targets); leading axis members

@@ -57,9 +57,9 @@ def _turn_distances(
     ground_speed: Scalar,
     turn: ScalarLike,
 ) -> Float[Array, " legs"]:
-    """Return the least distance (m) to the goal on each leg of an escape: a straight leg, then half a turn.
+    """Return the least distance (m) to the goal on each leg of a turn away: a straight leg, then a 180 deg turn.
 
-    The turn is approximated by chords of equal angles.
+    The legs of the turn, at the turn rate `rate` (rad/s), are chords of equal angles.
     """
     ahead_n = velocity_n.at[2].set(0.0) / ground_speed
     right_n = turn * jnp.stack([-ahead_n[1], ahead_n[0], jnp.zeros_like(ground_speed)])

@@ -280,10 +280,10 @@ def survey_flight(
     sensors: AbstractSensors | None = None,
     estimator: AbstractEstimator | None = None,
 ) -> SurveySummary:
-    """Fly a step of the path command from steady flight with the velocity loop, and return the flight's metrics.
+    """Simulate the step response of the velocity loop from steady flight, and return the metrics of the flight.
 
-    The command is the steady flight, with its turn, plus the step: (V, gamma, chi) jump at time 0 and the course
-    continues to turn. The memory needed does not depend on the duration.
+    At time 0 the command (V, gamma, chi) jumps by `size` from the steady flight `target`; in a steady turn the
+    commanded course continues to change at the turn rate. The memory needed does not depend on the duration.
     """
     vehicle = Vehicle(
         airframe=airframe,

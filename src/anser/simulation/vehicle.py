@@ -97,16 +97,18 @@ def advance(
 
 
 class Mission(eqx.Module):
-    """Mission of an aircraft: the true goal, the rendezvous, and the hold afterwards.
+    """Mission of an aircraft: the motion of the goal, the rendezvous, and the hold after the arrival.
 
     Attributes
     ----------
     goal
-        True motion of the goal, for the sensors only, never for the planner.
+        True motion of the goal, for the sensors and the stand-off guard, never for the planner.
     airborne
-        Whether the goal is in the air; otherwise on the surface.
+        Whether the goal is in the air; otherwise the goal is on the surface.
+    rendezvous
+        Rendezvous point relative to the goal, and prescribed directions of arrival.
     hold
-        Hold after the arrival or a break-off, for any planner and guidance.
+        Guidance after the arrival or a breakaway: along the hold of the plan, or on a circle around the goal.
     """
 
     goal: GoalMotion

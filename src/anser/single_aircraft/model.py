@@ -185,7 +185,7 @@ class AircraftModel:
         return jnp.concatenate([rate.position_n * _UPWARDS, rate.velocity_b, euler_rates, rate.rates_b, *lags])
 
     def state_vector(self, start: Any, *, lag: bool = True) -> np.ndarray:
-        """Return a start (a trim, or a state by name) as the state of `derivatives`."""
+        """Return a start (a trim, or a state by name) as the state vector of `derivatives` with the same `lag`."""
         point = resolve_start(self.airframe, standard_environment(), start)
         state = point.state
         euler = np.asarray(euler_from_quaternion(state.quaternion))

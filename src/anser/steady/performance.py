@@ -31,10 +31,11 @@ ACCELERATION_FLOOR = 0.1
 def performance_at(
     airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Performance:
-    """Compute acceleration and deceleration along the path in steady level flight with the surfaces (rad) of the trim.
+    """Compute the acceleration with full thrust and the deceleration with idle thrust from steady level flight, m/s^2.
 
-    The surfaces are not retrimmed at other airspeeds and load factors: for the F-16 the error of drag less idle thrust
-    is within 3 % and 0.06 m/s^2 (95 to 200 m/s, load factors 0.5 to 1).
+    `condition` is the trimmed condition, `surfaces` (rad) are the control surfaces of the trim. The idle deceleration
+    at other airspeeds and load factors, relative to the trim, is tabulated for the same surfaces: for the F-16 the
+    error of drag less idle thrust is within 3 % and 0.06 m/s^2 (95 to 200 m/s, load factors 0.5 to 1).
     """
     data = condition.air_data
     level, pushed_over = _idle_decelerations(airframe, environment, condition, surfaces)
@@ -59,7 +60,10 @@ def path_acceleration(airframe: AbstractAirframe, condition: AirDataAndForces, p
 def _idle_decelerations(
     airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Float[Array, "2 entries"]:
-    """Compute (drag - idle thrust) / mass at each airspeed of the table, m/s^2, for load factors 1 and `_PUSH_OVER`."""
+    """Compute (drag - idle thrust) / mass, m/s^2, for load factors 1 and `_PUSH_OVER` (rows).
+
+    The columns are the airspeeds `_SPEED_RATIOS` times the trimmed airspeed.
+    """
     trimmed_flow = condition.air_data
     air = environment.atmosphere.at(trimmed_flow.altitude)
     low, high = airframe.alpha_range

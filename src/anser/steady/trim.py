@@ -305,7 +305,7 @@ class TrimMapPoint(eqx.Module):
 
     @property
     def trimmable(self) -> Bool[Array, "..."]:
-        """Whether no obstacle exists; for a batch, one flag per point."""
+        """Whether the point can be flown: no flag of `obstacles` is set; for a batch, one flag per point."""
         xp = namespace(self.obstacles)
         return ~xp.any(xp.asarray(self.obstacles), axis=-1)
 

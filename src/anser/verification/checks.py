@@ -25,17 +25,21 @@ class Comparison:
     Attributes
     ----------
     group
-        Quantity, `alpha_dot`; a table shows the worst comparison of each group.
+        Quantity, such as `alpha_dot`; a table shows the worst comparison of each group.
     point
-        Condition of the comparison, `V 300 ft/s`.
+        Condition of the comparison, such as `V 300 ft/s`.
+    unit
+        Unit of both values and of the tolerance.
     expected, obtained
         Published value (None if only the definition is published), and value computed here.
     tolerance
         Largest accepted absolute difference; None if, and only if, `expected` is None.
+    time_s
+        Time of the values in a flight, s; None if the comparison is not of a time.
     reference
-        Name of the published source among several, `sim_05`.
+        Name of the published source among several, such as `sim_05`; otherwise empty.
     tolerance_reason
-        Reason of the tolerance if different from the check's.
+        Reason of the tolerance if different from the reason that the check states; otherwise empty.
     """
 
     group: str

@@ -108,7 +108,10 @@ def _measure(case: _Case) -> tuple[Comparison, ...]:
 def _comparison(
     name: str, log: Log, time_s: float, simulation: str = "", expected: float | None = None, tolerance: float = 0.0
 ) -> Comparison:
-    """Compare a logged column at a time (s) with a participant's value, if any."""
+    """Compare the value of a logged column at a time (s) with the published value `expected` of a simulation, if any.
+
+    Angles are compared modulo 360 deg. Half a unit of the last significant digit of `expected` is added to `tolerance`.
+    """
     obtained = float(log[name][round(time_s / LOG_PERIOD_S)])
     if expected is not None and name.startswith(_PERIODIC_COLUMNS):
         obtained += 360.0 * round((expected - obtained) / 360.0)

@@ -124,7 +124,7 @@ def _nesc_position(
 ) -> Iterator[Comparison]:
     """Compare a published position given in geodetic and in Earth-fixed coordinates, converted both ways.
 
-    The tolerance of one set of coordinates follows from the printed digits of the other.
+    The tolerance covers the rounding of the published coordinates of both kinds; the published height counts as exact.
     """
     compare = functools.partial(Comparison, point="NESC case 11, start", tolerance_reason="half the last digit of each")
     angles_ft = sum(half_of_significant(angle, _DIGITS) for angle in degrees) * DEG_RAD * float(WGS84.a) / FOOT_M

@@ -257,7 +257,10 @@ def _reachable_at(
     intervals: int,
     candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
-    """Whether each aircraft, flying alone, can arrive after its duration (s); False for aircraft beyond `count`."""
+    """Whether each aircraft, flying alone, has a candidate path of exactly its duration (s); False beyond `count`.
+
+    A candidate path counts if it is valid and outside all keep-outs.
+    """
 
     def check_reachable(k: Integer, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
         # Sequential: a batch would take as long, and a partly filled batch longer.

@@ -110,7 +110,7 @@ ABSENT = 1e9
 
 
 class Routes(NamedTuple):
-    """Routes of candidates, and the profile that completes each route to a path."""
+    """Horizontal routes of candidates, each with the index of a profile of altitude and airspeed."""
 
     endpoints: PathEndpoints  # start and end conditions of each route
     turns_and_legs: TurnsAndLegs  # turns and legs between the endpoints

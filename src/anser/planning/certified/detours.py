@@ -95,7 +95,7 @@ class _Aim(NamedTuple):
 
 
 def _aim(endpoints: PathEndpoints, initial: RollOut, angles: Float[Array, "2"], scales: Float[Array, "2"]) -> _Aim:
-    """Compute the lengths (m) of a direct path with fixed turn angles after the roll-out `initial`.
+    """Compute straight part, miss distance and length (m) of a direct path with given turns after the roll-out.
 
     `angles` are the turn angles (rad, right positive), `scales` the radius of each turn over the tightest radius.
     """

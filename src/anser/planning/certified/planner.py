@@ -102,7 +102,7 @@ class CertifiedPlanner(AbstractPlanner):
         return self
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
-        """Search for a plan with a common arrival time, with holds up to the latest arrival; not traceable by JAX.
+        """Search for a plan with a common arrival time, and holds up to `latest_arrival`; not traceable by JAX.
 
         `anser.missions` calls `search_plan` instead, which takes any arrival rule; `anser.missions.refusal` finds the
         reason for a missing plan.

@@ -151,7 +151,7 @@ def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
-    """The function t (1 - t/fade)^3 and its slope: a unit first derivative that fades out."""
+    """Return t (1 - t/fade)^3 and its derivative, which is 1 at t = 0; both are 0 from t = fade on."""
     q = jnp.maximum(1.0 - t / fade, 0.0)
     return t * q**3, q**3 - 3 * t / fade * q**2
 

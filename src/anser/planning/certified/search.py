@@ -269,7 +269,7 @@ def _attempt_candidate_sets(
 
 
 def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
-    """Propose times at which every aircraft alone can arrive, with increasingly thorough candidates."""
+    """Propose times at which every aircraft, flying alone, can arrive, with increasingly thorough candidate sets."""
     times = [t for t in _times_open_to_all(fleet, arrivals) if fleet.admissible(t[None])[0]]
     selected_times = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _LIST_FRACTIONS})] if times else []
     for candidate_set in fleet.levels:

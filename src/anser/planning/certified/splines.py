@@ -118,10 +118,11 @@ def wind_along(
 def _crossings(
     spline: Spline, edges: Float[Array, " layers"], intervals: int, max_count: int
 ) -> tuple[Float[Array, " crossings"], Float[Array, " crossings"]]:
-    """Detect when the spline crosses the altitudes of the wind layers (`edges`, m), on a grid of `intervals` times.
+    """Find the first `max_count` crossings of the altitudes of the wind layers (`edges`, m) by the spline.
 
-    Returns times, s, and directions (up 1, down -1), padded with the last time and 0. A crossing is detected between
-    grid points on different sides of an edge; at most `max_count` crossings.
+    Returns the times, s, and the directions (1 climbing, -1 descending), padded with the duration of the spline and 0.
+    A crossing is detected between two neighbouring points of a grid of `intervals` equal time intervals that lie on
+    different sides of an edge, and refined by bisection.
     """
     times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
     heights = -states_at(spline, times)[:, 0, 2]

@@ -414,9 +414,10 @@ def _approach_direct_length(
 def _match_direct_length(
     task: AircraftTask, airspace: Airspace, duration: Scalar, intervals: int, mean: Scalar, nearby: _NearbyPath
 ) -> tuple[Scalar, Flag]:
-    """Find the mean airspeed (m/s) at which the direct path takes the duration; and whether it exists.
+    """Find the mean airspeed (m/s) at which the direct path takes the duration; and whether the search converged.
 
-    The search by the secant method starts at the mean airspeed `mean`, near which the direct path is `nearby`.
+    The secant method starts at the mean airspeed `mean` and stays within 10 percent of this airspeed; `nearby` is the
+    direct path at a nearby airspeed.
     """
 
     def mismatch_at(mean: Scalar) -> Scalar:
@@ -536,6 +537,6 @@ def timed_profiles(
     altitude_detours: Float[Array, " profiles"],  # m
     speeds: tuple[Float[Array, " profiles"], Float[Array, " profiles"]],  # middle and final airspeeds, m/s
 ) -> TimedProfile:
-    """Make profiles for a duration (s), stacked."""
+    """Make one profile of the same duration (s) per altitude detour and pair of airspeeds, stacked."""
     profile_for = functools.partial(timed_profile, task, airspace, duration, intervals)
     return map_rows(profile_for, altitude_detours, speeds)

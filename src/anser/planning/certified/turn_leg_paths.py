@@ -126,7 +126,11 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 def make_radius_schedule(
     table: TabulatedProfile, endpoints: PathEndpoints, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
-    """Tabulate the least turn radii that bank and load factor allow, from airspeed, climb and both rates."""
+    """Tabulate the least turn radius along a path that the limits of bank angle and load factor allow.
+
+    The radius, in units of 1 / `endpoints.curvature_max`, follows from airspeed, vertical speed and the rates of both
+    in the profile `table`.
+    """
     step, times = _even_times(table)
 
     def least_radius_at(t: Scalar) -> Scalar:
@@ -189,7 +193,10 @@ def _rotate(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 .
 
 
 def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Vector turned by 90 deg from North towards East: its derivative with respect to its direction angle."""
+    """Return the vector turned by 90 deg from north towards east.
+
+    The result is the derivative of the vector with respect to the direction angle.
+    """
     return jnp.stack([-vector[1], vector[0]])
 
 
@@ -310,10 +317,11 @@ def _evaluate_path(
 
 
 def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int | None = None) -> TurnsAndLegs:
-    """Find paths of a target length, each by a search from one of the `starts`.
+    """Find turn-and-leg paths of a target length: one damped Gauss-Newton search from each of the `starts`.
 
-    Keep-outs are checked at the start, middle and end of the turns and at four points of each leg: check the final path
-    against keep-outs. Not differentiable: plans are selected, not tuned.
+    The depth inside keep-outs is a residual of the search, summed over the middle and end of each turn and four points
+    of each leg. The flag `exists` of a path covers end position, end heading, length and turn angles only: the final
+    path must be checked against keep-outs. Not differentiable: plans are selected, not tuned.
 
     Parameters
     ----------

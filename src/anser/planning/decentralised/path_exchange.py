@@ -96,7 +96,10 @@ def process_messages(
 def open_offers(
     state: Exchange, approaches: ApproachAndHold, offers: Bool[Array, " aircraft"], clocks: Float[Array, " aircraft"]
 ) -> Exchange:
-    """Let the aircraft selected by `offers` offer new paths; they must be settled."""
+    """Return the exchange after the aircraft selected by `offers` have offered their new paths (`approaches`).
+
+    The selected aircraft must be settled before.
+    """
     return Exchange(
         state.agreed_paths,
         select_rows(offers, approaches, state.alternative),
@@ -108,7 +111,10 @@ def open_offers(
 
 
 def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
-    """Upper bound of the distance between two paths with the same knots, m, from their Bernstein coefficients."""
+    """Return an upper bound of the distance, m, at equal times between two paths with the same knot times.
+
+    The bound is the greatest norm of the Bernstein coefficients of the difference between the paths.
+    """
     knots = (path.air_n + path.drift_n) - (alternative.air_n + alternative.drift_n)
     points = bernstein_coefficients(knots, path.times[1:] - path.times[:-1])[0]
     return jnp.sqrt(jnp.max(jnp.sum(points**2, axis=1)))

@@ -514,7 +514,7 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def replan_needed(self, planner_state: DecentralisedPlanState) -> Flag:
-        """Whether an aircraft must search a new path: the flight then stops for it."""
+        """Whether an aircraft must search for a new path: the flight then stops for `replan_between_steps`."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:

@@ -119,7 +119,7 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Length of each unbent path less its `path_length_deficit`, m; without deficits, L_i of theory section 8."""
+    """Length of each nominal trajectory less `path_length_deficit`, m; without deficit, L_i of theory section 8."""
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)

@@ -167,7 +167,7 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
 
 
 def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Height, m, that the hold loses until it is level after a trajectory's arrival."""
+    """Return the height, m, that an aircraft loses between the arrival of a trajectory and level flight in the hold."""
     end = trajectory.start_time + trajectory.duration
     end_point = trajectory.at(end)
     end_demand = demand(end_point.velocity_n - trajectory.wind_n, end_point.acceleration_n, gravity)
@@ -218,7 +218,10 @@ class PublishedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: PublishedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Continue the same paths from the reported positions; a fleet off its speed must be coordinated again."""
+        """Refit each path from the reported position to the predicted rendezvous; arrival time and shape stay.
+
+        Sets `replan_needed` if `continue_plan` requires that the fleet be coordinated again.
+        """
         tasks = self._tasks_in_flight(planner_state, time, reports)
         plan, is_due = continue_plan(planner_state.plan, time, tasks, self.even_speed)
         return eqx.tree_at(

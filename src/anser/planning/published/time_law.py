@@ -35,7 +35,10 @@ _SAME_INSTANT_S = 1e-6
 
 
 def _collocation() -> Float[np.ndarray, "rule rule"]:
-    """Weights that integrate a function from 0 to each node of the rule, from its values at the nodes."""
+    """Return the integration matrix of the quadrature rule on [0, 1], (upper limit, node).
+
+    The product with the values of a function at the nodes is the integral from 0 to each node.
+    """
     powers = np.arange(_RULE.nodes.size)
     ascending = _RULE.nodes[:, None] ** powers
     return (_RULE.nodes[:, None] * ascending / (powers + 1)) @ np.linalg.inv(ascending)

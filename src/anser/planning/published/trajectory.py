@@ -173,13 +173,13 @@ _SPEED_SHARE_MIN = 0.3  # least airspeed with idle engine, fraction of the initi
 
 
 def slowest_mean_speed(path: Trajectory, speed_0: ScalarLike, deceleration: ScalarLike) -> Scalar:
-    """Least mean airspeed, m/s, at which an aircraft can fly a path: with the engine idle all the way.
+    """Return the least mean airspeed, m/s, at which an aircraft can fly a path: with the engine idle all the way.
 
-    V dV/dl = g (-dh/dl) - a with the deceleration a (minus the reserve of the even law). On a level path, the result is
-    far below any speed of interest; on a path steeper than the glide, it exceeds the initial speed.
+    The airspeed V over the length l follows from V dV/dl = g (-dh/dl) - a, with the altitude h, and is at least 0.3 of
+    the initial airspeed `speed_0`, m/s. a is `deceleration`, with the engine idle in level flight, m/s^2, minus the
+    reserve of the even law. On a path steeper than the glide, the result exceeds the initial airspeed.
 
-    Only the shape of the path counts, not the time law. `speed_0` is the initial airspeed, m/s; the deceleration is
-    that with the engine idle in level flight, m/s^2.
+    The result depends on the shape of the path, not on the time law.
     """
     edges = np.linspace(0.0, 1.0, CELLS + 1)
     middles = jnp.asarray(0.5 * (edges[1:] + edges[:-1]))
