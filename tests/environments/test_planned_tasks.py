@@ -180,6 +180,15 @@ def test_a_fleet_is_refused_where_one_aircraft_is_expected(tmp_path):
         make("Arrival", "velocity", study=study_file(tmp_path, "fleet", 8))
 
 
+def test_a_study_without_one_common_arrival_time_is_refused(tmp_path):
+    path = study_file(tmp_path, "arrival", 3)
+    scenario = tmp_path / "arrival.toml"
+    text = scenario.read_text(encoding="utf-8")
+    scenario.write_text(text + '\n[arrival]\nrule = "earliest"\n', encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r'arrival\.rule: arrived "earliest"; expected one common time'):
+        make("Arrival", "velocity", study=path)
+
+
 @pytest.mark.long
 def test_a_study_without_a_plan_is_refused(tmp_path):
     path = study_file(tmp_path, "arrival", 3)

@@ -87,9 +87,11 @@ def exceedance(repetition: Repetition, value: float) -> float:
 class SubsetEstimate:
     """Estimate of a probability with its confidence interval."""
 
-    probability: float | None  #: Estimated probability; None if in a repetition no point exceeds the value.
-    low: float  #: Lower bound of the interval; 0 if no probability could be estimated.
-    high: float  #: Upper bound of the interval; 1 if no probability could be estimated.
+    #: Estimated probability; None if no point exceeds the value: of all, where the first level suffices, otherwise of
+    #: the points of one repetition.
+    probability: float | None
+    low: float  #: Lower bound of the interval; 0 without a probability.
+    high: float  #: Upper bound of the interval; without a probability the Wilson bound of the first level, otherwise 1.
 
 
 def estimate(repetitions: Sequence[Repetition], value: float, confidence: float) -> SubsetEstimate:

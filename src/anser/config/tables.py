@@ -101,7 +101,7 @@ def velocity_on_course(speed_m_s: float, course_deg: float, up_m_s: float = 0.0)
 
 
 def interpolate(points: Sequence[tuple[float, Vector]], position: float) -> Vector:
-    """Interpolate linearly between points (pairs of a rising position and a value); constant beyond the ends."""
+    """Interpolate linearly between points (pairs of a rising position and a vector); constant beyond the ends."""
     upper_index = bisect.bisect_right(points, position, key=lambda point: point[0])
     if upper_index in (0, len(points)):
         return points[0 if upper_index == 0 else -1][1]

@@ -31,7 +31,7 @@ def level_off_height(
     bank: ScalarLike,  # bank about the velocity, rad; the aircraft rolls out first, without lift beyond 60 deg
     pull: ScalarLike,  # upward acceleration normal to the path, in addition to carrying the weight, m/s^2
 ) -> Scalar:
-    """Compute the height lost until the flight is level, m; 0 for an aircraft that does not sink.
+    """Compute the height lost until the flight is level, m; 0 for an aircraft that does not sink before the pull acts.
 
     Notes
     -----

@@ -77,6 +77,9 @@ def planned_cases(
         if dispersed.arrival.rule == "together":
             time_s = round(factor * _straight_time_s(dispersed), 1)
             dispersed = dispersed.replace("arrival", {"rule": "at", "time_s": time_s})
+        elif dispersed.arrival.rule == "earliest":  # without preferred times, which are the only ones planned for here
+            expected = 'one common time, rule = "together" or "at"'
+            raise ScenarioError(loaded.name, [Problem("arrival.rule", '"earliest"', expected)])
         scenarios.append(dispersed)
     planned = plan_many([FlightCase(dispersed) for dispersed in scenarios])
     if not planned.numbers:

@@ -140,7 +140,7 @@ def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """The function t^2/2 (1 - t/fade)^4 and two derivatives: a unit second derivative that fades out."""
+    """Return t^2/2 (1 - t/fade)^4 and two derivatives, the second 1 at t = 0; all are 0 from t = fade on."""
     q = jnp.maximum(1.0 - t / fade, 0.0)
     k = 1.0 / fade
     return (

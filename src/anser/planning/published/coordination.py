@@ -83,10 +83,11 @@ class PlanningTask(eqx.Module):
     # position at the first plan, moved with the air since, NED, m; in a first plan, the present position. The line from
     # the origin to the rendezvous determines the free arrival direction and the direction of the bend
     origin_n: Vector3
-    # planned speed times time minus the length flown since the first plan, m: 0 in a first plan. The deficit is added
-    # to the remaining length, so that the mean airspeed of the whole flight is equal for the fleet, and replanning on
-    # the planned path returns the same plan. (The speed varies along a trajectory: otherwise the mean speed of the
-    # remaining path would differ from that of the whole, and the arrival time would change from plan to plan.)
+    # planned speed times time minus the length flown since the first plan, m: 0 in a first plan. The deficit is
+    # subtracted from the remaining length, so that the mean airspeed of the whole flight is equal for the fleet, and
+    # replanning on the planned path returns the same plan. (The speed varies along a trajectory: otherwise the mean
+    # speed of the remaining path would differ from that of the whole, and the arrival time would change from plan to
+    # plan.)
     path_length_deficit: Scalar
     deceleration: Scalar  # deceleration with the engine idle in level flight, m/s^2
     # whether the aircraft flies. An inactive aircraft (stopped, or never started) does not count for the common arrival
