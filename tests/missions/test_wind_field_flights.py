@@ -24,6 +24,7 @@ from anser.report.flight_sheet import FigureFormat, FlightSheet
 from anser.report.flight_tracks import _draw_wind
 from anser.scenario import Scenario, validate
 from anser.scenario.build import build_flight
+from anser.scenario.cautions import find_cautions
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.closed_loop import OUTSIDE_WIND
 from support.wind_files import era5_file, metric_file
@@ -66,6 +67,12 @@ def scenario(wind: dict[str, Any], planner: str = "certified", duration_s: float
 
 
 @pytest.mark.long
+def test_a_short_duration_gives_no_caution_in_the_unread_wind_of_a_field() -> None:
+    # 8 km take 53 s in still air, as which the checks count a field
+    cautions = find_cautions(scenario({"field": field(1.5)}, duration_s=50.0))
+    assert not any("timing.duration_s" in caution for caution in cautions)
+
+
 def test_the_certificate_of_a_plan_holds_in_the_wind_of_the_field() -> None:
     planned = anser.plan(scenario({"field": field(1.5)}))
     bounds = jax.tree.map(lambda leaf: np.asarray(leaf)[0], planned.plan.certificate.bounds)

@@ -64,6 +64,8 @@ def test_doublet_and_3211_leave_no_mean_of_their_first_pulses(amplitude, start, 
     [
         (lambda: anser.doublet(np.nan), "amplitude: arrived nan"),
         (lambda: anser.doublet(1.0, width_s=0.0), "width_s: arrived 0"),
+        (lambda: anser.sine_sweep(1.0, (1.0, 2.0), 10.0, start_s=np.nan), "start_s: arrived nan"),
+        (lambda: anser.multisine(1.0, (0.1, 1.0), 10.0, start_s=np.inf), "start_s: arrived inf"),
         (lambda: anser.sine_sweep(1.0, (2.0, 1.0), 10.0), "frequencies_hz: arrived 2 and 1"),
         (lambda: anser.multisine(1.0, (0.01, 0.02), 5.0), "a range with a harmonic of 0.2 Hz"),
         (lambda: anser.multisine(1.0, (0.1, 1.0), 10.0, channel=2, channels=2), "channel: arrived 2 of 2"),

@@ -134,12 +134,14 @@ class ChangedAirframe(AbstractAirframe):
 
 
 def changed_airframe(airframe: AbstractAirframe, change: AirframeChange) -> ChangedAirframe:
-    """Return an airframe with a change in force.
+    """Return an airframe with a change applied, except for the change of thrust.
+
+    The centre of gravity is not shifted if the airframe has no `mean_chord`.
 
     Raises
     ------
     ValueError
-        The number of surfaces differs.
+        The change has factors for another number of surfaces than the airframe has.
     """
     count = len(airframe.actuators.names)
     if change.surface_effectiveness.shape != (count,):

@@ -148,9 +148,10 @@ def corrected_airframe(
     *,
     aerodynamics_known: bool = True,
 ) -> CorrectedAirframe:
-    """Return an airframe with increments of the coefficients, (coefficient, regressor), about a reference.
+    """Return an airframe whose six aerodynamic coefficients are those of `base` plus linear increments.
 
-    Without `aerodynamics_known` the increments are the whole coefficients.
+    The increments are `increments`, shape (coefficient, regressor), times the deviations of the regressors from
+    `reference`. If `aerodynamics_known` is false, the coefficients are the increments alone.
     """
     return CorrectedAirframe(
         base=base,

@@ -167,7 +167,7 @@ class DaveMlAircraft(AbstractAirframe):
         return Wrench(force_b, reference_moment_b - cross(self.centre_b, force_b))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether alpha, beta, airspeed, altitude, Mach number or the engine's data are out of range."""
+        """Whether alpha, beta, airspeed, altitude or Mach number is outside the aerodynamic or the engine data."""
         return (
             is_outside(air_data.alpha, self.alpha_range)
             | is_outside(air_data.beta, self.beta_range)
@@ -303,7 +303,8 @@ def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
 def _side_forces(aircraft: DaveMlAircraft, alphas: Array, speeds: Array, powers: Array) -> Array:
     """Compute side forces (N) without sideslip, rates and deflections; shape (alphas, speeds, powers + 1).
 
-    The last axis holds the engine's side force at each power (percent), then that of the air. Inputs in rad and m/s.
+    The last axis holds the engine's side force at each power (percent), then the aerodynamic side force. `alphas` are
+    in rad, `speeds` in m/s; the air density is 1 kg/m^3.
     """
     zero = jnp.zeros(())
 

@@ -199,7 +199,10 @@ class JetEngine(AbstractLaggedEngine):
         return self.thrust_factor * idle, self.thrust_factor * full
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Compute the thrust along body x (N), idle + (full - idle) power / 100, and its moment (N m)."""
+        """Compute the thrust along body x (N), and its moment about the centre of gravity (N m), at a power (percent).
+
+        The thrust is idle + (full - idle) power / 100, with the thrust at 0 and at 100 percent of power.
+        """
         idle, full = self.idle_and_full_thrust(air_data)
         return thrust_at_point(idle + (full - idle) * power / 100.0, jnp.zeros_like(idle), self.point_b)
 

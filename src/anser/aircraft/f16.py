@@ -35,7 +35,7 @@ class F16Engine(AbstractEngine):
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Return the rate of the power, percent/s, at a throttle (0..1), by the lag of `power_rate`."""
+        """Return the rate of the power, percent/s, at a throttle (0..1): `power_rate` for the command of `gearing`."""
         return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -94,10 +94,10 @@ class F16Engine(AbstractEngine):
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """Return the power command (percent, 0..100) for a required power rate (percent/s): the inverse of the lag.
 
-        With afterburner the rate constant is 5 1/s; otherwise 1 1/s for commands up to 25 percent above the power.
-        Larger steps slow the engine's spool-up, so the command is limited to +25 percent. Around 50 percent the
-        published lag cannot produce certain rates; for these the command crosses 50 percent and is faster, so that a
-        closed loop cannot stick at 50 percent.
+        From 50 percent of power on (afterburner) the rate constant is 5 1/s; below, it is 1 1/s for commands up to 25
+        percent above the power. Greater steps reduce the rate constant, so the command is limited to 25 percent above
+        the power. Near 50 percent of power the published lag cannot produce certain rates. The command for such a rate
+        lies beyond 50 percent, and the power usually changes faster, so that a closed loop cannot stick at 50 percent.
         """
         command_with_afterburner = power + power_rate / 5.0
         command_without = power + jnp.minimum(power_rate, 25.0)
@@ -313,7 +313,10 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
 
 
 def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
-    """Return the textbook tables with the variant's changes; each replaced value is first checked against the file."""
+    """Return the textbook tables, by name, with the changes of a variant.
+
+    Raises ValueError if a value to be replaced differs from the old value that the variant expects.
+    """
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     for name, index, old, new in data["variants"][variant]["changes"]:
         entry = tuple(index)

@@ -108,9 +108,10 @@ class F16Global(AbstractF16):
         return True
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
-        """Compute the force and moment coefficients; lift and drag are turned into body axes by alpha.
+        """Compute the force and moment coefficients in body axes, the moments about the centre of gravity.
 
-        Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, as for the tables.
+        Lift and drag are rotated into body axes through alpha alone. Rates are made dimensionless with b/2V and c/2V,
+        where V is at least 1 m/s, as for the tables.
         """
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         reduced = rates_b * lengths / (2.0 * jnp.maximum(air_data.V, 1.0))

@@ -196,10 +196,11 @@ class F16TP1538(AbstractF16):
 
 
 def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: float | None = None) -> F16TP1538:
-    """Build the F-16 from the content of `aircraft/data/tp1538.json`, with the textbook's engine, whose tables it has.
+    """Build the F-16 from the content of `aircraft/data/tp1538.json` and an engine.
 
-    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: value of the report. Raises ValueError
-    if the axes of the tables differ from those expected by the build-up.
+    `engine` is the textbook's engine (`f16_engine_from_data`), with the thrust tables of TP-1538. `x_cg_over_c` is the
+    centre of gravity as a fraction of the mean chord; None: value of the report. Raises ValueError if the axes of the
+    tables differ from those expected by the build-up.
     """
     airframe, actuators, schedule, deflections = (
         data[key] for key in ("airframe", "actuators", "flap_schedule", "deflections")

@@ -190,7 +190,7 @@ def _has_variable(model: Model, name: str) -> bool:
 
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
-    """Rename a model's variables to the standard names and set its default inputs, as the aircraft file says."""
+    """Return a model with the standard names and the default values of inputs that the aircraft file defines."""
     names = {name: variable for name, variable in file.dave_ml.names.items() if _has_variable(model, variable)}
     defaults = {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
     return adapt_model(model, names, defaults)

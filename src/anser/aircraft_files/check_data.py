@@ -159,7 +159,7 @@ _SLOPES = (
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """Result of checking a DAVE-ML file: values of the check shots, probable errors with their lines, and variables."""
+    """Result of checking a DAVE-ML file: values of the check shots, probable errors, and input and output variables."""
 
     checked_values: tuple[CheckedValue, ...]
     findings: tuple[Finding, ...]

@@ -123,7 +123,7 @@ def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
 
 
 def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
-    """Return wing area (m^2), span (m) and mean chord (m); None for an airframe that lacks one."""
+    """Return wing area (m^2), span (m) and mean chord (m); None if the airframe lacks one of the three."""
     sizes = tuple(getattr(airframe, name, None) for name in ("wing_area", "span", "mean_chord"))
     return None if None in sizes else sizes  # pyright: ignore[reportReturnType]
 

@@ -136,9 +136,11 @@ TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
 def trim_map(
     survey: Survey, altitudes_m: Sequence[float] | None, machs: Sequence[float] | None, *, coarse: bool
 ) -> TrimMap:
-    """Trim `CONDITIONS` over a grid with requested or default axes, thinned if `coarse`.
+    """Trim the steady flights of `CONDITIONS` over a grid of altitudes (m) and Mach numbers.
 
-    Raises ValueError if an axis is not of increasing numbers, or the grid has no trimmable point.
+    An axis that is None has the default values, thinned if `coarse`. Raises ValueError if an axis does not consist of
+    finite, increasing numbers, a Mach number is negative, no default altitude lies within the aircraft's data, or the
+    grid has no trimmable point.
     """
     survey.report("trimming", 0.0)
     airframe, environment = survey.airframe, survey.environment

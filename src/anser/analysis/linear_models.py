@@ -341,7 +341,10 @@ def linearize(
 
 
 def _check_held(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
-    """Raise ConditionError if the loop leaves the trim point at once because a command is at a limit."""
+    """Raise ConditionError if the loop leaves the trim point at once.
+
+    The cause is an airspeed outside the limits of the velocity loop, or another command at a limit of the autopilot.
+    """
     V, low, high = (float(speed) for speed in (model.x[0], limits.speed_min, limits.speed_max))
     if loop == "velocity" and not low <= V <= high:
         raise ConditionError(

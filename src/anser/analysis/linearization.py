@@ -95,7 +95,10 @@ def state_at(environment: Environment, coordinates: Coordinates, template: Aircr
 
 
 def air_outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Float[Array, "4"]:
-    """Return the values of `AIR_OUTPUTS` (load factor, path angle, course, bank; rad) in a state."""
+    """Return the values of `AIR_OUTPUTS` in a state: normal load factor, then path angle, course and bank, in rad.
+
+    The path angle, the course and the axis of the bank are those of the velocity relative to the air.
+    """
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     _, alpha, beta = flow_angles(velocity_air_b)
     gamma, chi = path_angles(velocity_air_n)
@@ -175,8 +178,9 @@ def linearize(
     state, controls
         Reference condition, for instance of a `TrimPoint`.
     actuators
-        False: the inputs (elevator, aileron, rudder, or the airframe's surfaces) are the deflections in `controls`.
-        True: the inputs are commands to the actuators, and the actuators' states in `state` are added to the states.
+        The first input is the throttle. False: the other inputs are the deflections of the airframe's surfaces (such as
+        elevator, aileron, rudder), as in `controls`. True: the other inputs are commands to the actuators, and the
+        actuators' states in `state` are added to the states.
     """
     require_flat_earth(environment)
     names = all_states(airframe) if actuators else body_states(airframe)

@@ -377,7 +377,7 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Return the slice of the actuators in arrays over all breakpoints, `breakpoints` in number."""
+    """Return the slice that selects the actuators on an axis over all breakpoints, of length `breakpoints`."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 

@@ -176,7 +176,7 @@ class Mode:
 
     @property
     def time_to_half(self) -> float:
-        """Time in which the envelope halves, s; for growth, minus the time in which it doubles."""
+        """Time to half amplitude, s; for a growing mode, minus the time to double amplitude; infinite if constant."""
         return math.log(2) * self.time_constant
 
 
@@ -241,7 +241,11 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
 
 
 def _continuous(value: complex, step: float, largest: float) -> complex:
-    """Return the eigenvalue in continuous time, 1/s; minus infinity if the sampled mode vanishes within a step."""
+    """Return the eigenvalue in continuous time, 1/s: log(value) / step, or `value` itself if `step` (s) is 0.
+
+    The real part is minus infinity if the sampled mode vanishes within a step, that is, if `value` is 0 but for
+    rounding relative to the modulus `largest` of the largest eigenvalue.
+    """
     if not step:
         return value
     if abs(value) < _ROUNDING * largest:

@@ -91,17 +91,20 @@ def step_test(
 ) -> StepTest:
     """Build a test with steps of one or more channels of a loop.
 
-    Raises ValueError if an argument is not valid; the message begins with its name: loop, channel, size or duration-s.
+    Raises ValueError if an argument is not valid; the message begins with the name of the invalid input: loop, channel,
+    size or duration-s.
 
     Parameters
     ----------
     loop
         A key of `CHANNEL_KEYS`.
     sizes
-        Channel -> size of its step, deg/s, deg or m/s.
+        Step of each stepped channel, by name of the channel, deg/s, deg or m/s.
     duration_s
-        Duration, and end of the interval of the figures; None: the published duration (for a yaw rate 1.05 s) times
-        `time_scale`.
+        Duration, s, and end of the interval that the figures evaluate; None: the published duration (1.05 s with a step
+        of the yaw rate) times the time scale of the loop.
+    time_scale
+        Time constants of the aircraft's loops, relative to the published loops of the F-16.
     """
     known_loop = next((name for name in get_args(Loop) if name == loop), None)
     if known_loop is None:

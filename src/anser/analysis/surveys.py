@@ -337,7 +337,7 @@ _CHANNEL_FIGURES = (
 
 
 def flight_coordinates(surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the dataset coordinates of the dimensions that the variables of flights have after the flights."""
+    """Return the dataset coordinates of the further dimensions of flight variables: surface, axis, limit and table."""
     return {
         "surface": ("surface", np.array(surfaces)),
         "axis": ("axis", np.array(("roll", "pitch", "yaw"))),

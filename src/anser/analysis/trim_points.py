@@ -50,8 +50,9 @@ def resolve_airframe(
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
     """Return the airframe of a name, file or object, and its description for the attributes of datasets.
 
-    Raises ValueError if no airframe has this name, a centre of gravity was given for another airframe than the
-    library's F-16, or the mass properties are impossible; ScenarioError if the aircraft file is not valid.
+    Raises ValueError if `aircraft` is neither an airframe nor the name of one, the variant of the F-16 is unknown, a
+    centre of gravity is given for an airframe other than the library's F-16, or mass properties, wing area or lengths
+    are impossible; ScenarioError if the aircraft file is not valid.
 
     Parameters
     ----------
@@ -129,7 +130,10 @@ def steady_trim(airframe: AbstractAirframe, environment: Environment, target: Tr
 
 
 def dispersed_airframe(airframe: AbstractAirframe, dispersion: F16Dispersion | None) -> AbstractAirframe:
-    """Return the airframe itself, or the F-16 that differs from it by a dispersion."""
+    """Return the F-16 changed by a dispersion, or the unchanged airframe if `dispersion` is None.
+
+    Raises TypeError if a dispersion is given for an airframe other than an F-16.
+    """
     if dispersion is None:
         return airframe
     if not isinstance(airframe, AbstractF16):
@@ -269,7 +273,8 @@ def flight_point(
 ) -> tuple[float, float]:
     """Return true airspeed (m/s) and geometric altitude (m) of a condition with an airspeed in one of four forms.
 
-    Raises ValueError if no altitude, or not exactly one airspeed, is given, or if one is not a positive number.
+    Raises ValueError if no altitude or not exactly one airspeed is given, if a given value is not a finite number, or
+    if the airspeed is not positive.
     """
     values = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
     airspeeds = {form: value for form, value in values.items() if value is not None}

@@ -28,7 +28,7 @@ class StoreError(ValueError):
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder in the `with` block; the operating system also releases the lock when the process ends.
 
-    Raises StoreError if another process holds the lock, or the file system does not support locks.
+    Raises StoreError if another process holds the lock, or the lock file cannot be opened or locked.
     """
     path = folder / "lock"
     with contextlib.ExitStack() as stack:
@@ -186,7 +186,8 @@ class StoreChecksums:
 
     One record has the store's attributes and covers the files that are written once, when the store is created (the
     "base"); each chunk has a record of its own, written after the chunk's files are on disk. A chunk with a record is
-    therefore complete. Paths of files are relative to the subfolder `data_folder`. A damaged record raises StoreError.
+    therefore complete. Paths of files are relative to the subfolder `data_folder`. Reading a damaged or missing record
+    raises StoreError; only `chunk_problem` returns the message instead.
     """
 
     def __init__(self, folder: Path, data_folder: str) -> None:

@@ -40,7 +40,10 @@ def complete_shipped(incomplete: str) -> list[str]:
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
-    """Return the variant names that start with the typed text: of the aircraft in the command, else of all."""
+    """Return the variant names that start with the typed text.
+
+    The names are those of the aircraft in the command if it has variants, otherwise those of all aircraft.
+    """
     variants = VARIANTS.get(context.params.get("aircraft") or "")
     names = variants if variants is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
     return [name for name in names if name.startswith(incomplete)]
@@ -55,7 +58,10 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[str]:
-    """Return the paths selected by `accepts` that start with the typed text, in the user's notation."""
+    """Return the paths selected by `accepts` that start with the typed text, with the folder as the user typed it.
+
+    The search examines at most `_ENTRIES_MAX` entries, down to `_DEPTH` levels below the typed folder.
+    """
     typed_folder, _, name = incomplete.rpartition("/")
     folder = Path("/" if incomplete.startswith("/") and not typed_folder else typed_folder or ".")
     typed_prefix = incomplete[: len(incomplete) - len(name)]
@@ -70,9 +76,9 @@ def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[st
 
 
 def _below(folder: Path, prefix: str, depth: int) -> Iterator[Path]:
-    """Yield the entries of a folder whose names start with `prefix`, with contents down to `depth` levels.
+    """Yield the entries of a folder whose names start with `prefix`, and their contents down to `depth` levels below.
 
-    Hidden entries are included only if a prefix is given.
+    Hidden entries of the folder are included only if a prefix is given; hidden entries of the contents never.
     """
     try:
         entries = sorted(folder.iterdir())

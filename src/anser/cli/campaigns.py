@@ -259,7 +259,8 @@ def _resume_note(store: "CampaignStore") -> str:
 def _write(store: "CampaignStore", flown_before: int) -> list[str]:
     """Write the report of a campaign without replaying flights; return the names of the written files.
 
-    An existing report stays if no flight was added: it may show the worst flights, which need replays.
+    Nothing is written if the campaign has no flights, or if a report exists and no flight was added: an existing report
+    may show the worst flights, which need replays.
     """
     from anser.campaigns.campaign_report import REPORT, write_campaign
 

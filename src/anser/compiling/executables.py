@@ -94,7 +94,10 @@ def decode_structure(value: Any) -> Any:
 
 
 def _dtype(name: str) -> np.dtype[Any]:
-    """Return a NumPy number type by name; raise NotCacheableError for extension types such as random keys."""
+    """Return NumPy's data type of numbers or Booleans with a name.
+
+    Raises NotCacheableError for any other name, such as that of an extension type (random keys).
+    """
     try:
         dtype = np.dtype(name)
     except TypeError as error:
@@ -159,12 +162,12 @@ def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
 
 
 def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any]:
-    """Return the machine code from the content of a program file, and the structure of the program's result.
+    """Return the executable in the content of a program file, and the structure of the program's result.
 
     The structure has `jax.ShapeDtypeStruct` in place of arrays.
 
     Raises NotCacheableError, ValueError, KeyError or TypeError if the header is not from `pack_program`, or an argument
-    index exceeds `argument_count`.
+    index is not below `argument_count`.
     """
     end = 8 + int.from_bytes(content[:8], "big")
     header = json.loads(content[8:end])
@@ -332,7 +335,11 @@ def _replace(message: bytes, path: tuple[int, ...], function: Callable[[bytes], 
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, int, int, int]]:
-    """Yield the number of each field of a message, and the positions of its begin, its value, and its end."""
+    """Yield, for each field of a message of Protocol Buffers, its number and three positions in the message.
+
+    The positions are the begin of the field, the begin of its value, and the end of the field. Raises ValueError if a
+    field has an unknown type, or the message ends within a field.
+    """
     end, size = 0, len(message)
     while end < size:
         begin = end

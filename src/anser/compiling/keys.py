@@ -66,10 +66,10 @@ class NotCacheableError(Exception):
 
 
 def describe_value(value: Any) -> str:
-    """Describe a value as text: structure, static parts, shapes and types of arrays, on which compiled code depends.
+    """Describe what compiled code depends on in a value: structure, static parts, shapes and types of arrays.
 
     Raises NotCacheableError if the value contains code from outside the trusted packages, which may differ in the next
-    process.
+    process, or an object of a class that this function cannot describe.
     """
     if isinstance(value, np.ndarray | np.generic | jax.Array | jax.ShapeDtypeStruct):
         return f"{value.dtype}{list(value.shape)}{'~' if getattr(value, 'weak_type', False) else ''}"

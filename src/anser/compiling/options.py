@@ -83,9 +83,10 @@ CACHE_VARIABLE = "ANSER_COMPILATION_CACHE"
 
 
 def cache_folder() -> Path | None:
-    """Return the cache folder; None if `ANSER_COMPILATION_CACHE` is "off" or the user has no cache folder.
+    """Return the cache folder; None if `ANSER_COMPILATION_CACHE` is "off" or no folder is set or known.
 
-    The folder is `ANSER_COMPILATION_CACHE`, else JAX's `jax_compilation_cache_dir`, else the user's cache folder.
+    The folder is the value of the environment variable `ANSER_COMPILATION_CACHE`; if it is not set, JAX's setting
+    `jax_compilation_cache_dir`; if neither is set, a folder in the user's cache folder, or None if the user has none.
     """
     environment_value = os.environ.get(CACHE_VARIABLE, "")
     if environment_value.lower() == "off":

@@ -87,7 +87,7 @@ def quoted_list(texts: Iterable[str], separator: str = ", ") -> str:
 
 
 def format_number(value: float) -> str:
-    """Format a number without trailing zeros, with up to 15 digits."""
+    """Format a number with up to 15 significant digits, without trailing zeros."""
     return f"{value:.15g}"
 
 

@@ -154,7 +154,10 @@ def _all_of(conditions: list[_Evaluate], function: str) -> _Evaluate:
 
 
 def suggest_variable(name: str, names: Collection[str]) -> str:
-    """Return what is expected in place of an unknown name: the same variable with its unit, or similar names."""
+    """Return the text of a message on what is expected in place of an unknown name.
+
+    It proposes the same variable with its unit, or else similar names, or else examples.
+    """
     keys = {variable.name: variable.key for variable in CATALOGUE}
     same = [entry for entry in names if name == keys.get(entry) or name.startswith(f"{keys.get(entry)}_")]
     matches = sorted(same, key=len)[-1:] or difflib.get_close_matches(name, names, n=3)

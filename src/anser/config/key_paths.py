@@ -35,7 +35,10 @@ def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) 
 
 
 def value_at(scenario: Table, path: str) -> Any:
-    """Return the value at a key path, including defaults; raises ScenarioError for an unknown path."""
+    """Return the value at a key path, the default for a key that the file left out; tables become dictionaries.
+
+    Raises ScenarioError for a malformed or unknown path.
+    """
     if not _PATH.fullmatch(path):
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
     node: Any = scenario
@@ -59,7 +62,10 @@ def _as_container(node: Any) -> Any:
 
 
 def indexed_path(scenario: Table, path: str) -> str:
-    """Replace item names in a path by indices, ``aircraft[0].start``; raises ScenarioError for an unknown path."""
+    """Replace item names in a path by indices, ``aircraft[0].start``.
+
+    Raises ScenarioError for a path with an unknown item or with a step that does not fit; an unknown last key is kept.
+    """
     node: Any = scenario
     indexed = ""
     for step in _steps(path):

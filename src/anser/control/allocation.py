@@ -42,7 +42,11 @@ class SurfaceDemand(eqx.Module):
 def surface_moments(
     airframe: AbstractAirframe, condition: AirDataAndForces, rates_b: Vector3, surfaces: Vector
 ) -> SurfaceMoments:
-    """Compute the aerodynamic moment and its derivative with respect to the surfaces, at the deflections `surfaces`."""
+    """Compute the aerodynamic moment and the control effectiveness at the deflections `surfaces` (rad).
+
+    The effectiveness is the derivative of the moment with respect to the deflections of the commanded surfaces, and 0
+    for surfaces that follow a schedule.
+    """
 
     def moment_of(deflections: Vector) -> Vector3:
         return airframe.aerodynamics(condition.air_data, rates_b, deflections).moment_b
@@ -210,5 +214,5 @@ def surface_authority(
 
 
 def _largest_outputs(deflection: Float[Array, "n 3"], limit: Vector) -> Vector3:
-    """Return the greatest magnitude of each output alone for which |deflection @ output| stays within `limit`."""
+    """Return the greatest magnitude of each output, the others being 0, with |deflection @ output| within `limit`."""
     return 1.0 / jnp.max(jnp.abs(deflection) / limit[:, None], axis=0)

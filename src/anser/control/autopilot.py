@@ -116,9 +116,10 @@ def attitude_control(
     attitude_command_dot: Vector3,
     added_rates_b: Vector3 | None = None,
 ) -> tuple[Vector3, SurfaceDemand, AutopilotState]:
-    """Attitude loop with the rate loop inside: compute body rates, then surfaces, for commanded (mu, alpha, beta), rad.
+    """Compute body-rate and surface commands for commanded (mu, alpha, beta), rad: attitude loop around the rate loop.
 
-    `added_rates_b` (rad/s) excites the rate loop; the returned rates are the commanded rates without the excitation.
+    `added_rates_b` (rad/s) is a test input added to the command of the rate loop. Returned are the commanded body rates
+    (rad/s), limited and without the test input, the surface demand, and the new state of the autopilot.
     """
     motion = model.motion
     measured = jnp.stack([motion.mu, motion.alpha, motion.beta])

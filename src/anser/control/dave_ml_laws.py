@@ -80,7 +80,10 @@ class NamedCommands(AbstractGuidance):
     def command(
         self, guidance_state: Scalar, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
-        """Return the commands by name, the aircraft's own position, and the new lateral deviation (m)."""
+        """Return the commands by name, the aircraft's own position (NED, m), and the new lateral deviation (m).
+
+        Raises TypeError if `with_position` is true and the Earth is not a `RotatingEarth`.
+        """
         changed = instant.time >= self.change_time - _ROUNDING_S
         commands = dict(self.initial_commands)
         for name, value in self.change.items():
@@ -122,7 +125,7 @@ class DaveMlLaw(AbstractController):
         command: Mapping[str, Scalar],  # inputs of the law by name, SI units and radians
         step: ScalarLike,  # sampling period, s
     ) -> tuple[Controls, None, None]:
-        """Evaluate the law for commands by name; return surfaces (rad) and throttle (0..1), no signals and no state.
+        """Evaluate the law; return surfaces (rad) and throttle (0..1), None for the signals, and None for the state.
 
         Raises ValueError if the law lacks an input with a commanded name, or an input has no value.
         """

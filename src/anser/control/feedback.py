@@ -43,9 +43,10 @@ def virtual_control(
     reference_rate: Vector3,
     measured_rate: Vector3 | ScalarLike,
 ) -> Vector3:
-    """Compute the rate of the output that a loop demands (virtual control nu), per second, from error and rates.
+    """Compute the virtual control nu of a loop: the demanded rate of the output y, in units of the output per second.
 
-    nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
+    nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot), with the reference r and the error e = r - y
+    (theory section 5; sign as in section 9, item 4).
     """
     return (
         gains.feed_forward * reference_rate

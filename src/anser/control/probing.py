@@ -96,8 +96,9 @@ def probing_controller(
 ) -> ProbingController:
     """Build a controller with test inputs of `amplitude` (rad) for a number of surfaces.
 
-    The multisines (`anser.parts.input_signals.multisine`) have four harmonics of `period` (s) each, from the second on,
-    dealt out to the surfaces in turn: the inputs are orthogonal over a period.
+    Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 1 / `period` (s). The
+    harmonics, from the second on, are assigned to the surfaces in turn, so that the inputs are orthogonal over a
+    period. `learning_time` (s) is the end of the first phase; 0: no first phase.
     """
     frequencies_hz = 2.0 / period, (1.0 + _LINES * surfaces) / period
     signals = (

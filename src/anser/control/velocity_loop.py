@@ -39,9 +39,10 @@ class AttitudeDemand(eqx.Module):
 
 
 def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: ScalarLike) -> ThrustDemand:
-    """Compute thrust and throttle for a commanded V_dot (m/s^2) by inversion of thrust tables and engine lag.
+    """Compute throttle and thrust for a commanded V_dot (m/s^2) by inversion of the engine's thrust and lag.
 
-    T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta).
+    T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta), with at least 0.2 for
+    the product of the cosines. The demand is saturated if the engine cannot produce T.
     """
     airframe, condition, motion, power = model.airframe, model.slow_condition, model.motion, model.state.power
     engine = airframe.engine

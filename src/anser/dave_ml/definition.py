@@ -145,7 +145,7 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Input value, or expected value of an output, of the variable `id` (varID) in a check shot.
+    """Value of the variable `id` (varID) in a check shot: of an input, or expected of an output or internal variable.
 
     `units` are those of the variable if the file omits them; `tolerance` is None if the file omits it.
     """

@@ -180,9 +180,10 @@ def _sources(variable: Variable, function: Function | None, definition: Definiti
 
 
 def compute_constants(definition: Definition, structure: Structure) -> dict[str, float]:
-    """Compute constants, formulas of constants, and defaults of inputs, by varID.
+    """Compute constants, defaults of inputs, and the values of formulas of constants alone, by varID.
 
-    Raises DaveMlError if a formula of constants gives NaN or infinity.
+    Each value is clipped to the limits of the variable. Raises DaveMlError if a formula of constants gives NaN or
+    infinity.
     """
     constants: dict[str, float] = {}
     inputs = set(structure.inputs)

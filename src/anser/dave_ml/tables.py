@@ -97,7 +97,10 @@ def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> N
 
 @dataclass(frozen=True)
 class _Axis:
-    """Argument on breakpoints, with limits and interpolation. Equal axes share one search."""
+    """Axis of a table: variable (varID), breakpoints, limits of the variable, interpolation, and `even`.
+
+    `even` marks linear interpolation between evenly spaced breakpoints. Equal axes share one search.
+    """
 
     variable: str
     points: tuple[float, ...]

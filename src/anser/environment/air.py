@@ -59,15 +59,15 @@ class AirValues(NamedTuple):
 
 
 def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float = SEA_LEVEL_PRESSURE_PA) -> "Layers":
-    """Return the layers of the standard atmosphere with another temperature or pressure at sea level.
+    """Return the layers of the standard atmosphere with a temperature offset and a pressure at sea level.
 
     Parameters
     ----------
     temperature_offset
-        Temperature above the standard's at every geopotential altitude, K.
+        Difference from the standard temperature at every geopotential altitude, K.
     sea_level_pressure
-        Pressure at sea level, Pa; base pressures follow upwards from the hydrostatic law. Source: [USSA76] eq. (33a),
-        (33b).
+        Pressure at sea level, Pa. The pressures at the bases of the layers follow from the hydrostatic law, upwards
+        from sea level. Source: [USSA76] eq. (33a), (33b).
     """
     layers = []
     temperature, pressure = SEA_LEVEL_TEMPERATURE_K + temperature_offset, sea_level_pressure

@@ -117,7 +117,7 @@ class FlatEarth(AbstractEarth):
         return self.gravity
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Return the terms of the equations of motion: gravity along down, zero rates, chart scale 1."""
+        """Return the terms of the equations of motion: gravity along down, zero angular velocities, chart scale 1."""
         zero = jnp.zeros_like(self.gravity)
         return LocalEarth(
             gravity=self.gravity,
@@ -242,7 +242,8 @@ def spherical_earth(
 ) -> RotatingEarth:
     """Build a spherical Earth (radius in m) with inverse-square gravitation; rotation rate in rad/s, by default 0.
 
-    The chart's origin is a geodetic position in rad. Source: [NESC] cases 4 and 5.
+    GM is the Earth's for any radius. The chart's origin is at `latitude` and `longitude`, rad. Source: [NESC] cases 4
+    and 5.
     """
     return _earth(radius, 0.0, rotation_rate, 0.0, latitude, longitude)
 

@@ -23,7 +23,7 @@ class AbstractWind(eqx.Module):
 
 
 class SteadyWind(AbstractWind):
-    """A uniform, constant wind: `velocity_n` is the direction toward which the air moves, NED, m/s."""
+    """A uniform, constant wind: `velocity_n` is the velocity of the air over the ground, NED, m/s."""
 
     velocity_n: Vector3
 
@@ -95,8 +95,8 @@ def standard_environment(
 ) -> Environment:
     """Build an environment of the standard atmosphere, a steady wind (NED, m/s; by default none) and an Earth.
 
-    By default the Earth is flat, with the gravity at a geodetic latitude (rad, `somigliana`) or, without latitude,
-    standard gravity, 9.80665 m/s^2, the value in the atmosphere's hydrostatic law.
+    If `earth` is None, the Earth is flat. The gravity is then `somigliana` at a geodetic latitude (rad) or, if
+    `latitude` is None, standard gravity, 9.80665 m/s^2, which is also the value in the atmosphere's hydrostatic law.
     """
     gravity = as_array(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
     return Environment(

@@ -87,7 +87,7 @@ class DrydenTransverse(AbstractShapingFilter):
         return 2
 
     def stationary_state(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:
-        """Return a random state: the two elements are independent with variance 1/4."""
+        """Return a random state with the stationary distribution: two independent elements of variance 1/4."""
         return 0.5 * normals
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "2 2"], Float[Array, "2 2"]]:

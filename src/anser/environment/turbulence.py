@@ -74,10 +74,11 @@ def turbulence_levels(
 ) -> TurbulenceLevels:
     """Compute the scale lengths and intensities of turbulence at a height above the ground (m).
 
-    MIL-F-8785C and MIL-HDBK-1797 agree: the latter halves the scales of v and w, and doubles them in the spectra.
+    MIL-F-8785C and MIL-HDBK-1797 agree: the latter halves the scale lengths of v and w, but its spectra contain them
+    doubled.
 
-    Up to 1,000 ft intensity follows from the wind at 20 ft (m/s), from 2,000 ft from the exceedance probability; in
-    between scales and intensities are interpolated linearly in height. Below 10 ft the values at 10 ft apply.
+    Up to 1,000 ft the intensities follow from the wind at 20 ft (m/s), from 2,000 ft on from the exceedance probability
+    (log10). In between, scale lengths and intensities are linear in height. Below 10 ft the values at 10 ft apply.
     """
     height_ft = jnp.asarray(height) / FOOT_M
     low_ft = jnp.clip(height_ft, _LOWEST_FT, _LOW_FT)
@@ -198,7 +199,7 @@ class Turbulence(AbstractGusts):
         )
 
     def _lags(self, airspeed: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the time constants (s) of the wing's low-passes: pitch and roll rate, yaw rate."""
+        """Return the time constants (s) of the gust rates' low-pass filters: for pitch and roll, and for yaw."""
         return 4.0 * self.span / (np.pi * airspeed), 3.0 * self.span / (np.pi * airspeed)
 
     def _shared(self, normals: Float[Array, " count"]) -> tuple[Array, Array, Array, Array]:
@@ -218,9 +219,10 @@ def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scala
 
 
 def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: ScalarLike) -> Scalar:
-    """Return the exact response of a first-order lag to an input that changes linearly over the span.
+    """Return the state of a first-order lag after a time span in which the input changes linearly; exact.
 
-    `span` is in time constants of the lag; `former_input` and `new_input` are the inputs at its start and end.
+    `span` is the length of the time span in units of the lag's time constant. `former_input` and `new_input` are the
+    inputs at the start and at the end of the span.
     """
     decay_less_1 = jnp.expm1(-jnp.asarray(span))
     decay, mean = 1.0 + decay_less_1, -decay_less_1 / span

@@ -115,9 +115,10 @@ _TRIM_BATCH = 64
 def trim_rows(
     airframe: AbstractAirframe, environment: Environment, targets: Mapping[str, Float[np.ndarray, " row"]]
 ) -> tuple[TrimPoint, Bool[np.ndarray, " row"]]:
-    """Solve the trim of an aircraft in many conditions, one per row: fields of `TrimTarget` by name, otherwise 0.
+    """Solve the trim of an aircraft in many conditions, one per row of the arrays in `targets`.
 
-    Returns the trim points, and whether each is a steady flight within the limits.
+    The arrays are by name of a field of `TrimTarget`; fields that are left out are 0. Returns the trim points, and
+    whether each is a steady flight within the limits.
     """
     count = len(next(iter(targets.values())))
     names = [field.name for field in dataclasses.fields(TrimTarget)]
@@ -182,9 +183,11 @@ def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange
 def stack_cases(
     vehicle: Vehicle, environment: Environment, flown: FlightRange, drawn: Any, decisions: int, rng: Rng, dtype: Any
 ) -> Stacked[Case]:
-    """Return the cases of one aircraft with starts and numbers of a task as drawn, each in a steady horizontal wind.
+    """Return the cases of one aircraft, with the starts and the numbers of a task in `drawn`.
 
-    The winds, of uniform speed and direction, are added to that of the environment, and to the velocity of the starts.
+    To a `SteadyWind` of the environment, each case adds a horizontal wind with uniformly distributed speed and
+    direction; any other wind is common to all cases. The wind at a start is added to the velocity of the start, which
+    is a steady flight in still air.
     """
     count = len(drawn[0].mu)
     speed, direction = rng.uniform(0.0, flown.wind_m_s, count), rng.uniform(-np.pi, np.pi, count)

@@ -185,15 +185,19 @@ class AbstractEnvironment(abc.ABC):
         Parameters
         ----------
         key
-            Key of the next episode, used if this one ends.
+            Key of the next episode, used if the present episode ends.
+        state
+            State of the present episode.
         action
             Action, clipped to -1..1.
+        params
+            Parameters; None: `default_params`.
 
         Returns
         -------
-        Observation and state after the step, or at the start of the next episode; reward, 0..1; whether the episode
-        ended by failure (`terminated`), or at its full length (`truncated`). `info` has `final_observation`, the
-        observation before the reset, `success`, `terminated`, `truncated` and `discount`.
+        Observation and state, both after the step or, if the episode ended, at the start of the next; reward, 0..1;
+        `terminated`, whether the episode ended by failure; `truncated`, whether it ended at its full length; `info`,
+        with `final_observation` (the observation before a reset), `success`, `terminated`, `truncated`, `discount`.
         """
         params = self.default_params if params is None else params
         *flown, reward, terminated, info = self.step_env(key, state, action, params)

@@ -54,7 +54,10 @@ class FleetEnvironment(AbstractEnvironment):
         return dataclasses.replace(self, member=self.member.with_transition_gradients())
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for each aircraft in a state; leading axis aircraft."""
+        """Return `function(case, vehicle, *arguments)` for each aircraft in a state.
+
+        `arguments` and results have a leading axis over the aircraft.
+        """
         return self.cases(state, params).map(function, state.vehicle, *arguments)
 
     def cases(self, state: EpisodeState, params: Parameters) -> Stacked[Case]:

@@ -178,16 +178,17 @@ class GymnasiumEnvironment(gymnasium.Env):
 
     Observations are float32 vectors, about -1..1 in ordinary flight and clipped to -100..100; actions are -1..1.
     `environment.observed` and `environment.commanded` are the tables of their entries. `info` has `is_success` at the
-    end of an episode. Options of `reset` have no effect.
+    end of an episode. The argument `options` of `reset` has no effect.
 
     Parameters
     ----------
     task
         Name of a task, an own task, or an `AircraftEnvironment`, whose compiled program all wrappers of it share.
     action
-        Level of action: "surfaces", "rates" or "velocity"; None: "rates", if the task has it.
+        Level of action: "surfaces", "rates" or "velocity"; None: "rates", or the first level of a task without it.
     render_mode
-        "rgb_array": `render` returns the figures of the flight report over the latest 20 s of the episode.
+        "rgb_array": `render` returns the figures of the flight report over the latest 20 s of the episode. None:
+        `render` warns and returns None.
     **options
         Further arguments of `anser.environments.make`: `aircraft`, `cases`, `precision`, tables of a scenario, ...
     """
@@ -224,7 +225,7 @@ class GymnasiumEnvironment(gymnasium.Env):
         return record_flight(self.environment, start, actions)
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return the figures of the latest 20 s of the episode as pixels."""
+        """Return the figures of the latest 20 s of the episode as pixels; warn and return None if no mode is set."""
         if self.render_mode is None:
             gymnasium.logger.warn('render() has no effect without gymnasium.make(..., render_mode="rgb_array")')
             return None

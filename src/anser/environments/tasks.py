@@ -194,7 +194,7 @@ class VelocityCommand(AbstractCommandTask):
         return starts, as_array(np.stack([speed, path_angle, course], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the commanded airspeed, path angle and course as path command."""
+        """Return the commanded airspeed, path angle and course as a path command."""
         return _path_command(*situation.case.task)
 
 
@@ -275,7 +275,7 @@ class UpsetRecovery(AbstractCommandTask):
         return None, None, None, situation.case.task[0]
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return level flight at the airspeed of the start on the present course."""
+        """Return the command of level flight at the airspeed of the start on the present, estimated course."""
         return _path_command(situation.case.task[0], jnp.zeros(()), situation.estimates["course_deg"] * DEG_RAD)
 
 

@@ -49,14 +49,21 @@ def aircraft_file_text(
     name
         Name of the aircraft: small letters, digits, hyphens.
     record
-        Record of the estimate, for the range of validity.
+        Record of the estimate, from which the range of validity follows.
     airframe, file
-        Aircraft of the mass properties, lengths, actuators and engine, and its file; None: the engine is described by a
-        table of thrust over altitude and Mach number.
+        Aircraft of which mass properties, lengths, actuators and engine are taken, and its file; None: there is no
+        file. An engine that is not in the file is described by a table of thrust over altitude and Mach number; an
+        aircraft without an engine gets none.
     estimated, assumed
-        Derivatives named as in `CL_alpha`, `CL0`; those assumed are of the aircraft and enter where none is estimated.
+        Derivatives named as in `CL_alpha`, `CL0`: the estimates, and values of the aircraft, which are used for
+        derivatives without an estimate.
     source
         Origin of the estimates.
+
+    Raises
+    ------
+    ValueError
+        The power of an engine that is not in the file does not follow the throttle.
     """
     derivatives = {**assumed, **estimated}
     filled = ", ".join(key for key, value in assumed.items() if value)
@@ -164,7 +171,10 @@ def _jet(airframe: AbstractAirframe) -> dict[str, Any]:
 
 
 def _toml(tables: Mapping[str, Any], path: str = "") -> str:
-    """Return nested tables, and lists of tables, as TOML text; plain keys come first."""
+    """Return nested tables, and lists of tables, as TOML text.
+
+    The plain keys of a table come first; floats are rounded to nine significant digits.
+    """
     lines, parts = [], []
     for key, value in tables.items():
         name = f"{path}.{key}" if path else key

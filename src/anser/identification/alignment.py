@@ -34,7 +34,10 @@ _FACTORS = {
 
 
 class ChannelMatch(NamedTuple):
-    """Factor and delay (s) of a channel against the integral of the rate that other channels imply."""
+    """Factor and delay (s) of a channel relative to the integral of the rate that other channels imply, and the fit.
+
+    The standard error of the delay is infinite if the fit has no maximum within the searched delays.
+    """
 
     factor: float  # of the channel's variation to become that of the kinematics; 1 for consistent units
     delay_s: float  # of the channel behind the kinematics, s

@@ -31,25 +31,26 @@ _BAND_HZ = 1.5
 
 
 def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -> tuple[Estimate, ...]:
-    """Estimate the parameters of each equation; names of the parameters as in `CL_alpha`, constants as in `CL0`.
+    """Estimate the parameters of each equation, which are named as in `CL_alpha`, and constants as in `CL0`.
 
     Parameters
     ----------
     data
         Record, arranged for a model.
     method
-        `frequency`: regression of Fourier transforms, without differentiation of noise; `equation-error`: regression
-        in time, of response and regressors that pass the same smoothing filter. For linear models also `output-error`,
-        maximum likelihood of the integrated responses, and `filter-error`, the same with noise in the rates, for
-        turbulent air; both start from `frequency`, and give one estimate for all equations.
+        `frequency`: regression of Fourier transforms, without differentiation of noise, and in turbulent air with
+        instrumental variables; `equation-error`: regression in time, of response and regressors that pass the same
+        smoothing filter. Linear models have two further methods, which start from the result of `frequency` and give
+        one estimate for all equations: `output-error`, maximum likelihood of the integrated responses, and
+        `filter-error`, the same with process noise in the rates of the states, for turbulent air.
     frequency_max_hz
-        Highest frequency of the regression of Fourier transforms, Hz.
+        Highest frequency of the regression of Fourier transforms, Hz; at most 0.4 of the sampling frequency is used.
 
     Raises
     ------
     ValueError
-        A method of linear models with the model `derivatives`, or an error of the estimator: no excitation, collinear
-        regressors, no convergence.
+        `output-error` or `filter-error` with the model `derivatives`, or an error of the estimator: no excitation,
+        collinear regressors, no convergence.
     """
     if method in METHODS[2:]:
         return (_integrate(data, method, estimate(data, "frequency", frequency_max_hz)),)

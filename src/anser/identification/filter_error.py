@@ -115,7 +115,10 @@ def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Ar
     indices = np.asarray(noisy, dtype=int)
 
     def innovate(unknown: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-        """Run the filter; return innovations and their variances, twice, and the errors of the predicted outputs."""
+        """Run the filter; return (innovations, variances), and these again with the errors of the predicted outputs.
+
+        The second tuple is the auxiliary result of `jax.jacfwd`, which is not differentiated.
+        """
         values, densities, logs = unknown
         theta, start = case.start(values)
         R, size = jnp.exp(logs), start.size

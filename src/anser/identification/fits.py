@@ -115,9 +115,10 @@ def _squares(samples: Samples) -> Float[np.ndarray, " response"]:
 def autocovariances(
     residuals: Float[np.ndarray, "sample response"], lag_max: int
 ) -> Float[np.ndarray, "lag response response_2"]:
-    """Return the sums of v_i v_(i + lag)^T over a record of residuals v at the lags 0 to `lag_max`, over its length.
+    """Return the autocovariances of a record of residuals v at the lags 0 to `lag_max`; the mean is not subtracted.
 
-    The division by the length of the record keeps their Fourier transform, a spectrum, positive.
+    They are the sums of v_i v_(i + lag)^T over the record, divided at every lag by the number of samples of the record.
+    This divisor keeps the Fourier transform of the autocovariances, a spectrum, positive semidefinite.
     """
     count = len(residuals)
     return np.stack([residuals[: count - lag].T @ residuals[lag:] for lag in range(lag_max + 1)]) / count

@@ -20,7 +20,8 @@ END_SAMPLES = 10
 class FourierTransforms(NamedTuple):
     """Finite Fourier transforms of a record as matrices: the transform at the angular frequencies is matrix @ samples.
 
-    The integral over the record is the trapezoidal rule.
+    The integral of a sampled signal is by the trapezoidal rule; for a held input, and without the corrections of
+    `fourier_transforms`, it is the sum over the samples times the step.
     """
 
     signal: Transform  # transform of a sampled signal

@@ -18,7 +18,7 @@ _SAMPLES_MIN = 16
 
 
 class Smoothed(NamedTuple):
-    """Smoothed time history, its time derivative, and the standard deviation of the noise in the measured one."""
+    """Smoothed time history, its time derivative, and the standard deviation of the noise in the measured history."""
 
     values: Float[np.ndarray, "*channel sample"]
     rate: Float[np.ndarray, "*channel sample"]
@@ -89,9 +89,11 @@ def integrate(rate: Float[np.ndarray, "*channel sample"], step_s: float) -> Floa
 
 
 def _ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values at both ends: of parabolas through the outer samples where noise exceeds the parabolas' error.
+    """Return the values at start and end of time histories, smoothed by a parabola fitted to the outer samples.
 
-    An end value with noise would leave a jump in the odd series, and coefficients that fall with the frequency alone.
+    The measured end value is kept where the samples deviate from the parabola by its misfit rather than by noise.
+    Noise in an end value would leave a jump in the odd series, and the coefficients would fall with the first power of
+    the frequency instead of the cube.
     """
     length = min(15, values.shape[-1] // 2)
     basis = np.vander(np.arange(length, dtype=float), 3)

@@ -144,9 +144,10 @@ def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
 
 
 def _drawn_attempts(planned: FirstPlan) -> list[bool]:
-    """Whether each aircraft's path is drawn: none that exceeds a limit by more than `EXCESS_MEANINGFUL`.
+    """Return whether each aircraft's path is drawn: every path of a plan; of a failed attempt, the meaningful ones.
 
-    Paths that violate the separation or a keep-out are drawn: they show the conflict.
+    A meaningful path exceeds no limit by more than `EXCESS_MEANINGFUL`. Paths that violate the separation or a keep-out
+    are drawn: they show the conflict.
     """
     attempt = _best_attempt(planned) if planned.refusals else None
     if attempt is None:

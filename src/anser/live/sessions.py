@@ -421,7 +421,7 @@ class _Progress:
         self._state = text, share
 
     def set_preliminary(self, answer: Answer) -> None:
-        """Set what is known before the answer; it is told if the answer takes long."""
+        """Set a preliminary answer, which is sent if the answer takes long or waits for a compilation."""
         self._preliminary = answer
 
     def _watch(self) -> None:

@@ -310,7 +310,7 @@ class PublishedFirstPlan(FirstPlan):
 
 
 def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft, arrival_s: float) -> float:
-    """Magnitude of the difference between the wind at an aircraft's rendezvous and at its start, m/s."""
+    """Return the magnitude of the wind at the rendezvous at `arrival_s` minus the wind at the start at time 0, m/s."""
     if scenario.wind.field is None:
         up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
         return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
@@ -421,7 +421,7 @@ class CertifiedFirstPlan(FirstPlan):
         return self._planned_state().plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
-        """Reasons for a missing plan, or unproven paths, one sentence each."""
+        """Reasons for a missing plan, or else the unproven paths, one sentence each; empty for a proven plan."""
         if self.plan_state is None:
             return self.refusals
         return unproven_paths(self.scenario, np.asarray(self.plan_state.plan.feasible)[: len(self.scenario.aircraft)])
@@ -500,7 +500,10 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
 
 
 def _rough_flight_time_s(scenario: Scenario) -> float:
-    """Rough time of the last arrival, s: straight to the goal's first position, or as prescribed."""
+    """Estimate the time of the last arrival, s: the latest prescribed one, or the longest straight flight if longer.
+
+    A straight flight leads to the goal's position at time 0, at the preferred airspeed or the greatest one if less.
+    """
     straight_s = [
         math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))
         / min(scenario.speed_for(aircraft), scenario.limits_for(aircraft).speed_max_m_s)

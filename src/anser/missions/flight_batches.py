@@ -124,15 +124,16 @@ def fly_many(
     Parameters
     ----------
     cases
-        Flights. Scenarios with events or without a central planner, which plan during the flight, are flown singly and
-        need the number 0.
+        Flights. Scenarios with events or without a central planner, which plan during the flight, are flown singly;
+        their cases must have the number 0 and no `randomness`.
     progress
-        Called with a description of the current work and the share of finished flights, 0..1.
+        Called with a description of the current work and its completed share, 0..1.
     batch
-        Number of flights in one compiled call, to which a smaller rest is padded: each size is a program of its own.
-        None: at most `BATCH`, as many as there are.
+        Number of flights in one compiled call; fewer flights are padded to it. Each number needs a compiled program of
+        its own. None: the number of flights, at most `BATCH`.
     on_rows
-        Called with the indices of finished flights in `cases` and their rows, after each batch.
+        Called with the indices of finished flights in `cases` and their rows: once for all flights that do not allow
+        the precision, then after each batch and after each flight that is flown singly.
     series
         Variables recorded over time; None: no series.
     precision
@@ -148,7 +149,7 @@ def fly_many(
     Raises
     ------
     ValueError
-        If a case that is flown singly has a number other than 0.
+        If a case that is flown singly has a number other than 0, or `randomness`.
     """
     enable_compilation_cache()
     on_progress = progress or no_progress
@@ -425,7 +426,7 @@ def _search_plans(
 def _find_untrimmable(
     cases: Sequence[FlightCase], single_flights: Sequence[Flight], fleets: TrimmedFleet
 ) -> dict[int, str]:
-    """Reasons for flights that cannot start because an aircraft cannot be trimmed, by index in the batch."""
+    """Return the reasons for flights that cannot start because an aircraft cannot be trimmed, by index in the batch."""
     reasons = {}
     is_trimmed = np.asarray(fleets.is_trimmed)
     for k, (case, flight) in enumerate(zip(cases, single_flights, strict=True)):

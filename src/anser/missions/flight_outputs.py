@@ -59,7 +59,10 @@ class FlightOutput(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of the expression, and of a condition without the reduction "time" or the reverse."""
+        """Return the problems of the expression and of its combination with the reduction.
+
+        A condition requires the reduction "time", and this reduction requires a condition.
+        """
         try:
             expression = parse_expression(self.expression)
         except ExpressionError as error:

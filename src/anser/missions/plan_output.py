@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordedPlan:
-    """Samples of a plan over time, and the planner's report on the plan (`summary`)."""
+    """Samples of a plan over time (`samples`), and the planner's report on the plan (`details`)."""
 
     samples: PlanSamples
     details: PlanDetails

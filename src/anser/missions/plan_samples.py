@@ -67,7 +67,10 @@ def _pad(motion: SampledMotion) -> SampledMotion:
 def _interpolate(
     times: Float[Array, " time"], positions: Float[Array, "time 3"], velocities: Float[Array, "time 3"], instant: Scalar
 ) -> Float[Array, "3"]:
-    """Position at a time (`instant`, s) on the cubic between two samples; NaN if one of the samples is NaN."""
+    """Return the position at the time `instant` (s) on the cubic Hermite polynomial between two samples.
+
+    NaN if one of the two samples is NaN; at the time of the first of them, the second is ignored.
+    """
     k = jnp.clip(jnp.searchsorted(times, instant, side="right") - 1, 0, times.shape[0] - 2)
     step = times[k + 1] - times[k]
     states = positions[k], positions[k + 1], velocities[k], velocities[k + 1]

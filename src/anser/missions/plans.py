@@ -109,6 +109,8 @@ def write_plan(planned: FirstPlan, path: Path) -> None:
         If the file exists.
     NoPlanError
         If no plan was found.
+    ValueError
+        If the planner is user-defined.
     """
     leaves = jax.tree_util.tree_flatten_with_path(planned.saved_state())[0]
     arrays = {jax.tree_util.keystr(key_path, simple=True, separator="."): np.asarray(leaf) for key_path, leaf in leaves}

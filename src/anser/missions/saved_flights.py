@@ -77,7 +77,7 @@ def load_flight(folder: str | os.PathLike[str]) -> SavedFlight:
     Raises
     ------
     ValueError
-        If the folder contains no run or a damaged file; the message names the file.
+        If the folder contains no run, a damaged file, or files of different flights; the message names file or folder.
     """
     path = Path(folder)
     check_run_folder(path)

@@ -31,7 +31,7 @@ def sweep_dataset(
     """Put the results of a sweep's flights into one dataset with a dimension for each swept key.
 
     The swept values are the coordinate of their dimension. A flight that could not start has NaN in its
-    numbers, and the reason in `reason`.
+    numbers, and the reason in `reason`. A quantity of the fleet without a value in any flight is left out.
     """
     shape = tuple(len(values) for values in swept.values())
     dimensions = tuple(swept)
@@ -159,7 +159,10 @@ def _first_cases(
 
 
 def _refused(scenario: Scenario, problems: list, count: int) -> ScenarioError:
-    """Combine the problems of invalid combinations into one error: the first few in full, and the total number."""
+    """Combine the problems of invalid combinations into one error.
+
+    Of more than `_MESSAGES_MAX` combinations, the error has the problems of the first ones and the total number.
+    """
     messages = []
     for combination, combination_problems in problems[:_MESSAGES_MAX]:
         assignments = ", ".join(f"{path} = {value}" for path, value in combination.items())

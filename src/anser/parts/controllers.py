@@ -23,10 +23,10 @@ class AbstractGuidance(AbstractPart):
     def command(
         self, guidance_state: Any, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, Any]:
-        """Return the command for the controller, the planned position (NED, m), and the new guidance state.
+        """Return the command for the controller, the position to follow (NED, m), and the new guidance state.
 
-        The plan is None without a planner. The command has the type expected by the aircraft's controller; for an
-        aircraft with a goal, also during the hold, a `PathCommand`: the hold replaces the command by one.
+        `plan` is None if the flight has no planner. The command has the type that the aircraft's controller expects.
+        For an aircraft with a goal the type is `PathCommand`, because the hold replaces the command by a `PathCommand`.
         """
 
 

@@ -71,9 +71,9 @@ class Excitation(eqx.Module):
 
 
 def build_excitation(terms: Sequence[tuple[str, InputSignal]]) -> Excitation | None:
-    """Build the excitation of one aircraft from pairs of an input and a signal; None without any.
+    """Build the excitation of one aircraft from pairs of an input's name and a signal; None if there are no pairs.
 
-    The signals are in m/s for the airspeed, in 0..1 for the throttle, otherwise in deg and deg/s.
+    The signals are in m/s for the airspeed, in 0..1 for the throttle, and in deg or deg/s for all other inputs.
     """
     if not terms:
         return None

@@ -30,7 +30,7 @@ class AbstractSignal(eqx.Module):
 
 
 class PulseSignal(AbstractSignal):
-    """Piecewise constant signal: the value changes by `jumps` at the times `edges` (s), from 0 on."""
+    """Piecewise constant signal: the value is 0 at first and changes by `jumps` at the times `edges` (s)."""
 
     edges: Vector | np.ndarray
     jumps: Vector | np.ndarray
@@ -176,12 +176,14 @@ def _pulses(amplitudes: Sequence[float], widths_s: Sequence[float], start_s: flo
 def sine_sweep(
     amplitude: float, frequencies_hz: tuple[float, float], duration_s: float, start_s: float = 1.0
 ) -> InputSignal:
-    """Return a sine whose frequency rises exponentially from the first to the second of `frequencies_hz`.
+    """Return a sine sweep, with a frequency that rises exponentially from the first to the second of `frequencies_hz`.
 
-    Equal time is spent in each octave. The signal is zero before `start_s` and after `duration_s` more.
+    The sweep spends equal time in each octave, from `start_s` on for a time of `duration_s`; before and after the sweep
+    the signal is zero. Raises ValueError unless the frequencies are positive and do not fall, amplitude and start are
+    finite, and the duration is positive.
     """
     low, high = _frequencies(frequencies_hz)
-    _require_numbers(amplitude=amplitude, duration_s=duration_s)
+    _require_numbers(amplitude=amplitude, duration_s=duration_s, start_s=start_s)
     numbers = np.array([amplitude, low, np.log(high / low) / duration_s, start_s, duration_s], dtype=float)
     signal = SweepSignal(*numbers)
     return InputSignal(signal, f"sweep of {amplitude:g} from {low:g} to {high:g} Hz in {duration_s:g} s")
@@ -220,7 +222,7 @@ def multisine(
         in each octave.
     """
     low, high = _frequencies(frequencies_hz)
-    _require_numbers(amplitude=amplitude, power_exponent=power_exponent, duration_s=duration_s)
+    _require_numbers(amplitude=amplitude, power_exponent=power_exponent, duration_s=duration_s, start_s=start_s)
     if not 0 <= channel < channels:
         raise ValueError(f"channel: arrived {channel} of {channels} channels; expected 0 to {channels - 1}")
     harmonics = multisine_harmonics((low, high), duration_s)[channel::channels]

@@ -89,9 +89,10 @@ def measure_line_of_sight(
 def goal_from_line_of_sight(
     sight: LineOfSight, vehicle_position_n: Vector3, vehicle_velocity_n: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """Compute the goal's position (NED, m) and velocity over the ground (NED, m/s) from the line of sight to it.
+    """Compute a goal's position (NED, m) and velocity over the ground (NED, m/s) from the line of sight to the goal.
 
-    Exact without noise (theory section 7): M is orthonormal, so the inverse is the transpose.
+    The result is exact if the line of sight has no error (theory section 7): the matrix M of the axes of the line of
+    sight is orthonormal, so the inverse of M is the transpose.
     """
     along, across, above = _axes(sight.azimuth, sight.elevation)
     relative_rate = (

@@ -36,9 +36,9 @@ def _style(name: str) -> dict[str, Any]:
 
 
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a dataset of a `CampaignStore` into files `campaign`, replacing earlier ones; return the paths.
+    """Draw a dataset of a `CampaignStore` into `campaign.svg` and `campaign.png`, and return the paths.
 
-    A campaign of fewer than two flights has no figure.
+    Existing files are replaced. A campaign of fewer than two flights has no figure: no file is written.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()

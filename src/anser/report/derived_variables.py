@@ -79,7 +79,10 @@ def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
 
 
 def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the required horizontal and vertical (0: any) separation, m; None if none is required."""
+    """Return the required horizontal and vertical separation, m; None if no separation is required.
+
+    If the vertical separation is 0, only the horizontal distance counts.
+    """
     separation = scenario.get("separation", {})
     if not separation.get("horizontal_m", 0.0) > 0.0:
         return None

@@ -29,7 +29,10 @@ def has_estimates(dataset: xr.Dataset) -> bool:
 
 
 def recorded_estimates(dataset: xr.Dataset) -> list[str]:
-    """Return the estimates with a finite value; without known aerodynamics there is no effectiveness to compare."""
+    """Return the names of the estimates with a finite value; empty without an adaptive autopilot.
+
+    The control effectiveness is relative to that of the model, and NaN if the model has none about the axis.
+    """
     if not has_estimates(dataset):
         return []
     return [name for name in ESTIMATES if np.isfinite(dataset[f"{name}_estimate"].values).any()]

@@ -181,7 +181,7 @@ def _method(name: str, description: str) -> "Callable[..., Figure]":
 class FlightPlots:
     """Figures of one flight as `matplotlib.figure.Figure`, displayed by notebooks and written by `savefig`.
 
-    `flown.plot("guidance")` draws any figure of `anser figures`; `flown.plot.names` lists the available names.
+    `flown.plot("guidance")` draws a figure by its name in `anser figures`; `flown.plot.names` lists those available.
     """
 
     def __init__(self, dataset: xr.Dataset) -> None:

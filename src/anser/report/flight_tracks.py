@@ -167,7 +167,10 @@ def _last_sample_of_first_goal(sheet: FlightSheet, line_style: LineStyle) -> int
 
 
 def _has_new_goal(sheet: FlightSheet, line_style: LineStyle) -> np.ndarray:
-    """Return whether the recorded goal has jumped to a new goal, at each time up to the arrival; shape (samples,)."""
+    """Return whether the recorded goal has jumped to a new goal since the previous sample; shape (samples,).
+
+    A jump is a horizontal motion faster than `_GOAL_SPEED_MAX_M_S`. The samples end at the arrival.
+    """
     goal_track = [sheet.until_arrival(f"goal_{axis}_m", line_style) for axis in _AXES]
     steps = np.hypot(*(np.diff(part, prepend=part[0]) for part in goal_track))
     return steps > _GOAL_SPEED_MAX_M_S * np.diff(sheet.time[: steps.size], prepend=-np.inf)

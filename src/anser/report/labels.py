@@ -101,7 +101,10 @@ class Limit:
 
 
 def format_owners(names: Sequence[str], fleet_size: int) -> str:
-    """Return the names of the aircraft that a limit concerns; empty if it concerns the whole fleet."""
+    """Return the names of the aircraft that a limit concerns; empty if it concerns the whole fleet.
+
+    Of more than `_OWNERS_MAX` names, the last ones are replaced by their number.
+    """
     if len(names) == fleet_size:
         return ""
     if len(names) <= _OWNERS_MAX:

@@ -356,7 +356,10 @@ def _label(values: xr.DataArray) -> str:
 
 
 def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a result of `anser.results.plan_record` into `plan.svg` and `plan.png`; return the paths."""
+    """Draw a result of `anser.results.plan_record` into new files `plan.svg` and `plan.png`; return the paths.
+
+    Raises FileExistsError if one of the files exists.
+    """
     return save_drawings({"plan": _plan}, dataset, {**PRINT_STYLE, "svg.hashsalt": "anser-plan"}, folder)
 
 

@@ -197,7 +197,7 @@ _PREFIX_MIN = 3
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Line style of the aircraft with an index in the dataset: short name, colour, dash pattern, width in points."""
+    """Line style of one aircraft: its index in the dataset, short name, colour, dash pattern, and width in points."""
 
     index: int
     label: str

@@ -80,9 +80,8 @@ def closest_approach(
     """Return the time (s) and distance (m) of the closest pass of a moving rendezvous.
 
     The offset is linear in time between samples, and its length is minimised exactly. Only the record up to
-    `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal.
-
-    Returns the time of closest approach, s, and the distance, m; both NaN without a finite sample in the window.
+    `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal. Time and
+    distance are NaN if no interval between two finite samples begins up to that time.
 
     Raises ValueError if the shapes do not match, or the record has fewer than two samples.
     """

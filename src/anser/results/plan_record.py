@@ -106,14 +106,15 @@ def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
     Returns
     -------
     xr.Dataset
-        Over (time, aircraft) the history under catalogue names, and the goals; over (time,) the least distance and
-        separation with pairs; over (aircraft,) arrival, length, speeds, extremes, limits and proven bounds; over
-        (aircraft, keep_out) the margins. NaN for missing values.
+        Over (time, aircraft): the history under catalogue names, and the goals. Over (time,): the least distance and,
+        if a separation is required, the least separation, each with the closest pair. Over (aircraft,): arrival,
+        length, speeds, extremes, limits and proven bounds. Over (keep_out,): the volumes. Over (aircraft, keep_out):
+        the margins. Missing values are NaN; variables that the planner does not report are left out.
 
     Raises
     ------
     ValueError
-        If samples and details do not match, or a key is missing in the catalogue.
+        If samples and details do not match, or a key of the history is missing in the catalogue.
     """
     _check(samples, details)
     fleet = details.scenario.aircraft

@@ -111,7 +111,11 @@ def evaluate_requirements(
 
 
 def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Entry], fleet: _Entry) -> dict[str, Any]:
-    """Return the entry {name, limit, value, met} of one requirement; aircraft that left the fleet do not count."""
+    """Return the entry {name, limit, value, met} of one requirement; aircraft that left the fleet do not count.
+
+    The value is the one with the least margin to the limit. A missing value (None) does not meet the requirement; a
+    requirement to which no value belongs, such as the separation of a single aircraft, is met with the value None.
+    """
     name, is_upper = requirement.name, requirement.name in _AT_MOST
     staying = [k for k, entry in enumerate(aircraft) if "left_s" not in entry]
     values = (_AT_MOST if is_upper else _AT_LEAST)[name]([aircraft[k] for k in staying], fleet)

@@ -16,9 +16,10 @@ _NEAR_SPANS = 3.0
 
 
 def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
-    """Return the separation attributes of a dataset of several aircraft: required separation, and near-miss distance.
+    """Return the attributes of a dataset on the separation of several aircraft; none for a single aircraft.
 
-    `near_distance_m` is three wing spans of the widest aircraft; omitted if no airframe has a span.
+    `separation_required` is 1 if the scenario requires a separation, otherwise 0. `near_distance_m`, the distance of a
+    near miss, is three wing spans of the widest aircraft; it is omitted if no airframe has a span.
     """
     if len(scenario.aircraft) == 1:
         return {}

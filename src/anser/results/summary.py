@@ -261,7 +261,10 @@ def _gust_entries(
 
 
 def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> AirspeedStatistics:
-    """Return the time integral, minimum and maximum of the airspeed from the start to the time `end`, s."""
+    """Return the time integral (m), minimum and maximum (m/s) of the airspeed from the start to the time `end`, s.
+
+    All three are NaN if no airspeed in this time is finite.
+    """
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
     times, speeds = times[np.isfinite(speeds)], speeds[np.isfinite(speeds)]
@@ -272,7 +275,10 @@ def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> Air
 
 
 def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
-    """Return the least distance between two aircraft over the record, m; None for a single aircraft."""
+    """Return the least distance between two aircraft over the record, m; None for a single aircraft.
+
+    The distance is NaN if no pair has two consecutive finite samples.
+    """
     position = np.stack([history["north"], history["east"], history["altitude"]], axis=-1)
     # One aircraft at a time: the memory of all pairs would grow with the square of the fleet.
     pairs = [least_distance(position[:, i + 1 :] - position[:, i : i + 1]) for i in range(position.shape[1] - 1)]

@@ -50,7 +50,10 @@ from anser.units import DEG_RAD
 
 
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
-    """Collect the faults of one aircraft from the events: times of thrust loss, sensor loss and leaving the fleet."""
+    """Collect the faults of one aircraft from the events: thrust loss, loss of the goal sensor and leaving the fleet.
+
+    The first event of each kind counts; without such an event the time of the fault is infinite.
+    """
 
     def first_event(kind: str) -> tuple[float, float]:
         """Return the time (s) and the remaining thrust of the aircraft's first event of a kind; never without one."""

@@ -185,7 +185,10 @@ def _capability_and_bandwidths(
 def _with_derived_gains(
     scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
 ) -> AutopilotGains:
-    """Return the gains derived from the bandwidths, except in loops for which the scenario gives gains."""
+    """Return the gains derived from the bandwidths, with the scenario's gains in the loops that the scenario defines.
+
+    The bandwidth of the sensor filter is always the scenario's.
+    """
     gains = defaults.gains
     for loop in ("rates", "attitude", "velocity"):
         if loop in aircraft.gains.model_fields_set:

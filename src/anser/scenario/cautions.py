@@ -49,7 +49,9 @@ def _seed_cautions(scenario: Scenario) -> list[str]:
 
 
 def _duration_cautions(scenario: Scenario) -> list[str]:
-    """Caution for a duration that suffices only with a descent or a favourable wind aloft."""
+    """Caution for a duration that suffices only with a descent or a favourable wind aloft; none in a wind field."""
+    if scenario.wind.field is not None:  # the checks do not read the field
+        return []
     return [
         f"{problem.path}: {problem.arrived} s suffices only if a descent makes the plan faster or another wind carries "
         f"it on; otherwise expected {problem.expected}"

@@ -21,7 +21,8 @@ _HEADER = re.compile(r"\[{1,2}\s*([A-Za-z0-9_-]+)[^\]]*\]")
 def load(path: str | os.PathLike[str]) -> Scenario:
     """Read and validate a scenario file (TOML, UTF-8).
 
-    Raises ScenarioError if it cannot be read or is not a valid scenario; the message gives key and expected value.
+    Raises ScenarioError if the file cannot be read, is not a valid scenario, or has keys without effect; the message
+    gives key and expected value.
     """
     return loads(read_text(path), os.fspath(path))
 

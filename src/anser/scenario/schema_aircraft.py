@@ -91,7 +91,7 @@ class Goal(Table):
         return f'goal "{self.name}"'
 
     def consistency_problems(self) -> list[Problem]:
-        """List a motion that is missing or defined twice, and waypoints whose times do not increase."""
+        """List a motion that is missing or defined twice, and waypoint times that do not start at 0 or do not rise."""
         problems: list[Problem] = []
         if self.waypoints is None:
             missing = [key for key in ("north_m", "east_m") if getattr(self, key) is None]
@@ -308,7 +308,10 @@ class Adaptation(Table):
         return default if self.learning_s is None else self.learning_s
 
     def consistency_problems(self) -> list[Problem]:
-        """List an aircraft that knows no aerodynamics and does not learn, and learning without test inputs."""
+        """List a time of learning without test inputs and, without known aerodynamics, keys that prevent learning.
+
+        These are a time of learning below `LEARNING_MIN_S`, and the gradient method, which needs a model at the start.
+        """
         problems = []
         if not self.aerodynamics_known and self.learning < LEARNING_MIN_S:
             expected = f"{LEARNING_MIN_S:g} or more without known aerodynamics"

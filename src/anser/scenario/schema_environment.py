@@ -179,7 +179,10 @@ class Wind(Table):
         return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)
 
     def velocity_m_s(self, altitude_m: float) -> Vector:
-        """Return the velocity of the air over the ground (north, east, up), m/s, at an altitude (m)."""
+        """Return the velocity of the air over the ground (north, east, up), m/s, at an altitude (m).
+
+        For a wind field from a file the result is still air, as in `profile_m_s`.
+        """
         return interpolate(self.profile_m_s, altitude_m)
 
 

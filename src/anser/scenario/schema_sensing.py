@@ -164,10 +164,11 @@ def goal_sigma_m(
 ) -> float:
     """Compute the standard deviation (m) of the goal's position at the arrival, as predicted when the plan freezes.
 
-    The value is for one axis of a goal in steady motion: the Kalman filter's recursion from the briefed uncertainty,
-    then a prediction over the freeze time. Measurement errors are those at the range in the middle of the freeze time.
-    A goal's own report is compared with the aircraft's position, so the error of satellite navigation adds to the
-    report's error.
+    The value is for one axis of a goal in steady motion, and 0 for an exact sensor: the variance recursion of the
+    Kalman filter from the briefed uncertainty, then a prediction over the freeze time. Measurement errors are those at
+    the range in the middle of the freeze time. Errors that no filter removes are added at the end, in quadrature: the
+    biases of a line of sight, or the slow error of satellite navigation for a goal's own report. That slow error also
+    adds to the report's error, because the report is compared with the aircraft's position.
     """
     if sensor.preset == "exact":
         return 0.0

@@ -71,7 +71,10 @@ class AirspeedTable(Table):
         return name if self.airspeed_key == "speed_m_s" else f"{name} (true airspeed)"
 
     def with_airspeed(self, layers: Layers, altitude_m: float) -> Self:
-        """Return the table with the true airspeed that its airspeed has in the air at an altitude (m)."""
+        """Return the table with its airspeed converted to true airspeed in the air at a geometric altitude (m).
+
+        A table without an airspeed, or with a true airspeed, is returned unchanged.
+        """
         if self.airspeed_forms in ((), ("speed_m_s",)):
             return self
         form = self.airspeed_forms[0]
@@ -221,7 +224,10 @@ class Limits(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a least altitude that is not below the greatest; the ranges of the load factors do not overlap."""
+        """List a minimum altitude that is not below the maximum altitude.
+
+        The load factors need no check: the values allowed for minimum and maximum do not overlap.
+        """
         return ordering_problems(self, "altitude_min_m", "altitude_max_m", "m")
 
     def within(self, data_range: AirframeRange) -> Self:

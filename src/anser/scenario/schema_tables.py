@@ -108,7 +108,11 @@ class ScenarioTables(Table):
         return self.turbulence.intensity != "none"
 
     def limits_for(self, aircraft: Aircraft) -> Limits:
-        """Return one aircraft's limits; keys left out of the scenario follow from the range of its data."""
+        """Return the limits of one aircraft.
+
+        Airspeeds and angles of attack that the scenario leaves out follow from the range of the data in the aircraft
+        file; an aircraft without a file has the defaults.
+        """
         return self.limits.within(aircraft.range)
 
     def speed_for(self, aircraft: Aircraft) -> float:

@@ -60,7 +60,7 @@ def unused_key_cautions(scenario: Scenario) -> list[str]:
 
 
 def find_unused_keys(scenario: Scenario) -> list[UnusedKeys]:
-    """List all keys of a scenario without effect, in the file or not, as far as the tables alone show this."""
+    """List the keys without effect, set in the file or left out, as far as the tables of a scenario show this."""
     return [
         *_unused_sensing_keys(scenario),
         *_unused_air_keys(scenario),

@@ -89,8 +89,8 @@ def read_wind_field(path: str, digest: str) -> WindField:
     Raises
     ------
     ScenarioError
-        If the file cannot be read, has another content, or is not a wind field; the message names the variable, what
-        arrived and what would be right.
+        If the file cannot be read, has another SHA-256, or is not a wind field; the message describes the content that
+        arrived, with the variable concerned, and the content that was expected.
     """
     found_digest = file_digest(Path(path))
     if found_digest != digest:

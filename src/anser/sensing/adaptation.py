@@ -237,7 +237,7 @@ class AdaptiveEstimator(AbstractEstimator):
     aerodynamics_known: bool = eqx.field(static=True, default=True)
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> AdaptationState:
-        """Return the state before the first sample: its derivatives are the model's in the present flight."""
+        """Return the state before the first sample, with the model's derivatives in the present flight condition."""
         lengths, data, state = reference_lengths(self.model), reading.condition.air_data, reading.state
         derivatives = model_derivatives(self.model, lengths, data, state.rates_b, state.surfaces)
         count = len(self.model.actuators.names)
@@ -355,7 +355,11 @@ class AdaptiveEstimator(AbstractEstimator):
     def _disturbance(
         self, state: AdaptationState, error: Float[Array, "6"], excitation: Float[Array, "6"], step: ScalarLike
     ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Return mean and variance of the prediction errors, per coefficient; both change only without a manoeuvre."""
+        """Return the slow mean value of the prediction errors, and their variance about it, for each coefficient.
+
+        The variance changes only in flight without a manoeuvre and, without known aerodynamics, not in the first 15 s.
+        The mean value always changes: in such flight, quickly for the part of an error that exceeds turbulence.
+        """
         is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
         if not self.aerodynamics_known:  # at first the errors are the coefficients themselves
             is_calm = is_calm & (state.count * step > _LEARNING_TIME)

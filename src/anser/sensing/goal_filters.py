@@ -237,7 +237,11 @@ def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[F
 def predicted_measurement(
     reading: GoalReading, state: Float[Array, "6"], vehicle_motion: VehicleMotion, instant: Instant
 ) -> Float[Array, "6"]:
-    """Error-free values, of the reading's kind, of a goal at `state` (position and velocity, NED, m and m/s)."""
+    """Return the error-free values of a measurement, of the same kind as `reading`, of a goal with the given state.
+
+    `state` is the position and velocity of the goal (NED, m and m/s). A line of sight begins at the aircraft, which has
+    the motion `vehicle_motion`.
+    """
     if reading.kind == "report":
         return state
     goal = GoalState(state[:3], state[3:])

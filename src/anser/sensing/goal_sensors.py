@@ -173,7 +173,7 @@ class NoisyGoalSensor(eqx.Module):
 
 
 def queue_slots(latency_max_s: float, period_s: float) -> int:
-    """Return the capacity needed for delayed measurements: 0 without latency, otherwise a power of two, at least 2."""
+    """Return the capacity of the queue of delayed measurements: 0 without latency, otherwise a power of 2 from 2 on."""
     if latency_max_s <= 0.0:
         return 0
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))

@@ -97,7 +97,10 @@ def unscented_prediction(
     noise: Float[Array, "n n"],
     points: SigmaPoints,
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Predict mean and covariance after the motion `moved`; `noise` is the covariance of the process noise."""
+    """Predict mean and covariance of a state by the unscented transform.
+
+    `moved` is the function from a state to the later state, `noise` the covariance of the process noise.
+    """
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     images = jax.vmap(moved)(points.generate(mean, covariance))
     predicted_mean = jnp.sum(mean_weights[:, None] * images, axis=0)

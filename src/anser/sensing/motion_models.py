@@ -71,7 +71,10 @@ class SteadyMotion(AbstractMotionModel):
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """Predict the covariance after `span` seconds: velocity rows are added to position rows, then columns."""
+        """Predict the covariance after `span` seconds: F P F^T + Q, with F the transition matrix of constant velocity.
+
+        Q is the covariance of the process noise.
+        """
         row_product = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
         return jnp.concatenate(
             [row_product[:, :3] + span * row_product[:, 3:6], row_product[:, 3:]], axis=1

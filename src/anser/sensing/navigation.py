@@ -123,7 +123,10 @@ def _update_scalar(
 
 
 def _apply_transition(matrix: Matrix33, span: ScalarLike, decay: ScalarLike) -> Matrix33:
-    """Multiply by the transition over `span` seconds of (position, velocity, slow error), which decays."""
+    """Multiply a matrix from the left by the transition matrix of (position, velocity, slow error) over `span` seconds.
+
+    `decay` is the factor on the slow error.
+    """
     return jnp.stack([matrix[0] + span * matrix[1], matrix[1], decay * matrix[2]])
 
 

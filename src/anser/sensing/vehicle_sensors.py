@@ -145,7 +145,7 @@ class VehicleSensors(eqx.Module):
     def read(
         self, sensor_state: VehicleSensorState, truth: Truth, instant: Instant
     ) -> tuple[VehicleReading, VehicleSensorState]:
-        """Return the measurements of this sample, and the state with the errors for the next sample."""
+        """Return the measurements of this sample, and the new state with this sample's errors and latest fix."""
         normals, inertial, air = instant.normals(VEHICLE_SENSORS, _NORMALS), self.inertial, self.air_data
         # the initial random numbers apply to the first sample
         attitude_b = gauss_markov(

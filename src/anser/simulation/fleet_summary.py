@@ -31,7 +31,7 @@ class AirspeedStatistics(eqx.Module):
     def over_interval(
         self, part: Array, length_s: ScalarLike, start_speed: Array, end_speed: Array
     ) -> "AirspeedStatistics":
-        """Add the first `part` (fraction, 0..1) of an interval of `length_s` seconds.
+        """Return the statistics with the first `part` (fraction, 0..1) of an interval of `length_s` seconds added.
 
         The airspeed (m/s) changes linearly from `start_speed` to `end_speed` over the whole interval.
         """

@@ -106,7 +106,10 @@ class PrescribedCommand(AbstractGuidance):
 def start_point(
     airframe: AbstractAirframe, environment: Environment, state: AircraftState, controls: Controls
 ) -> TrimPoint:
-    """Return any state and controls in the form of a trim point, from which a flight starts; no trim is solved."""
+    """Return a trim point with the given state and controls, as the start of a flight.
+
+    No trim is solved: the trim point is marked as not converged, with an infinite residual.
+    """
     condition = air_data_and_forces(airframe, environment, 0.0, state)
     data = condition.air_data
     mu, power = bank_about_velocity(condition.R_bn, data.alpha, data.beta), jnp.asarray(state.power)

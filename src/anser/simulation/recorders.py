@@ -360,7 +360,8 @@ def scan_steps(
     Returns the state after the last step, the state of the recorder, and the stacked rows of samples `first_sample`,
     `first_sample + stride`, ...
 
-    Raises ValueError if the steps are not a multiple of the stride, or if packed rows are impossible.
+    Raises ValueError if `count` is not a multiple of the stride, or if `packed_rows` is true without `active_steps` or
+    with a stride other than 1.
     """
     stride = recorder.stride
     if stride < 1 or count % stride:

@@ -75,7 +75,9 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
         command jumps at time 0 and has no rate (no feed-forward). The throttle stays at trim unless the velocity loop
         is commanded.
     count
-        Number of periods.
+        Number of sampling periods.
+    loop
+        The commanded loop: "rates", "attitude" or "velocity".
     """
     trimmed = loop_outputs(exact_belief(case.airframe, case.environment, case.trim.state), loop)
     return loop_flight(case, trimmed + size, count, loop, ResponseRecorder(loop=loop))
@@ -126,7 +128,10 @@ def exact_belief(airframe: AbstractAirframe, environment: Environment, state: Ai
 
 
 def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
-    """Return the belief with the true state and specific force, and the forces of the onboard model."""
+    """Return the belief with the true state and specific force, and the forces and moments of the onboard model.
+
+    If the case has no onboard model, the forces and moments are those of the airframe itself.
+    """
     belief = exact_belief(case.airframe, case.environment, state)
     if case.model is None:
         return belief

@@ -37,7 +37,7 @@ class TrimmedFleet(eqx.Module):
 
 
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:
-    """Trim every aircraft at its start and sense its goal, at time 0."""
+    """Trim every aircraft at the start, read the sensors, and compute first report and performance, at time 0."""
     environment, timing = flight.environment, flight.timing
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.randomness)
 

@@ -165,7 +165,7 @@ def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside
 
 
 def _active_limits(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
-    """Flag each of the `AUTOPILOT_LIMITS` that is active, except the last (surface rates)."""
+    """Return flags of the active `AUTOPILOT_LIMITS`, in order, without the last limit (surface rates)."""
     data, thrust, attitude = belief.condition.air_data, signals.thrust, signals.attitude
     thrust_max = belief.airframe.engine.propulsion(100.0, data).force_b[0]
     bank, alpha, _ = attitude.angles

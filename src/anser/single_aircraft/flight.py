@@ -92,9 +92,9 @@ class AircraftFlight:
         return aircraft_flight_figure(self.dataset)
 
     def margins(self, time_s: float | None = None) -> xr.Dataset:
-        """Compute the stability margins with the estimates of an adaptive autopilot frozen as at a time, s.
+        """Compute the stability margins of the adaptive autopilot with its estimates frozen at a time of the flight, s.
 
-        None: the end of the flight. See `anser.single_aircraft.frozen_adaptation.frozen_margins`.
+        `time_s` None is the end of the flight. See `anser.single_aircraft.frozen_adaptation.frozen_margins`.
         """
         return frozen_margins(self.dataset, time_s)
 
@@ -312,7 +312,10 @@ def _fly(
 def set_lags(
     airframe: AbstractAirframe, points: list[TrimPoint], *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
-    """Return an airframe without the lags that are switched off, and starts with states that fit it."""
+    """Return the airframe without the lags that are switched off, and the trim points with the states of the new parts.
+
+    The new states correspond to the same deflections and power.
+    """
     lags = (("actuators", "surfaces", without_lag, actuator_lag), ("engine", "power", InstantEngine, engine_lag))
     for name, quantity, instant, is_kept in lags:
         if not is_kept:

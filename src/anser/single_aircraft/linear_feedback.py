@@ -176,9 +176,10 @@ class LinearFeedback(AbstractController):
         return Controls(jnp.stack(surfaces), jnp.clip(throttle, 0.0, 1.0)), None, next_state
 
     def controls(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the controls for the state of a `Simulator`, by name, which lead back to the trim.
+        """Return the controls, by name, with which the feedback leads the state of a `Simulator` back to the trim.
 
-        Without commands and integrals; numbers or arrays, also for a law of `anser.simulate`.
+        The surfaces are in deg; the throttle is limited to 0 to 1. Commands and integrals have no effect. The variables
+        of `state` are numbers or arrays, so that a law of `anser.simulate` can call the method too.
         """
         count = self.trim_state.size
         variables = [_VARIABLES[name] for name in self.states[:count]]

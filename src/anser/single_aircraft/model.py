@@ -36,7 +36,7 @@ _UPWARDS = np.array([1.0, 1.0, -1.0])  # factors from north, east, down to north
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class AircraftModel:
-    """An aircraft: printed, it tells mass, size, surfaces with their stops, engine, and the range of its data."""
+    """An aircraft, which prints as a list of its mass, size, surfaces with stops, engine, range of data, and inputs."""
 
     airframe: AbstractAirframe  #: The airframe, for the kernels of the package.
     identity: Mapping[str, str | int | float]  #: Name, and variant if any, for labels and provenance.

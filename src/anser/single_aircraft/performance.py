@@ -65,7 +65,7 @@ class _Points(NamedTuple):
 
 
 class _Flights(NamedTuple):
-    """Trims of `_Points`, with path angle (rad) and acceleration along the path at full power (m/s^2)."""
+    """Trims of `_Points`, with path angle (rad) and acceleration (thrust - drag) / mass at full power (m/s^2)."""
 
     trims: TrimMapPoint
     path_angle: Float[Array, " point"]
@@ -145,7 +145,7 @@ class PerformanceSheet:
         return notebook_table(self.title, cells)
 
     def document(self) -> dict[str, Any]:
-        """Return the figures as plain data, for JSON; a figure without a flight is None."""
+        """Return the figures as plain data for JSON; the value of a figure is None if there is no such flight."""
         return {
             "format_version": 1,
             "aircraft": dict(self.identity),
@@ -309,7 +309,11 @@ def _excess_power(field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gr
 
 
 def _ceiling(dataset: xr.Dataset, threshold: float) -> tuple[float, str, str]:
-    """Return the altitude at which the greatest specific excess power falls to a threshold (m/s), unit and limit."""
+    """Return the altitude at which the greatest specific excess power falls to a threshold (m/s), unit and limit.
+
+    The altitude is NaN if the power at the lowest altitude does not exceed the threshold, and the highest altitude with
+    data if the power stays above the threshold.
+    """
     best, altitudes = dataset["specific_excess_power_m_s"].max("airspeed").values, dataset["altitude"].values
     if not best[0] > threshold:
         return np.nan, "m", "no climb at sea level"

@@ -190,7 +190,9 @@ def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
 def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
     """Return the deflection of each surface per unknown (see `Unknowns`); 0 for surfaces without command.
 
-    A common factor for roll, pitch or yaw has the smallest deflections that produce the moment.
+    With at most three commanded surfaces, each deflection is an unknown. With more, a common factor for roll, pitch or
+    yaw stands for the deflections that produce the moment and are smallest relative to the ranges of the surfaces; the
+    largest has the magnitude of the factor.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)

@@ -189,7 +189,7 @@ def _changed_rate(target: TrimTarget) -> str:
 
 @compiled
 def _outside_data(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
-    """Return whether altitude or Mach number is outside the airframe's data, and the air data of the point."""
+    """Return whether the point is outside the airframe's data other than in alpha or beta, and its air data."""
     data = air_data_and_forces(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
     within = dataclasses.replace(data, alpha=alpha, beta=beta)

@@ -100,16 +100,19 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Check:
-    """Check: the published values of one source, and the function that computes them here.
+    """Check of the package by the published values of one source.
 
     Attributes
     ----------
     key, title
-        Name on the command line, `f16-derivatives`, and on the page.
+        Name on the command line, such as `f16-derivatives`, and title on the page.
     source, tolerance_reason
-        Short citation, `[SL] tab. 3.5-2`, and reason of the tolerance, `half the last digit`, for a table cell.
+        Texts of table cells: short citation, such as `[SL] tab. 3.5-2`, and reason of the tolerance, such as `half the
+        last digit`.
     explanation
-        Sentences for the page: conventions, discrepancies and their cause.
+        Sentences for the page about conventions, discrepancies and the causes of discrepancies.
+    measure
+        Function that computes the values and returns their comparisons with the published values.
     long
         True for a slow check, run in parallel with the others.
     """

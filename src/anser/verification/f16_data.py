@@ -61,7 +61,10 @@ def _shot_coefficients(airframe: F16, shots: Float[Array, "shot 9"]) -> dict[str
 
 @jax.jit
 def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Float[Array, " shot"]]:
-    """Compute the thrust (lbf) and its moment (ft lbf) in each check shot."""
+    """Compute the force (lbf) and the moment (ft lbf) of the engine in each check shot, by names of body components.
+
+    Columns of `shots`: power (percent), altitude (m), Mach number.
+    """
 
     def thrust_of_shot(shot: Vector3) -> dict[str, Array]:
         wrench = thrust_along_body_x(airframe.engine.thrust(shot[0], shot[1], shot[2]))
@@ -268,9 +271,9 @@ def _worst(name: str, expected: Array, computed: Array, tolerance: float, unit: 
 
 
 def _compare_flights() -> tuple[Comparison, ...]:
-    """Compare NESC case 11 flown with the files with the flight of the built-in model.
+    """Compare the flight of NESC case 11 by the built-in F-16 with the flight by the F-16 of the DAVE-ML files.
 
-    Each column is compared at its greatest difference.
+    Each column with a tolerance is compared at the published time of the greatest difference.
     """
     case = TRIMMED_FLIGHTS[0]
     built_in = trimmed_logs()[case.number]

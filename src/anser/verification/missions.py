@@ -117,9 +117,9 @@ def _aircraft_of(*flights: FlightResult) -> Iterator[tuple[dict, ...]]:
 
 
 def climb_and_turn_error() -> Iterator[Comparison]:
-    """Return the greatest position error of the climb-and-turn, flown on velocity commands alone.
+    """Compare the greatest position error of the climb-and-turn, flown on velocity commands alone, with 0.
 
-    The variant is that of the founding work.
+    The F-16 is the variant of the founding work.
     """
     flight = fly_climb_and_turn("founding")
     error = float(flight.summary["aircraft"][0]["position_error_max_m"])

@@ -179,7 +179,8 @@ def _trim_all(
 ) -> tuple[EarthFixedState, Controls, Float[Array, " case"]]:
     """Trim each case: wings level, no sideslip, constant body velocity and pitch rate.
 
-    Returns states, controls, and a residual for each case.
+    Returns the states, the controls, and for each case the residual: the largest of the remaining accelerations along
+    body x and z, in 10 m/s^2, and of the remaining pitch acceleration, rad/s^2.
     """
     trim = functools.partial(_trim_level, airframe)
     return jax.vmap(trim)(environments, positions_n, velocities_n)

@@ -29,10 +29,10 @@ _ERROR_BOUND_PERCENT = 1.3
 
 
 def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4: ScalarLike = 0.0) -> Trajectory:
-    """Return a path of the published tables of lengths, with shape parameters in m/s^4 (theory section 6).
+    """Return a path of the published tables of arc lengths, with shape parameters in m/s^4 (theory section 6).
 
-    The path lasts 36 s, from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0; 150 m/s and due North at both
-    ends, level at the start.
+    The path leads in 36 s from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0. The velocity is 150 m/s due
+    North at both ends, level at the start and with the path angle `final_path_angle_deg` at the end.
     """
     final = jnp.asarray(final_path_angle_deg) * DEG_RAD
     return fit_trajectory(

@@ -434,7 +434,7 @@ def plan_at(
 
 
 def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
-    """Yield the programs of `plan_at` without extra candidates, one at a time; the last one's shapes are the plan's."""
+    """Yield the programs of `plan_at` without extra candidates, one at a time; the last program returns the plan."""
     times = as_array(0.0), jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     arguments = times[0], tasks, airspace, times[1]
     speeds = _find_speeds.prepare(*arguments[1:], intervals, *_speed_flags(STANDARD, MINIMAL))
@@ -588,5 +588,8 @@ def _choose_best_placement(
 
 
 def choose_interval_count(duration_s: float) -> int:
-    """Number of intervals for a duration (s): a power of two from 128 to 2048, with at most 2 s each if possible."""
+    """Return the number of intervals for a duration (s): the least power of two with intervals of at most 2 s.
+
+    The number is at least 128, and at most 2048 even if the intervals are then longer.
+    """
     return next((intervals for intervals in (128, 256, 512, 1024) if 2.0 * intervals >= duration_s), 2048)

@@ -259,7 +259,10 @@ def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) ->
 
 
 class _CandidatePoint(eqx.Module):
-    """Position (NED, m) and acceleration of a candidate at one time, and whether its limits are kept there."""
+    """Position (NED, m) and acceleration of a candidate at one time, and whether the candidate is within limits then.
+
+    After the end of its path a candidate counts as within limits.
+    """
 
     position_n: Vector3
     acceleration: Scalar  # magnitude of the acceleration over the ground, m/s^2
@@ -309,10 +312,11 @@ def route_track(
     gravity: ScalarLike,
     active: ScalarLike = 1.0,
 ) -> tuple[Track, Flag]:
-    """Track of a candidate made of a route and a profile, at times (s), and whether it keeps its limits then.
+    """Return the track of a candidate made of a route and a profile at `times` (s), and whether it is within limits.
 
-    `speed` is the mean airspeed, m/s; `active` is 0 for an ignored aircraft. Limits of altitude, airspeed and climb
-    belong to the profile and are not checked again.
+    The limits are those of bank angle, load factor and acceleration along the path, at the times up to the end of the
+    path. Limits of altitude, airspeed and climb belong to the profile and are not checked again. `speed` is the mean
+    airspeed, m/s; `active` is 0 for an ignored aircraft.
     """
     horizontal = route(endpoints, turns_and_legs)
     scale = horizontal.length / jnp.maximum(table.length, 1.0)

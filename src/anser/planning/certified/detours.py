@@ -140,7 +140,11 @@ def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
 def _make_direct(
     initial: RollOut, aim: _Aim, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
 ) -> DirectPath:
-    """Build the direct path from turn angles (rad), turn scales and lengths (m); invalid if it misses its end."""
+    """Build the direct path from its turn angles (rad), turn scales and lengths (`aim`, m).
+
+    The path exists if `may_exist` is set, its straight part is not negative and it reaches its end, to rounding.
+    Otherwise its length is `_LENGTH_MAX`.
+    """
     is_hit = jnp.abs(aim.miss) <= _END_TOLERANCE * jnp.abs(aim.length) + 1e-6
     exists = may_exist & is_hit & (aim.straight >= 0.0)
     heading, straight = initial.heading + angles[0], jnp.maximum(aim.straight, 0.0)
@@ -148,7 +152,7 @@ def _make_direct(
 
 
 def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"]) -> DirectPath:
-    """Adapt a direct path to other endpoints or turn scales; its heading follows from the secant method."""
+    """Adapt a direct path to other endpoints or turn scales, by the secant method on its straight part's heading."""
     angle_rates, initial = _angle_rates(endpoints), roll_out(endpoints)
     straight = jnp.maximum(base.straight, 1.0 / endpoints.curvature_max)
 

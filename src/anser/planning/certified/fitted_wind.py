@@ -47,7 +47,10 @@ class FittedWind(AbstractWind):
     def residual_max(
         self, least_n: Float[Array, "cells 3"], greatest_n: Float[Array, "cells 3"]
     ) -> Float[Array, " cells"]:
-        """Return the bound of |wind of the field - wind of the layers|, m/s, in boxes between two positions, NED, m."""
+        """Return an upper bound of |wind of the field - wind of the layers|, m/s, in boxes between two NED positions.
+
+        For a box that extends beyond the blocks, the bound is `BEYOND_FIELD_M_S`.
+        """
         ranges = (
             (self.north_edges, least_n[:, 0], greatest_n[:, 0]),
             (self.east_edges, least_n[:, 1], greatest_n[:, 1]),
@@ -125,12 +128,12 @@ def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
 
 
 def _to_coordinate(field: FieldSamples, axis: int, length_m: np.ndarray) -> np.ndarray:
-    """Convert lengths on the chart (m) to the coordinate of a horizontal axis."""
+    """Convert lengths on the chart (m) to coordinates of a horizontal axis of the field (rad, or m for axes in m)."""
     return length_m if field.radii_m is None else np.arctan(length_m / field.radii_m[axis])
 
 
 def _to_length_m(field: FieldSamples, axis: int, coordinates: np.ndarray) -> np.ndarray:
-    """Convert coordinates of a horizontal axis, up to an eighth of a turn, to lengths on the chart, m."""
+    """Convert coordinates of a horizontal axis to lengths on the chart, m; angles are clipped to 45 degrees."""
     if field.radii_m is None:
         return coordinates
     return field.radii_m[axis] * np.tan(np.clip(coordinates, -0.25 * np.pi, 0.25 * np.pi))
@@ -197,7 +200,11 @@ def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np
 
 
 def _divide_levels(columns: np.ndarray) -> np.ndarray:
-    """Insert levels by linear interpolation, so that the bounds are close, and a level's altitudes differ little."""
+    """Insert levels between those of the field by linear interpolation, so that the bounds of the cells are tight.
+
+    Every interval between two levels is divided into the same number of parts, at most `_PARTS_MAX`; they are at most
+    `_PART_M` (m) thick in an interval of median thickness, if this number suffices.
+    """
     parts = int(np.clip(np.ceil(np.median(np.diff(columns[..., 3], axis=-1)) / _PART_M), 1, _PARTS_MAX))
     steps = np.arange(parts)[:, None] / parts
     lower, upper = columns[..., :-1, None, :], columns[..., 1:, None, :]

@@ -192,7 +192,10 @@ def _bank_and_load(
 
 
 def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
-    """Upper bound of a ratio of polynomials per cell; 1 in cells that are not `sound`."""
+    """Return an upper bound of the ratio of two polynomials in each cell, from their Bernstein coefficients.
+
+    In a `sound` cell the coefficients of the denominator `lower` must be positive; in the other cells the result is 1.
+    """
     safe = jnp.where(sound[:, None] & (lower > 0.0), lower, 1.0)
     return jnp.where(sound, jnp.max(upper / safe, axis=1), 1.0)
 

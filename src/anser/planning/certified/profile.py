@@ -140,7 +140,10 @@ def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """Return t^2/2 (1 - t/fade)^4 and two derivatives, the second 1 at t = 0; all are 0 from t = fade on."""
+    """Return t^2/2 (1 - t/fade)^4 and its first two derivatives with respect to t; all are 0 from t = fade on.
+
+    The second derivative is 1 at t = 0.
+    """
     q = jnp.maximum(1.0 - t / fade, 0.0)
     k = 1.0 / fade
     return (

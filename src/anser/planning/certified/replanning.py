@@ -229,7 +229,11 @@ class ReplanningProblem(eqx.Module):
     ladder: AttemptLadder
 
     def accept(self, new_plan: CertifiedPlan, durations: Float[Array, " aircraft"]) -> tuple[Flag, CertifiedPlan]:
-        """Certify a fleet's new plan, whose paths take `durations` (s); returns feasibility and plan."""
+        """Certify the fleet with a new plan, whose paths take `durations` (s); return feasibility and plan.
+
+        Aircraft that may not be replanned keep their corrected paths and arrival times. The plan is feasible if every
+        new path is valid and every aircraft under way satisfies the constraints.
+        """
         # Aircraft with a fixed path keep its length, turn and speed.
         new_plan = eqx.tree_at(
             _plan_sizes, new_plan, select_rows(self.replannable, _plan_sizes(new_plan), _plan_sizes(self.plan))
@@ -467,7 +471,10 @@ def _blend(u: Scalar) -> Scalar:
 def _integrated(
     times: Float[Array, " knots"], slopes: Float[Array, "knots 3"], rates: Float[Array, "knots 3"]
 ) -> Float[Array, "knots 3"]:
-    """Integrate `slopes` over `times` (s) from the first knot on, by Hermite's rule with the `rates` of the slopes."""
+    """Integrate `slopes` over `times` (s) from the first knot to each knot, by the corrected trapezoidal rule.
+
+    `rates` are the derivatives of the slopes with respect to time.
+    """
     span = (times[1:] - times[:-1])[:, None]
     steps = 0.5 * span * (slopes[1:] + slopes[:-1]) + span**2 / 12.0 * (rates[:-1] - rates[1:])
     return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, axis=0)])

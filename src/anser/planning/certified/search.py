@@ -123,7 +123,7 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Arrival times that the rule allows, (set, aircraft), s: each quarter second, or the prescribed times."""
+        """Return sets of arrival times, (set, aircraft), s: prescribed, or with first arrivals every quarter second."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
         latest_first_arrival = self.request.latest_s - float(np.max(self.offsets))
@@ -158,7 +158,7 @@ def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal
 
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
-    """Propose the preferred times with few candidates; if the necessary conditions hold, with more."""
+    """Propose the preferred times with few candidates, then with more if the times meet the necessary conditions."""
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
         return
@@ -216,7 +216,10 @@ class _DelayedTimes:
 def _delays(
     fleet: FleetTask, indices: Int[np.ndarray, " group"], first_times: ArrivalTimes, delay_min: float, delay_max: float
 ) -> _DelayedTimes:
-    """Admissible arrival times from `delay_min` to `delay_max` (factors) times the first times (s); offsets stay."""
+    """Return admissible arrival times (s) of a group of aircraft, with delay factors from `delay_min` to `delay_max`.
+
+    The factors, powers of `DELAY_RATIO` below `delay_max`, multiply `first_times` (s) without the constant offsets.
+    """
     windows, offsets = fleet.request.windows_s, fleet.offsets
     factors = DELAY_RATIO ** np.arange(
         np.ceil(np.log(delay_min) / np.log(DELAY_RATIO)), np.log(delay_max) / np.log(DELAY_RATIO)
@@ -437,7 +440,7 @@ class _Search:
         return SearchOutcome(None, len(self.tried), self.best_attempt, arrivals, self.plan_without_holds)
 
     def _latest_failure_before(self, times: ArrivalTimes) -> CertifiedPlan | None:
-        """Failed attempt with the latest arrival times before `times` (s); of equal times, the attempt made last."""
+        """Return the plan of the last failed attempt with the greatest sum of times below that of `times`, or None."""
         failures = [past for past in self.tried if past.failed.any() and np.sum(past.times) < np.sum(times)]
         return max(reversed(failures), key=lambda past: float(np.sum(past.times))).plan if failures else None
 
@@ -506,10 +509,11 @@ class _Search:
     def _make_plan(
         self, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
     ) -> _Attempt:
-        """Make a plan for arrival times (s); return it with the aircraft that fail before or after their arrivals.
+        """Make a plan for arrival times (s); return it with the aircraft that fail in it.
 
-        If only holds are missing, the plan is stored as `plan_without_holds`, and paths are chosen once more with
-        regard to the time after the arrivals.
+        These fail before their arrivals or, if none does, after them. If only holds are missing, the plan is stored as
+        `plan_without_holds`, and paths are chosen once more with regard to the time after the arrivals; this second
+        plan is returned if no aircraft fails in it, else the first.
         """
         arguments = (
             self.start_time,

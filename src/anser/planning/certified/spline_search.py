@@ -129,10 +129,11 @@ def _last_velocity(
     wind: Float[Array, "2"],
     free_velocity: Float[Array, "3"],
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Return the arrival's velocity over the ground (m/s), and the directions in which it may change.
+    """Return the velocity over the ground at the arrival (NED, m/s), and the directions in which it may change.
 
-    The velocity is along `direction_2d` at an airspeed if a course or an angle is prescribed, else `free_velocity`. For
-    the directions see `SplineStart.frame`.
+    If a course or a path angle is prescribed, the velocity is along `direction_2d`, at the prescribed path angle or
+    level. Its horizontal part is then as fast as the airspeed `speed` in this direction and the wind together.
+    Otherwise the velocity is `free_velocity`. For the directions see `SplineStart.frame`.
     """
     rendezvous = problem.task.rendezvous
     angle_prescribed = rendezvous.path_angle_prescribed

@@ -47,10 +47,10 @@ class Spline(eqx.Module):
 
 
 def basis_values(fractions: Float[np.ndarray, " fractions"] | Float[Array, " fractions"]) -> Any:
-    """Values, slopes and second derivatives of the four basis splines of an interval, at fractions (0 to 1) of it.
+    """Return values, first and second derivatives of the four cubic B-splines of an interval, at fractions (0 to 1).
 
-    Shape (derivative, fraction, spline); derivatives with respect to the fraction; NumPy or JAX arrays as in the
-    argument.
+    The derivatives are with respect to the fraction. The result has the shape (order of derivative, fraction, spline),
+    and is a NumPy or JAX array like the argument.
     """
     stack = np.stack if isinstance(fractions, np.ndarray) else jnp.stack
     u, v = fractions, 1.0 - fractions

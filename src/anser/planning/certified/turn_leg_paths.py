@@ -48,7 +48,11 @@ Spot = Float[Array, "3"]
 
 
 def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Integer, Scalar]:
-    """Index of the grid point before a length, on a grid of `count` points from zero, and the fraction beyond it."""
+    """Return the index of the grid point before a length, and the fraction of a step beyond this point.
+
+    The grid has `count` points from zero, with the spacing `step`; a length outside the grid is limited to its ends. At
+    the last point the index is that of the point before, and the fraction is 1.
+    """
     grid_position = jnp.clip(length / step, 0.0, count - 1.0)
     k = jnp.minimum(grid_position.astype(jnp.int32), count - 2)
     return k, grid_position - k

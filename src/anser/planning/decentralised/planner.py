@@ -133,7 +133,10 @@ def advance_clocks(
     gains: CoordinationGains,
     step: ScalarLike,
 ) -> Clocks:
-    """Advance the clocks from a time (s) by one step (s); after the arrival a clock continues at rate 1."""
+    """Advance the clocks from a time (s) by one step (s), with bounded rates.
+
+    The clock of an aircraft that has arrived or is inactive continues at rate 1.
+    """
     count = clocks.clock.shape[0]
     estimated_clocks = knowledge.clocks + (time - knowledge.times)
     clock_uncertainty = gains.rate_range * (time - knowledge.times)
@@ -292,7 +295,11 @@ class DecentralisedPlanner(AbstractPlanner):
     def prepare_replanning(
         self, planner_state: DecentralisedPlanState, reports: AircraftReport
     ) -> Iterator[PreparedProgram]:
-        """Yield the programs of the correction and of a search, for the shapes of state and reports."""
+        """Yield the programs that correct the paths, set up the search for a path, and propose the path found.
+
+        They are for the shapes of state and reports. The programs of the search itself, those of `plan_at`, are not
+        among them.
+        """
         program = _correct.prepare(self, planner_state, reports)
         yield program
         correction, selected = program.shapes, reports.active
@@ -301,7 +308,7 @@ class DecentralisedPlanner(AbstractPlanner):
         yield _propose.prepare(self, correction, search.shapes, planner_state.plan.paths, selected)
 
     def _correct(self, planner_state: DecentralisedPlanState, reports: AircraftReport) -> _Correction:
-        """Process received messages, and correct each path as far as its limits and its tube allow."""
+        """Process received messages, and correct each path as far as its limits, the keep-outs and its tube allow."""
         plan, state, planner = planner_state.plan, planner_state.exchange, self.aircraft_planner
         clocks, knowledge = planner_state.clocks, planner_state.network.knowledge
         clock = clocks.clock
@@ -400,7 +407,11 @@ class DecentralisedPlanner(AbstractPlanner):
     def _clearance(
         self, state: Exchange, approaches: ApproachAndHold, active: Float[Array, " aircraft"], from_time: ScalarLike
     ) -> Bool[Array, "paths paths"]:
-        """Mask of the separated pairs of paths, concatenated: agreed, alternative and proposed paths."""
+        """Return the mask of the pairs of paths that are separated from `from_time` (s) on; (path, path).
+
+        The paths are the agreed paths of all aircraft, then the alternative and the proposed paths (`approaches`), each
+        with its hold. Two paths of one aircraft count as separated.
+        """
         path_sets = jax.tree.map(
             lambda *leaves: jnp.concatenate(leaves), state.agreed_paths, state.alternative, approaches
         )
@@ -471,7 +482,7 @@ class DecentralisedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:
-        """Exchange messages if sample `number` is one of an exchange, and advance the clocks by one step (s)."""
+        """Exchange messages if an exchange is due at sample `number`, and advance the clocks by one step (s)."""
         time, is_due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
 
         def communicate() -> tuple[NetworkState, Array]:
@@ -501,7 +512,7 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def _followed(self, planner_state: DecentralisedPlanState) -> ClockedPath:
-        """Return the path that each aircraft flies now, with its clock; leading axis aircraft."""
+        """Return the path that each aircraft flies now, its next path and its clock; leading axis aircraft."""
         clocks = planner_state.clocks
         return ClockedPath(
             path=planner_state.plan.paths,

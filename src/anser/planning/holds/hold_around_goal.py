@@ -35,7 +35,7 @@ class HoldAroundGoal(eqx.Module):
     speed: Scalar  # airspeed, m/s
 
     def clearance(self, belief: Belief) -> GroundClearance:
-        """Ground clearance of the aircraft above the least altitude of the hold."""
+        """Compute the ground clearance of the aircraft's present motion with the flight limits of the hold."""
         return ground_clearance(belief, self.limits)
 
     def lateral_acceleration_max(self, clearance: GroundClearance, gravity: Scalar) -> Scalar:

@@ -119,9 +119,9 @@ def goals_have_shifted(
     """Whether the goals of each pair have shifted so far relative to each other that their holds may lack separation.
 
     The shift is that of the goals expected at the first arrival of the pair, relative to the forecast of the holds. The
-    ratio of distance to separation falls by at most the ratio of the shift. With covariances the shift must also be
-    greater than the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with an arrived aircraft do not
-    count.
+    ratio of distance to separation falls by at most the ratio of the shift. With `covariances`, the shift must also
+    exceed what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with an inactive aircraft or one
+    that has arrived do not count.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
     offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))

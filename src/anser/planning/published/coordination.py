@@ -103,8 +103,9 @@ def nominal_trajectory(
     speed: ScalarLike,
     end_slopes: tuple[Scalar, Scalar] | None = None,
 ) -> tuple[Trajectory, Flag]:
-    """Return the trajectory without bend to the predicted rendezvous; and whether it has the prescribed end direction.
+    """Return the trajectory without bend to the predicted rendezvous, and whether its end direction can be flown.
 
+    The flag is False only if an end direction is prescribed that cannot be flown (see `final_air_velocity`).
     `end_slopes` are |dr/ds| at both ends, m; None: airspeed times duration.
     """
     drift = task.goal_velocity_n - task.wind_n

@@ -110,7 +110,10 @@ _PULL_SHARE = 0.75
 
 
 class LimitReport(eqx.Module):
-    """Extremes of the flight quantities at samples of a trajectory (not proven between them), and limits satisfied."""
+    """Extremes of the flight quantities at samples of a trajectory, and whether each limit is satisfied.
+
+    Between the samples the limits are not proven.
+    """
 
     speed_min: Scalar  # least airspeed, m/s
     speed_max: Scalar  # greatest airspeed, m/s
@@ -252,7 +255,7 @@ class PublishedPlanner(AbstractPlanner):
         return eqx.tree_at(lambda m: m.flown_length, planner_state, flown_length)
 
     def replan_needed(self, planner_state: PublishedPlanState) -> Flag:
-        """Whether the fleet must be coordinated again: the flight then stops for it."""
+        """Whether the fleet must be coordinated again: the flight then stops for `replan_between_steps`."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: PublishedPlanState) -> AircraftPlan:

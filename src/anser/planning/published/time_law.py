@@ -58,7 +58,10 @@ PathPolynomials = Float[Array, "orders 3 powers"]
 
 
 def path_polynomials(coefficients_n: Float[Array, "3 5"], orders: Sequence[int]) -> PathPolynomials:
-    """Return the polynomials of the path's derivatives by the path parameter s, of `orders` from 0 (position) to 3."""
+    """Return the polynomials of a path's derivatives with respect to the path parameter s, for `orders` of 0 to 3.
+
+    The derivative of order 0 is the position.
+    """
     zero = jnp.zeros((), coefficients_n.dtype)
     # Zeros above the highest power: one Horner scheme serves every order, exactly.
     padded = jax.lax.pad(coefficients_n, zero, ((0, 0, 0), (0, max(orders), 0)))
@@ -99,7 +102,10 @@ class Clock(eqx.Module):
 
 
 class Cell(eqx.Module):
-    """Section of a path from path parameter s to s + width; rows: quadrature nodes, and the end of the cell."""
+    """Section of a path between two values of the path parameter, s and s + width.
+
+    The rows are the nodes of the quadrature rule, then the end of the section.
+    """
 
     slopes: Float[Array, " rows"]  # |dr/ds|, m
     lengths: Float[Array, " rows"]  # length from the start of the cell, m
@@ -149,7 +155,10 @@ class TimeLaw(eqx.Module):
     times: Float[Array, " nodes"]  # time at s = k / CELLS, s after the start
 
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
-        """Path parameter `elapsed` seconds after the start of a path of `duration` seconds."""
+        """Return the path parameter and its rates `elapsed` seconds after the start of a path of `duration` seconds.
+
+        Beyond the ends of the path, the path parameter continues linearly.
+        """
         path = path_polynomials(coefficients_n, (0, 1, 2))
         clipped = _clip(elapsed, 0.0, self.times[-1])
         k = jnp.sum(clipped >= self.times[1:-1], dtype=jnp.int32)
@@ -284,11 +293,13 @@ def _minimum_exchange(
     mean_speed: Scalar,
     deceleration: ScalarLike,
 ) -> Scalar:
-    """Least energy exchange, to first order, for which the braking at the steepest point is available.
+    """Return the least energy exchange (0 to 1), to first order, for which the idle engine brakes enough.
 
-    The steepest point requires (1 - exchange) g (-dh/dl) + e. To first order in speed changes e = base + exchange *
-    mean: without exchange the final speed differs from the mean as much as the initial speed; speed gained early is
-    braked along the whole path.
+    With the altitude h, the length l and the braking e (see `even_law`), the deceleration required at the steepest
+    point is (1 - exchange) g (-dh/dl) + e; available is `deceleration` (engine idle in level flight, m/s^2) less a
+    reserve. To first order in changes of speed, e = base + exchange * mean. `base` is the braking without exchange: the
+    final speed differs from the mean speed as much as the initial speed, in the opposite sense. `mean` is due to the
+    speed gained by the exchange, which is braked along the whole path.
     """
     total = jnp.maximum(lengths[-1], _TINY)
     steepest = STANDARD_GRAVITY_M_S2 * jnp.max(fall)

@@ -103,7 +103,10 @@ def with_even_speed(
     exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> Trajectory:
-    """Replace the time law: an airspeed that changes evenly from `speed_0` (m/s), see `even_law`; same times."""
+    """Return the trajectory with the time law of `even_law`, from the airspeed `speed_0` (m/s) on.
+
+    The path, the start time and the duration are unchanged; the arguments are those of `even_law`.
+    """
     law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, exchange, even)
     return eqx.tree_at(lambda path: path.law, trajectory, law)
 
@@ -162,9 +165,9 @@ def arc_length(
 
 
 def arc_length_estimate(trajectory: Trajectory, start_phase: ScalarLike = 0.0) -> Scalar:
-    """Length of the air path from the path parameter `start_phase` (0..1) to the end, m, as published.
+    """Return the length (m) of the path through the air from the path parameter `start_phase` (0..1) to the end.
 
-    The quadrature is the closed six-point Newton-Cotes rule (theory 6; 9, item 1).
+    The quadrature is the published one, the closed six-point Newton-Cotes rule (theory section 6; section 9, item 1).
     """
     return arc_length(trajectory, start_phase, NEWTON_COTES_6)
 

@@ -224,7 +224,7 @@ files."""
 
 
 def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:
-    """Return a flight at the recorded times nearest to the first plus multiples of `period_s`, and at the last."""
+    """Return a flight at the recorded times nearest to multiples of `period_s` (s) after the first, and at the last."""
     time = dataset["time"].values
     grid = time[0] + period_s * np.arange(int((time[-1] - time[0]) / period_s) + 1)
     nearest = dataset.indexes["time"].get_indexer(grid, method="nearest")
