@@ -57,6 +57,16 @@ def test_the_worst_value_is_compared_with_the_limit(name, offset):
     assert entry == {"name": name, "limit": limit, "value": WORST[name], "met": is_met}
 
 
+@pytest.mark.parametrize("name", ["separation_min_m", "separation_ratio_min"])
+def test_the_separation_of_an_aircraft_that_left_counts_and_that_of_a_single_aircraft_does_not(name):
+    requirement, close = Requirement(name, 600.0), {**FLEET, "separation_ratio_min": 500.0}
+    for fleet in ([ROW, WORSE], [ROW, {**WORSE, "left_s": 30.0}], [{**ROW, "left_s": 30.0}, {**WORSE, "left_s": 30.0}]):
+        (entry,) = evaluate_requirements([requirement], fleet, close, [])
+        assert (entry["value"], entry["met"]) == (500.0, False)
+    (alone,) = evaluate_requirements([requirement], [ROW], {**close, name: None}, [])
+    assert (alone["value"], alone["met"]) == (None, True)
+
+
 def test_each_kind_of_goal_has_the_clearance_with_the_least_margin():
     # ROW keeps 290 of 280 m, a margin of 10; WORSE keeps 160 of 100 m, a margin of 60.
     same_kind = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 280.0), ("surface", 100.0)])

@@ -14,6 +14,7 @@ from anser.spatial import euler_from_quaternion, rotation_from_quaternion
 from anser.steady import TrimTarget, nearest_trims, solve_trim, trim_target
 from anser.units import DEG_RAD, RAD_DEG
 from support.light_aircraft import light_aircraft
+from support.other_surfaces import four_elevator_aircraft
 from support.states import condition_of, derivative
 from support.trims import flight_angles, fly, glider, target_deg, trim
 
@@ -36,6 +37,12 @@ def _rates(airframe, environment, point):
     """Rates of V, alpha, beta, mu, gamma, chi and of (P, Q, R), power, by the equations of motion."""
     rate = derivative(airframe, environment, 0.0, point.state, point.controls)
     return np.asarray(_moving_angles(environment, point.state, rate)), np.asarray(rate.rates_b), float(rate.power)
+
+
+def test_surfaces_without_roll_and_yaw_moment_trim_straight_flight():
+    point = trim(four_elevator_aircraft(), STILL, target_deg(60.0, 800.0, 0.0, 40.0, 0.0))
+    assert point.converged
+    np.testing.assert_allclose(point.state.surfaces, point.state.surfaces[0], rtol=1e-9)
 
 
 @pytest.mark.long

@@ -71,6 +71,16 @@ def elevon_aircraft():
     return _mixed(actuators, [[0.5, 0.5], [0.5, -0.5], [0.0, 0.0]])
 
 
+def four_elevator_aircraft():
+    """Four elevators; no ailerons and no rudder: no surface makes a moment about the roll or the yaw axis."""
+    limit = jnp.full(4, 25.0 * DEG_RAD)
+    names = ("left_inner", "left_outer", "right_inner", "right_outer")
+    actuators = FirstOrderActuators(
+        time_constant=jnp.full(4, 0.1), lower=-limit, upper=limit, rate_limit=jnp.full(4, 1.0), names=names
+    )
+    return _mixed(actuators, [[0.25] * 4, [0.0] * 4, [0.0] * 4])
+
+
 def split_aileron_aircraft():
     """Separate ailerons on each side instead of a common deflection; second-order actuators."""
     limit = jnp.array([25.0, 20.0, 20.0, 20.0]) * DEG_RAD

@@ -24,8 +24,7 @@ def _arrival_errors(aircraft: Sequence[_Entry], fleet: _Entry) -> list[float | N
 
 
 def _pair_value(key: str) -> Callable[[Sequence[_Entry], _Entry], list[float | None]]:
-    # A single aircraft has no separation.
-    return lambda aircraft, fleet: [] if len(aircraft) == 1 else [fleet.get(key)]
+    return lambda aircraft, fleet: [fleet.get(key)]
 
 
 # The maximum (minimum) of the values must not exceed (fall below) the limit.
@@ -44,6 +43,9 @@ _AT_LEAST = {
     "clearance_min_m": _aircraft_values("clearance_min_m"),
     "speed_min_m_s": _aircraft_values("speed_min_m_s"),
 }
+
+_OF_PAIRS = frozenset({"separation_ratio_min", "separation_min_m"})
+"""Requirements of pairs of aircraft: met by a single aircraft, and judged with the aircraft that left the fleet."""
 
 REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
 """Names of the requirements; `max` or `min` in the name states on which side of the limit the flight must stay."""
@@ -111,12 +113,15 @@ def evaluate_requirements(
 
 
 def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Entry], fleet: _Entry) -> dict[str, Any]:
-    """Return the entry {name, limit, value, met} of one requirement; aircraft that left the fleet do not count.
+    """Return the entry {name, limit, value, met} of one requirement.
 
+    Only separations of aircraft that left the fleet count.
     The value is the one with the least margin to the limit. A missing value (None) does not meet the requirement; a
     requirement to which no value belongs, such as the separation of a single aircraft, is met with the value None.
     """
     name, is_upper = requirement.name, requirement.name in _AT_MOST
+    if name in _OF_PAIRS and len(aircraft) == 1:
+        return _entry(name, requirement.limit, None, True)
     staying = [k for k, entry in enumerate(aircraft) if "left_s" not in entry]
     values = (_AT_MOST if is_upper else _AT_LEAST)[name]([aircraft[k] for k in staying], fleet)
     limits = [requirement.limit] * len(values)

@@ -201,7 +201,8 @@ def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "
     scheduled = actuators.scheduled_position(jnp.zeros(len(actuators.names)), data)
     slope = jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(scheduled)
     shares = deflection_for_moment(actuators, slope)
-    return shares / jnp.max(jnp.abs(shares), axis=0, keepdims=True)
+    largest = jnp.max(jnp.abs(shares), axis=0, keepdims=True)
+    return shares / jnp.where(largest > 0.0, largest, 1.0)  # no surface makes a moment about an axis: no deflection
 
 
 def solve_trim(
