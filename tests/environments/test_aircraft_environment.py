@@ -171,6 +171,16 @@ def test_cases_in_a_wind_profile_share_it_and_start_with_its_velocity():
     np.testing.assert_allclose(start.velocity_b - given_start.velocity_b[3], added_b, rtol=0.0, atol=1e-10)
 
 
+def test_starts_in_a_steady_wind_are_steady_relative_to_the_air():
+    tables = {"wind": {"speed_m_s": 15.0, "from_deg": 270.0}}
+    cases = make("VelocityCommand", cases=8, **tables).default_params.cases
+    for row in range(8):
+        start = in_still_air(cases.at(row))
+        u, v, w = start.state.velocity_b
+        assert float(jnp.arctan2(w, u)) == pytest.approx(float(start.alpha), abs=1e-9)
+        assert float(v) == pytest.approx(float(jnp.sin(start.beta) * jnp.sqrt(u * u + v * v + w * w)), abs=1e-6)
+
+
 def in_still_air(case):
     """Return the start of a case as a trim in still air, to which `simulate` adds the wind."""
     wind_b = rotate(rotation_from_quaternion(case.start.state.quaternion), case.environment.wind.velocity_n)

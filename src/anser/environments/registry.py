@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.compiling.options import enable_compilation_cache
+from anser.environment.environment import Environment, SteadyWind
 from anser.environment.gusts import NoGusts
 from anser.environments.actions import LEVELS
 from anser.environments.cases import FlightRange, autopilot_of, default_range, single_aircraft, stack_cases
@@ -108,7 +109,9 @@ def make(
         vehicle, environment = single_aircraft(aircraft, tables)
         flown = default_range(vehicle) if flown is None else flown
         count, rng = 4096 if cases is None else cases, np.random.default_rng(0 if seed is None else seed)
-        drawn = chosen_task.draw(vehicle, environment, flown, count, rng)
+        # Starts are steady in still air; `stack_cases` adds the wind to the velocities.
+        still = Environment(environment.atmosphere, SteadyWind(as_array(np.zeros(3))), environment.earth)
+        drawn = chosen_task.draw(vehicle, still, flown, count, rng)
         decisions = round(chosen_task.duration_s / level.decision_s)
         bank = stack_cases(vehicle, environment, flown, drawn, decisions, rng, dtype)
         named = {"type": aircraft} if isinstance(aircraft, str) else aircraft
