@@ -5,6 +5,7 @@ import pytest
 
 import anser
 from anser.analysis import margins_at
+from anser.single_aircraft import frozen_adaptation
 from anser.single_aircraft.frozen_adaptation import frozen_margins
 
 
@@ -43,3 +44,19 @@ def test_a_flight_without_estimates_and_a_time_beyond_it_are_refused():
     estimates = {"coefficient_increment": ("time", np.zeros(flight.dataset.sizes["time"]))}
     with pytest.raises(ValueError, match="expected 0 to 1"):
         frozen_margins(flight.dataset.assign(estimates), 1.5)
+
+
+def test_the_margins_are_those_of_the_aircraft_with_its_centre_of_gravity(monkeypatch):
+    f16 = anser.aircraft("f16", x_cg_over_c=0.38)
+    flight = anser.simulate(f16, f16.trim(speed_m_s=150.0, altitude_m=1000.0), duration_s=1.0)
+    resolved = []
+
+    def resolve(*arguments):
+        resolved.append(arguments)
+        raise LookupError
+
+    monkeypatch.setattr(frozen_adaptation, "resolve_airframe", resolve)
+    estimates = {"coefficient_increment": ("time", np.zeros(flight.dataset.sizes["time"]))}
+    with pytest.raises(LookupError):
+        frozen_margins(flight.dataset.assign(estimates), 0.5)
+    assert resolved == [("f16", "textbook", 0.38)]

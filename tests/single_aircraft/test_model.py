@@ -148,3 +148,15 @@ def test_derivatives_by_every_input_agree_with_differences(name):
 def test_wrong_arguments_are_refused(act, message):
     with pytest.raises(ValueError, match=message):
         act()
+
+
+def test_the_state_vector_of_a_trim_in_hot_air_is_that_of_its_start():
+    f16 = anser.aircraft("f16")
+    hot = f16.trim(150.0, 1000.0, atmosphere={"temperature_offset_k": 20.0})
+    np.testing.assert_allclose(f16.state_vector(hot), f16.state_vector(f16.start(hot)), rtol=1e-14, atol=1e-14)
+    assert np.all(np.isfinite(f16.input_vector(hot)))
+
+
+def test_a_centre_of_gravity_is_a_part_of_the_identity():
+    assert anser.aircraft("f16", x_cg_over_c=0.38).identity["x_cg_over_c"] == 0.38
+    assert "x_cg_over_c" not in anser.aircraft("f16").identity

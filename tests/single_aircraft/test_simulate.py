@@ -1,5 +1,6 @@
 """Flight of one aircraft: against the linear model, the textbook's equations in NumPy, and the closed loop's parts."""
 
+import dataclasses
 import functools
 
 import jax.numpy as jnp
@@ -10,7 +11,10 @@ from scipy.linalg import expm
 import anser
 from anser.analysis.trim_points import ConditionError
 from anser.config.errors import ScenarioError
+from anser.environment import SteadyWind, standard_environment
 from anser.results.netcdf import read_netcdf
+from anser.single_aircraft.flight import autopilot
+from anser.single_aircraft.starts import resolve_start
 from support import stevens_lewis as textbook
 
 DURATION_S = 10.0
@@ -140,6 +144,21 @@ def test_the_autopilot_follows_a_course_command():
     assert float(flight.course_deg[-1]) == pytest.approx(20.0, abs=0.2)
     assert float(flight.airspeed_m_s[-1]) == pytest.approx(150.0, abs=0.2)
     assert flight.attrs["controller"] == "inversion"
+
+
+@pytest.mark.long
+def test_the_autopilot_by_name_is_that_of_the_airspeed_and_the_step():
+    aerosonde, still = anser.aircraft("aerosonde"), standard_environment()
+    windy = dataclasses.replace(still, wind=SteadyWind(jnp.array([-12.0, 0.0, 0.0])))
+    trim = aerosonde.trim(25.0, 500.0)
+
+    def bandwidth(environment, step_s):
+        point = resolve_start(aerosonde.airframe, environment, trim)
+        gains = autopilot(aerosonde.airframe, environment, point, "inversion", step_s).gains
+        return np.asarray(gains.rates.proportional)
+
+    np.testing.assert_allclose(bandwidth(windy, 0.01), bandwidth(still, 0.01), rtol=1e-9)
+    assert np.all(bandwidth(still, 0.05) < bandwidth(still, 0.01))
 
 
 def test_without_lag_the_surfaces_follow_from_one_sample_to_the_next():

@@ -97,8 +97,12 @@ def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
     return float(round(math.sqrt(capability.speed_min * capability.speed_max))), altitude
 
 
-def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, inversion: Inversion) -> StepCase:
+def step_case(
+    airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, inversion: Inversion, step_s: float = STEP_S
+) -> StepCase:
     """Trim an aircraft in level flight, and derive gains and limits of the autopilot at this point.
+
+    `speed_m_s` is the airspeed, `step_s` the sampling period of the autopilot.
 
     Raises ConditionError, with the reason, if the aircraft has no level flight at this point.
     """
@@ -106,7 +110,7 @@ def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, i
     trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
     if isinstance(airframe, AbstractF16):
         return StepCase(airframe, trim, gains_for(inversion), limits, PUBLISHED_TIME_SCALE, None)
-    derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, valid_airspeed_range(airframe), STEP_S)
+    derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, valid_airspeed_range(airframe), step_s)
     capability, bandwidths = derived_defaults.capability, derived_defaults.bandwidths
     slowest, fastest = min(capability.speed_min, speed_m_s), max(capability.speed_max, speed_m_s)
     limits = dataclasses.replace(

@@ -62,8 +62,12 @@ def resolve_airframe(
         Variant and centre of gravity of the library's F-16: see `load_f16`.
     """
     if isinstance(aircraft, str):
-        description = {"aircraft": aircraft, "variant": variant} if aircraft in VARIANTS else {"aircraft": aircraft}
-        return load_airframe(aircraft, variant, x_cg_over_c), {**description}
+        description: dict[str, Any] = {"aircraft": aircraft}
+        if aircraft in VARIANTS:
+            description["variant"] = variant
+        if x_cg_over_c is not None:
+            description["x_cg_over_c"] = float(x_cg_over_c)
+        return load_airframe(aircraft, variant, x_cg_over_c), description
     if not isinstance(aircraft, AbstractAirframe):
         raise ValueError(
             f"aircraft: arrived {type(aircraft).__name__}; expected the name of an airframe, the path of an aircraft "

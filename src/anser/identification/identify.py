@@ -313,11 +313,13 @@ def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> 
         table = next((entry for entry in tables if aircraft_name in (None, entry["name"])), None)
         if table is None or table.get("airframe") is not None:
             return None
-        attributes = {"aircraft": table["type"], "variant": table["variant"]}
+        attributes = {key: table.get(key) for key in ("variant", "x_cg_over_c")} | {"aircraft": table["type"]}
     name = str(attributes.get("aircraft", "custom"))
     if name == "custom" or (is_aircraft_path(name) and not Path(name).is_file()):
         return None
-    return load_aircraft(name, str(attributes.get("variant", "textbook")))
+    x_cg_over_c = attributes.get("x_cg_over_c")
+    variant = str(attributes.get("variant") or "textbook")
+    return load_aircraft(name, variant, None if x_cg_over_c is None else float(x_cg_over_c))
 
 
 def _file_of(name: str) -> AirframeFile | None:

@@ -229,7 +229,7 @@ def simulate(
         flight_controller = _open_loop(airframe, environment, point, controls, increments, sample)
     elif controls is None:
         is_own = isinstance(controller, AbstractController)
-        flight_controller = controller if is_own else autopilot(airframe, point, controller)
+        flight_controller = controller if is_own else autopilot(airframe, environment, point, controller, step_s)
     else:
         raise ValueError(
             "controls: arrived beside a controller; expected one of the two (a controller takes `command`)"
@@ -339,15 +339,17 @@ def _open_loop(
     return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
 
 
-def autopilot(airframe: AbstractAirframe, point: TrimPoint, name: Any) -> InversionAutopilot:
+def autopilot(
+    airframe: AbstractAirframe, environment: Environment, point: TrimPoint, name: Any, step_s: float
+) -> InversionAutopilot:
     """Return an autopilot of the package by name, with the gains and limits of step tests at a flight point."""
     from anser.analysis.step_flights import step_case
 
     if name not in _INVERSIONS:
         names = quoted_list(_INVERSIONS)
         raise ValueError(f"controller: arrived {name!r}; expected an anser.parts.AbstractController, {names}, or None")
-    speed = float(np.linalg.norm(np.asarray(point.state.velocity_b)))
-    case = step_case(airframe, speed, -float(point.state.position_n[2]), _INVERSIONS[name])
+    airspeed = air_path(environment, point)["airspeed_m_s"]
+    case = step_case(airframe, airspeed, -float(point.state.position_n[2]), _INVERSIONS[name], step_s)
     return InversionAutopilot(case.gains, case.limits)
 
 

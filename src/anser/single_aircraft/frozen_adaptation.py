@@ -97,18 +97,20 @@ def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Datas
     if not 0.0 <= time_s <= last:
         raise ValueError(f"time_s: arrived {time_s:g}; expected 0 to {last:g}, a time of the flight")
     first, row = dataset.isel(time=0), dataset.sel(time=time_s, method="nearest")
-    nominal, identity = resolve_airframe(dataset.attrs["aircraft"], dataset.attrs.get("variant", "textbook"))
+    name, variant, x_cg_over_c = (dataset.attrs.get(key) for key in ("aircraft", "variant", "x_cg_over_c"))
+    nominal, identity = resolve_airframe(name, variant or "textbook", x_cg_over_c)
     increments, reference = jnp.asarray(row[_INCREMENTS].values), jnp.asarray(row[_REFERENCE].values)
     model = corrected_airframe(nominal, reference_lengths(nominal), reference, increments)
     changes = read_changes(nominal, json.loads(dataset.attrs.get("change", "[]")))
     aircraft = nominal if changes is None else changed_airframe(nominal, changes.at(float(row.time)))
-    case = step_case(nominal, float(first["airspeed_m_s"]), float(first["altitude_m"]), "incremental")
+    step_s, start = float(dataset.attrs["step_s"]), (float(first["airspeed_m_s"]), float(first["altitude_m"]))
+    case = step_case(nominal, *start, "incremental", step_s)
     margins = margins_at(
         aircraft,
         speed_m_s=float(row["airspeed_m_s"]),
         altitude_m=float(row["altitude_m"]),
         inversion="incremental",
-        step_s=float(dataset.attrs["step_s"]),
+        step_s=step_s,
         gains=case.gains,
         model=model,
     )

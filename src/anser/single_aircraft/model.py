@@ -108,7 +108,7 @@ class AircraftModel:
             raise ValueError(f"linearize: arrived {type(trim).__name__}; expected a trim of this aircraft")
         values: dict[str, Any] = dict(condition) if trim is None else dict(trim.condition)
         if trim is not None:
-            values["environment"] = dataclasses.replace(standard_environment(), atmosphere=trim.atmosphere)
+            values["environment"] = _still_air(trim)
         result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
 
@@ -120,7 +120,7 @@ class AircraftModel:
 
     def start(self, trim: TrimResult) -> dict[str, float]:
         """Return a trim as a start by name, to be changed: `{**f16.start(trim), "alpha_deg": 12.0}`."""
-        environment = dataclasses.replace(standard_environment(), atmosphere=trim.atmosphere)
+        environment = _still_air(trim)
         return named_state(self.airframe, environment, resolve_start(self.airframe, environment, trim))
 
     def state_names(self, *, lag: bool = True) -> tuple[str, ...]:
@@ -186,7 +186,7 @@ class AircraftModel:
 
     def state_vector(self, start: Any, *, lag: bool = True) -> np.ndarray:
         """Return a start (a trim, or a state by name) as the state vector of `derivatives` with the same `lag`."""
-        point = resolve_start(self.airframe, standard_environment(), start)
+        point = resolve_start(self.airframe, _still_air(start), start)
         state = point.state
         euler = np.asarray(euler_from_quaternion(state.quaternion))
         body = [state.position_n * _UPWARDS, state.velocity_b, euler, state.rates_b]
@@ -195,9 +195,17 @@ class AircraftModel:
 
     def input_vector(self, start: Any) -> np.ndarray:
         """Return the controls of a start as the controls of `derivatives`: surfaces (rad), and throttle (0..1)."""
-        point = resolve_start(self.airframe, standard_environment(), start)
+        point = resolve_start(self.airframe, _still_air(start), start)
         inputs = np.array(list(reference_inputs(self.airframe, point.controls).values()))
         return np.append(np.radians(inputs[:-1]), inputs[-1])
+
+
+def _still_air(start: Any) -> Environment:
+    """Return still air: the atmosphere of a trim, or the standard atmosphere for a state by name."""
+    environment = standard_environment()
+    return (
+        dataclasses.replace(environment, atmosphere=start.atmosphere) if isinstance(start, TrimResult) else environment
+    )
 
 
 def aircraft(
