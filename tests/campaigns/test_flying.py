@@ -8,8 +8,9 @@ import xarray as xr
 
 from anser import campaigns
 from anser.campaigns import Campaign, StoreError, flights
+from anser.campaigns.estimates import _causes
 from anser.campaigns.flights import create_store, flight_scenario, fly_campaign
-from anser.campaigns.replay import replay_differences
+from anser.campaigns.replay import replay_differences, row_differences
 from anser.campaigns.store import CampaignStore
 from anser.config import ScenarioError
 from campaigns.study_cases import THREE, made_up, study_of
@@ -157,6 +158,30 @@ def test_a_replayed_flight_is_compared_with_its_row(tmp_path):
     assert replay_differences(store, number, summary, met=False) == {"miss_m": pytest.approx(1e-4), "met": "True"}
     with pytest.raises(ValueError, match="arrived 50; expected one from 0 to 49"):
         flight_scenario(store, FLIGHTS)
+
+
+def test_a_status_that_is_stored_shortened_is_no_difference(tmp_path):
+    store = new_store(tmp_path / "out")
+    fly_campaign(store)
+    data = store.dataset().load()
+    number = int(np.flatnonzero(data["met"].values)[0])
+    (flight_row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
+    status = "the aircraft reached the ground; later samples repeat the last state; then so on"
+    flight_row.aircraft[0]["status"] = status
+    assert set(row_differences(data, number, flight_row)) == {"status"}
+    data["status"][{"flight": number, "aircraft": 0}] = f"{status[:61]}..."
+    assert row_differences(data, number, flight_row) == {}
+
+
+def test_an_aircraft_that_left_the_fleet_is_no_cause_of_a_failure():
+    left = "left the fleet and flew its exit path"
+    columns = {
+        "met": ("flight", [False, False]),
+        "reason": ("flight", ["", ""]),
+        "status": (("flight", "aircraft"), [["arrived", left], [f"{left}; then the motion diverged", "arrived"]]),
+        "unmet": ("flight", ["miss_max_m", ""]),
+    }
+    assert _causes(xr.Dataset(columns)) == {"not met: miss_max_m": 1, f"{left}; then the motion diverged": 1}
 
 
 def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):

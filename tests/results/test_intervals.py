@@ -34,6 +34,7 @@ def test_failures_count_as_the_worst():
     values = np.r_[np.arange(95.0), np.full(5, np.inf)]
     assert quantile(values, 0.95) == 94.0
     assert quantile(values, 0.96) == np.inf
+    assert quantile(np.arange(1.0, 101.0), 0.55) == 55.0  # 0.55 x 100 is a little more than 55 in floating point
     low, high = order_statistic_interval(values, 0.95)
     assert low < 94.0
     assert high == np.inf

@@ -12,6 +12,7 @@ import xarray as xr
 
 from anser.campaigns.sampling import is_independent
 from anser.campaigns.study import Study
+from anser.results.arrival import AS_PLANNED
 from anser.results.documents import finite_or_none
 from anser.results.flight_rows import applicable_quantities, worst_of_fleet
 from anser.results.sampling_statistics import order_statistic_interval, quantile, wilson_interval
@@ -122,13 +123,13 @@ def _quantile_estimate(
 def _causes(data: xr.Dataset) -> dict[str, int]:
     """Count the failed flights by cause, most frequent first.
 
-    The cause is the reason of a failed start, otherwise each aircraft status other than arrived and each unmet
+    The cause is the reason of a failed start, otherwise each status of a failed aircraft and each unmet
     requirement; a flight may have several causes.
     """
     counts: Counter[str] = Counter()
     for k in np.flatnonzero(~data["met"].values):
         reason = str(data["reason"].values[k])
-        statuses = {str(status) for status in data["status"].values[k]} - {"arrived"}
+        statuses = {str(status) for status in data["status"].values[k]} - AS_PLANNED
         unmet = [f"not met: {name}" for name in str(data["unmet"].values[k]).split(", ") if name]
         counts.update([f"could not begin: {reason}"] if reason else [*sorted(statuses), *unmet])
     return dict(counts.most_common())

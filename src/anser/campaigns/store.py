@@ -313,11 +313,19 @@ def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Sc
     """Return the results of flights by name, with texts of fixed width."""
     labels = {output.name: output.labels for output in study.output}
     columns = tabulate_flights(flight_rows, len(scenario.aircraft), labels)
-    for name, width in _WIDTHS.items():
+    for name in _WIDTHS:
         dimensions, values, labels = columns[name]
-        texts = [text if len(text) <= width else f"{text[: width - 3]}..." for text in values.ravel().tolist()]
-        columns[name] = dimensions, np.array(texts, dtype=f"<U{width}").reshape(values.shape), labels
+        columns[name] = dimensions, shortened(values, name), labels
     return columns
+
+
+def shortened(texts: np.ndarray, name: str) -> np.ndarray:
+    """Return the texts of a column as they are stored: longer texts than the width of the column end with dots."""
+    width = _WIDTHS.get(name)
+    if width is None:
+        return texts
+    stored = [text if len(text) <= width else f"{text[: width - 3]}..." for text in texts.ravel().tolist()]
+    return np.array(stored, dtype=f"<U{width}").reshape(texts.shape)
 
 
 def _create_rows(

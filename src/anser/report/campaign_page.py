@@ -14,6 +14,7 @@ from anser.report.labels import printed_unit
 from anser.report.page_templates import MISSING, format_number, render_page
 from anser.report.style import COLORS
 from anser.report.svg_charts import campaign_map, influence_strip
+from anser.results.arrival import AS_PLANNED
 from anser.results.flight_rows import applicable_quantities, worst_of_fleet
 from anser.results.separation import NO_SEPARATION, proximity_warning
 
@@ -205,7 +206,7 @@ def _worst_flights(report: CampaignReport) -> dict[str, Any]:
 
 
 def _failure_text(flights: Any, k: int) -> str:
-    statuses = sorted({str(status) for status in flights["status"].values[k]} - {"arrived"})
+    statuses = sorted({str(status) for status in flights["status"].values[k]} - AS_PLANNED)
     unmet = [name for name in str(flights["unmet"].values[k]).split(", ") if name]
     return "; ".join([*statuses, *(f"not met: {name}" for name in unmet)])
 

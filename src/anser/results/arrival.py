@@ -10,10 +10,12 @@ import numpy as np
 
 from anser.planning.separation import closest_fraction
 from anser.scenario.schema import Scenario
-from anser.simulation.closed_loop import STATUS_MESSAGES
+from anser.simulation.closed_loop import LEFT_FLEET, STATUS_MESSAGES
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 
 ARRIVED = STATUS_MESSAGES[0]
+AS_PLANNED = frozenset({ARRIVED, STATUS_MESSAGES[LEFT_FLEET]})
+"""Statuses that are no failure: of an arrival, and of an aircraft that left the fleet by an event."""
 _ENDED_BEFORE = "not arrived: the flight ended before the planned arrival"
 _STILL_CLOSING = "not arrived: still closing on the rendezvous when the search for the arrival ended"
 _NO_RECORD = "not arrived: no finite position in the record"

@@ -97,7 +97,8 @@ def quantile(values: np.ndarray, share: float) -> float:
     The result may be infinite.
     """
     ordered = np.sort(np.asarray(values, dtype=float))
-    return float(ordered[max(math.ceil(share * ordered.size) - 1, 0)])
+    rank = math.ceil(round(share * ordered.size, 6))  # 0.55 x 100 is 55.00000000000001
+    return float(ordered[max(rank - 1, 0)])
 
 
 def mcnemar_exact(first_only: int, second_only: int) -> float:

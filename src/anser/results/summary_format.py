@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from anser.results.arrival import arrival_accuracy
+from anser.results.arrival import AS_PLANNED, arrival_accuracy
 from anser.results.documents import notebook_table
 from anser.results.faults import fault_lines
 from anser.results.separation import NO_SEPARATION, is_judged_by_separation
@@ -59,7 +59,7 @@ def format_verdict(summary: Mapping[str, Any]) -> str:
 def _omitted_aircraft(entries: Sequence[Mapping[str, Any]], shown: Sequence[Mapping[str, Any]]) -> list[str]:
     if len(entries) == len(shown):
         return []
-    failed = sum(entry["status"] != "arrived" for entry in entries[len(shown) :])
+    failed = sum(entry["status"] not in AS_PLANNED for entry in entries[len(shown) :])
     return [f"and {len(entries) - len(shown)} more, of which {failed or 'none'} failed"]
 
 

@@ -147,5 +147,6 @@ def test_thinning_keeps_recorded_times_and_both_ends(flown):
     assert list(thin_record(dataset, 2.0)["time"].values.round(6)) == [0.0, 2.0, 4.0, 5.9]
     assert list(thin_record(dataset, 1.04)["time"].values.round(6)) == [0.0, 1.0, 2.1, 3.1, 4.2, 5.2, 5.9]
     assert thin_record(dataset, 0.001).sizes["time"] == dataset.sizes["time"]
+    assert thin_record(dataset, 1e-12).sizes["time"] == dataset.sizes["time"]
     assert list(thin_record(dataset, 100.0)["time"].values.round(6)) == [0.0, 5.9]
     assert thin_record(dataset.isel(time=[0]), 0.5).sizes["time"] == 1

@@ -226,6 +226,8 @@ files."""
 def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:
     """Return a flight at the recorded times nearest to multiples of `period_s` (s) after the first, and at the last."""
     time = dataset["time"].values
+    if period_s <= np.min(np.diff(time), initial=np.inf):
+        return dataset
     grid = time[0] + period_s * np.arange(int((time[-1] - time[0]) / period_s) + 1)
     nearest = dataset.indexes["time"].get_indexer(grid, method="nearest")
     return dataset.isel(time=sorted({*map(int, nearest), time.size - 1}))
