@@ -10,6 +10,7 @@ from anser.missions.event_replanning import NO_PLAN_MESSAGE, EventOutcome
 from anser.missions.events import EventSchedule
 from anser.planning.certified.replanning import CORRECTED, UNCHANGED
 from anser.scenario import loads
+from anser.scenario.build import build_faults
 from missions.test_goal_reassignment import text
 
 TURNS = '[[event]]\ntime_s = 30.0\nkind = "goal-turns"\ngoal = "two"\ncourse_deg = 90.0\n'
@@ -55,6 +56,17 @@ def test_events_are_applied_in_order_at_their_samples(log):
     events.apply_due(None, state(CORRECTED), 3000)
     assert log[-1] == (3000, "goal-turns")
     assert [outcome.kind for outcome in events.outcomes] == ["aircraft-leaves", "goal-turns"]
+
+
+@pytest.mark.parametrize(("time_s", "sample"), [(20.0, 2000), (20.004, 2001), (20.006, 2001), (0.57, 57)])
+def test_an_event_between_two_samples_is_applied_at_the_second(log, time_s, sample):
+    """At the sample before, the aircraft has not left: its goal would not be free, and plans would include it."""
+    scenario = loads(text() + LEAVES.replace("12.5", str(time_s)))
+    events = EventSchedule(scenario, lambda message: None)
+    assert events.steps_until_next(0, 9999) == sample
+    faults = build_faults(scenario.aircraft[2], scenario.event)
+    step_s = scenario.timing.step_s
+    assert [bool(faults.has_left_fleet(k * step_s)) for k in (sample - 1, sample)] == [False, True]
 
 
 def test_every_replanning_is_checked_after_a_goal_has_turned(log, monkeypatch):

@@ -148,6 +148,12 @@ SINES = 'inputs = ["elevator", "rudder"]\nsignal = "multisine"\nduration_s = 10.
             "event[1].aircraft",
             "has not left",
         ),
+        (
+            event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.8')
+            + event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.3'),
+            "event[1].aircraft",
+            "one loss of thrust for each aircraft",
+        ),
     ],
 )
 def test_problems_are_named_with_their_key_paths(lines, path, expected):

@@ -6,6 +6,7 @@ flight stops at the event's sample and `anser.missions.event_replanning` plans a
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -226,7 +227,8 @@ class EventSchedule:
         self.goals = tuple(aircraft.goal for aircraft in scenario.aircraft)
         self._scenario, self._on_progress = scenario, on_progress
         step_s = scenario.timing.step_s
-        pairs = [(round(event.time_s / step_s), event) for event in scenario.event]
+        # The first sample at or after the event, as for the faults in the compiled steps.
+        pairs = [(math.ceil(round(event.time_s / step_s, 6)), event) for event in scenario.event]
         self._coming = sorted(pairs, key=lambda pair: pair[0])
         self._replan_steps = round(scenario.timing.replan_period_s / step_s)
         # index of the last goal event among the outcomes, and the searches left for it

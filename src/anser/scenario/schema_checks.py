@@ -312,13 +312,20 @@ def sensing_problems(scenario: ScenarioTables) -> list[Problem]:
     ]
 
 
+_ONCE = {
+    "aircraft-leaves": ("leaves", "an aircraft that has not left"),
+    "thrust-lost": ("loses thrust", "one loss of thrust for each aircraft; further changes by aircraft-changes"),
+}
+"""Events that an aircraft can have once: verb and expectation of the message."""
+
+
 def event_problems(scenario: ScenarioTables) -> list[Problem]:
     """List events with unknown names, after the end of the flight, or without support by the planner."""
     events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
     if scenario.planned_events and scenario.fleet.planner == "published":
         expected = 'no events, or fleet.planner = "certified": only that planner plans on after them'
         return [Problem("event", f'{len(scenario.planned_events)} with fleet.planner = "published"', expected)]
-    departures: dict[str, int] = {}
+    former: dict[tuple[str, str], int] = {}  # index of the event by kind and aircraft
     for index, event in enumerate(events):
         path = f"event[{index}]"
         for key, kind, items in (("aircraft", "an aircraft", scenario.aircraft), ("goal", "a goal", scenario.goal)):
@@ -329,11 +336,12 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
         if event.time_s >= duration_s:
             expected = f"a time before the end of the flight, timing.duration_s = {format_number(duration_s)} s"
             problems.append(Problem(f"{path}.time_s", format_number(event.time_s), expected))
-        if event.kind == "aircraft-leaves" and event.aircraft is not None:
-            if event.aircraft in departures:
-                arrived = f'"{event.aircraft}", which leaves by event[{departures[event.aircraft]}] already'
-                problems.append(Problem(f"{path}.aircraft", arrived, "an aircraft that has not left"))
-            departures[event.aircraft] = index
+        if event.kind in _ONCE and event.aircraft is not None:
+            verb, expected = _ONCE[event.kind]
+            if (event.kind, event.aircraft) in former:
+                arrived = f'"{event.aircraft}", which {verb} by event[{former[event.kind, event.aircraft]}] already'
+                problems.append(Problem(f"{path}.aircraft", arrived, expected))
+            former[event.kind, event.aircraft] = index
         if event.deviation is not None:
             changed = [aircraft for aircraft in scenario.aircraft if aircraft.name == event.aircraft]
             problems += [
