@@ -89,6 +89,7 @@ def test_each_defect_of_a_recording_has_a_message(tmp_path):
         "1.98 s after 2 s (row 102)": table(time_s=np.where(time > 2.0, time - 0.04, time)),
         "2 times without a value": table(time_s=np.where(np.arange(time.size) < 2, np.nan, time)),
         "10 samples": table().head(10),
+        "the column alpha_deg twice": table().assign(**{" alpha_deg": 0.0}),
         "text in the column 'alpha_deg'": table(alpha_deg="high"),
         "the columns beta_deg; expected a column time_s": table()[["beta_deg"]],
         "expected names of the catalogue": pd.DataFrame({"time_s": time, "AOA": 0.0 * time}),

@@ -1,10 +1,13 @@
 """Order of events, and the complete search if periodic replanning fails after a goal has changed."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from anser.missions import event_replanning
 from anser.missions import events as events_module
 from anser.missions.event_replanning import NO_PLAN_MESSAGE, EventOutcome
 from anser.missions.events import EventSchedule
@@ -108,3 +111,36 @@ def test_a_failed_search_is_reported_and_repeated_at_most_three_times(log, monke
     (outcome,) = events.outcomes
     assert not outcome.has_valid_plan
     assert outcome.message.startswith(NO_PLAN_MESSAGE)
+
+
+@dataclass(frozen=True)
+class PlanInForce:
+    plan: Any
+    limits: Any
+    holds: Any
+
+
+@pytest.mark.parametrize("clear", [True, False])
+def test_aircraft_about_to_arrive_fly_their_new_holds(monkeypatch, clear):
+    """A keep-out appears on their holds when no aircraft can be replanned any more."""
+    new_holds = SimpleNamespace(clear=np.array([clear]))
+    planner = SimpleNamespace(correction_limits=lambda limits: limits, airspace=None, assign_holds=lambda *_: new_holds)
+    replacements = {
+        "snapshot_at": lambda *_: SimpleNamespace(
+            replannable_tasks=SimpleNamespace(active=np.zeros(1)), flying_tasks=None
+        ),
+        "aircraft_planner": lambda flight: planner,
+        "_with_limits": lambda tasks, limits: tasks,
+        "_certificate": lambda *_: SimpleNamespace(satisfied=np.ones(1, bool)),
+        "_target_times": lambda scenario, times_s, can_replan, event: times_s,
+        "replace_plan": lambda state, plan_state: plan_state,
+    }
+    for name, replacement in replacements.items():
+        monkeypatch.setattr(event_replanning, name, replacement)
+    plan_state = PlanInForce(SimpleNamespace(arrival_times=np.array([60.0]), paths=None), None, holds="old")
+    current = SimpleNamespace(planner=plan_state)
+    scenario = SimpleNamespace(timing=SimpleNamespace(step_s=0.01, duration_s=90.0))
+    event = SimpleNamespace(kind="keep-out-appears")
+    after, is_valid, _ = event_replanning._replan_if_needed(scenario, None, current, 5000, event, lambda message: None)
+    assert is_valid is clear
+    assert (after.holds is new_holds) if clear else (after is current)

@@ -251,7 +251,11 @@ def _read(recording: Any, aircraft_name: str | None) -> tuple[dict[str, np.ndarr
     if hasattr(recording, "dataset"):
         recording = recording.dataset
     if isinstance(recording, pd.DataFrame):
-        return {str(name).strip(): _numbers(str(name), recording[name]) for name in recording.columns}, {}
+        names = [str(name).strip() for name in recording.columns]
+        repeated = [name for k, name in enumerate(names) if name in names[:k]]
+        if repeated:
+            raise ValueError(f"recording: arrived the column {repeated[0]} twice; expected every column once")
+        return {name: _numbers(name, recording.iloc[:, k]) for k, name in enumerate(names)}, {}
     if not isinstance(recording, xr.Dataset):
         raise ValueError(
             f"recording: arrived {type(recording).__name__}; expected a flight, a Dataset, a DataFrame, or the path of "

@@ -261,7 +261,9 @@ def _replan_if_needed(
         holds = planner.assign_holds(paths, snapshot.flying_tasks, now_s, end_time_s, holds)
         is_clear = bool(np.all(holds.clear))
     if not can_replan.any():
-        return state, is_clear and bool(is_satisfied.all()), "no aircraft is left that could be replanned"
+        # Aircraft about to arrive keep their paths, but fly the new holds.
+        held_state = replace_plan(state, dataclasses.replace(plan_state, holds=holds)) if is_clear else state
+        return held_state, is_clear and bool(is_satisfied.all()), "no aircraft is left that could be replanned"
     if is_unchanged and is_clear and is_satisfied[can_replan].all():
         plan = dataclasses.replace(plan_state.plan, certificate=certificate)
         certified_state = replace_plan(state, dataclasses.replace(plan_state, plan=plan, holds=holds))
