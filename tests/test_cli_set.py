@@ -31,6 +31,10 @@ def test_overrides_give_the_flight_and_hash_of_a_file_with_these_values(anser, t
         (("--set", "wind.speed_m_s"), "--set: arrived 'wind.speed_m_s'; expected PATH=VALUE, such as"),
         (("--set", "=8"), "expected PATH=VALUE"),
         (("--set", "seed=1", "--set", "seed=2"), "--set: arrived seed twice; expected it once"),
+        (
+            ("--set", "aircraft[0].start.speed_m_s=150", "--set", "aircraft[aircraft-1].start.speed_m_s=140"),
+            "aircraft[aircraft-1].start.speed_m_s: arrived the key of aircraft[0].start.speed_m_s again",
+        ),
         (("--set", "fleet.planner=certified", "--planner", "published"), "arrived fleet.planner twice"),
         (("--set", "wind.sped_m_s=8"), 'perhaps "speed_m_s"'),
         (("--set", "wind.sped_m_s=8"), "three-aircraft.toml with wind.sped_m_s = 8: 1 problem"),

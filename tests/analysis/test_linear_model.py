@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.analysis import modes_of
+from anser.analysis import linearize, margins_at, modes_of
 from anser.analysis.linear_models import linear_dataset, linear_document, unit_of
 from anser.analysis.linearization import LinearModel
 from anser.results import write_netcdf
@@ -140,3 +140,15 @@ def test_other_surfaces_have_units(name, unit):
 def test_a_name_without_unit_is_refused(name):
     with pytest.raises(ValueError, match=f"no unit is known for {name}"):
         unit_of(name, ("left_elevon", "right_elevon"))
+
+
+@pytest.mark.parametrize("step_s", [0.0, -0.01, float("nan"), float("inf")])
+def test_a_sampling_period_that_is_not_positive_is_refused(step_s):
+    for function, options in ((linearize, {"loop": "rates"}), (margins_at, {})):
+        with pytest.raises(ValueError, match=r"step_s: arrived .*; expected a positive number of seconds"):
+            function(speed_m_s=150.0, altitude_m=1000.0, step_s=step_s, **options)
+
+
+def test_an_unknown_inversion_is_refused():
+    with pytest.raises(ValueError, match='inversion: arrived \'Model\'; expected "model"'):
+        margins_at(speed_m_s=150.0, altitude_m=1000.0, inversion="Model")

@@ -92,6 +92,15 @@ def test_a_missing_scenario_is_reported_by_name(tmp_path):
         load_study(tmp_path / "study.toml")
 
 
+def test_two_paths_of_one_key_are_refused(tmp_path):
+    (tmp_path / "three.toml").write_text((STUDIES.parent / "scenarios" / "three-aircraft.toml").read_text())
+    paths = "aircraft[1].start.speed_m_s", "aircraft[aircraft-2].start.speed_m_s"
+    tables = [f'[[vary]]\npath = "{p}"\ndistribution = "uniform"\nlow = 140.0\nhigh = 150.0\n' for p in paths]
+    (tmp_path / "study.toml").write_text(text_of() + "".join(tables))
+    with pytest.raises(ScenarioError, match=r"the key of aircraft\[1\]\.start\.speed_m_s again"):
+        load_study(tmp_path / "study.toml")
+
+
 def test_an_unknown_path_is_refused_before_flying(tmp_path):
     study = study_of(vary=[{"path": "wind.sped_m_s", "distribution": "uniform", "low": 0.0, "high": 5.0}])
     with pytest.raises(ScenarioError, match=r"test, what varies of three-aircraft: 1 problem\n.*the unknown key"):

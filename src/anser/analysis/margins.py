@@ -27,7 +27,15 @@ from anser.analysis.loop_margins import (
     loop_state_fields,
 )
 from anser.analysis.surveys import Survey, SurveyResult, SurveyVariables, limit_attributes, select_rows
-from anser.analysis.trim_points import ConditionError, Inversion, flight_point, map_points, survey_gains
+from anser.analysis.trim_points import (
+    ConditionError,
+    Inversion,
+    flight_point,
+    gains_for,
+    map_points,
+    require_seconds,
+    survey_gains,
+)
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.missions.batches import Progress
@@ -244,6 +252,8 @@ def margins_at(
     """
     if model is not None and inversion == "model":
         raise ValueError('inversion: arrived "model" with an onboard model; expected "incremental"')
+    require_seconds("step_s", step_s)
+    gains_for(inversion)
     survey = Survey(aircraft, variant)
     airframe, environment = survey.airframe, survey.environment
     speed_m_s, altitude_m = flight_point(environment, altitude_m, speed_m_s, speed_cas_m_s, speed_eas_m_s, mach)

@@ -87,8 +87,19 @@ def airframe_label(attributes: Mapping[str, Any]) -> str:
     return f"{attributes['aircraft']} ({attributes['variant']})" if "variant" in attributes else attributes["aircraft"]
 
 
+def require_seconds(name: str, value: Any) -> None:
+    """Raise ValueError, with the name of the argument, for a value that is no positive number of seconds."""
+    if not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
+        raise ValueError(f"{name}: arrived {value!r}; expected a positive number of seconds")
+
+
 def gains_for(inversion: AnyInversion, gains: AutopilotGains | None = None) -> AutopilotGains:
-    """Return gains with the sensor bandwidth that the inversion needs; `gains` None: the published gains."""
+    """Return gains with the sensor bandwidth that the inversion needs; `gains` None: the published gains.
+
+    Raises ValueError for another word than those of `AnyInversion`.
+    """
+    if inversion not in ("model", "incremental", "adaptive"):
+        raise ValueError(f'inversion: arrived {inversion!r}; expected "model", "incremental" or "adaptive"')
     bandwidth = 0.0 if inversion == "model" else Gains().sensor_bandwidth_rad_s
     base_gains = published_gains() if gains is None else gains
     return eqx.tree_at(lambda g: g.sensor_bandwidth, base_gains, jnp.asarray(bandwidth, dtype=float))

@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError
 
 from anser.campaigns.distributions import Dispersion
 from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value, format_number, quoted_list
+from anser.config.key_paths import repeated_paths
 from anser.config.tables import Table, content_hash, expects, number, slug, table, tables, whole_number
 from anser.config.toml_text import attach_line_numbers, read_text
 from anser.config.validation_messages import validation_problems
@@ -439,6 +440,9 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
     scenario = load(Path(path).parent / study.scenario)
     file = None if study.sampling is None else study.sampling.file
     table_columns = {} if file is None else _read_columns(Path(path).parent / file)
+    repeated = repeated_paths(scenario, [*(dispersion.path for dispersion in study.vary), *table_columns])
+    if repeated is not None:
+        raise ScenarioError(source, [Problem(repeated[1], f"the key of {repeated[0]} again", "each key once")])
     return study, scenario, table_columns
 
 

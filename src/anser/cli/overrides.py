@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import typer
 
 from anser.cli.console import InputError, print_note
-from anser.config.errors import ScenarioError, describe_value
-from anser.config.key_paths import indexed_path
+from anser.config.errors import Problem, ScenarioError, describe_value
+from anser.config.key_paths import indexed_path, repeated_paths
 from anser.config.toml_text import parse_toml
 from anser.scenario.cautions import find_cautions
 from anser.scenario.files import load
@@ -50,6 +50,9 @@ def load_with_overrides(
 
 
 def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
+    repeated = repeated_paths(scenario, paths)
+    if repeated is not None:
+        raise ScenarioError("", [Problem(repeated[1], f"the key of {repeated[0]} again", "each key once")])
     numbers = {indexed_path(scenario, path) for path in paths}
     idle = [problem for problem in unused_key_problems(scenario) if problem.path in numbers]
     if idle:

@@ -2,9 +2,10 @@
 
 import difflib
 import re
+from collections.abc import Iterable
 from typing import Any
 
-from anser.config.errors import describe_value, format_value, problem_error
+from anser.config.errors import ScenarioError, describe_value, format_value, problem_error
 from anser.config.tables import Table
 
 _PATH = re.compile(r"\w+(?:\[[^\[\]]+\])*(?:\.\w+(?:\[[^\[\]]+\])*)*", re.ASCII)
@@ -74,6 +75,23 @@ def indexed_path(scenario: Table, path: str) -> str:
         indexed = f"{indexed}[{step_key}]" if isinstance(step_key, int) else f"{indexed}.{step_key}".removeprefix(".")
         node = node.get(step_key) if isinstance(node, dict) else node[step_key]
     return indexed
+
+
+def repeated_paths(scenario: Table, paths: Iterable[str]) -> tuple[str, str] | None:
+    """Return two paths of the same key, such as by the number and by the name of an item; None if there are none.
+
+    Paths that are not part of the scenario are skipped.
+    """
+    former: dict[str, str] = {}
+    for path in paths:
+        try:
+            place = indexed_path(scenario, path)
+        except ScenarioError:
+            continue
+        if place in former:
+            return former[place], path
+        former[place] = path
+    return None
 
 
 def to_file_value(value: object) -> object:

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from anser.config.errors import Problem, ScenarioError
+from anser.config.key_paths import repeated_paths
 from anser.missions.batches import Progress
 from anser.missions.flight_batches import FlightCase, fly_many
 from anser.results.documents import version_attributes
@@ -123,6 +124,8 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
             raise ValueError(f"sweep, {path}: arrived {values!r}; expected a list with one value at least")
         if any(values[k] == earlier for k in range(len(values)) for earlier in values[:k]):
             raise ValueError(f"sweep, {path}: arrived a value twice in {list(values)!r}; expected each once")
+    if repeated := repeated_paths(scenario, swept):
+        raise ValueError(f"sweep, {repeated[1]}: arrived the key of {repeated[0]} again; expected each key once")
     scenarios, problems = [], []
     for values_by_path in itertools.product(*swept.values()):
         combination = dict(zip(swept, values_by_path, strict=True))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from anser.analysis.trim_points import require_seconds
 from anser.parts.input_signals import InputSignal
 
 
@@ -121,12 +122,6 @@ def describe_inputs(inputs: Any) -> str:
         return f"{value:g}" if isinstance(value, int | float) else "values over time"
 
     return "; ".join(f"{name}: {text(value)}" for name, value in inputs.items())
-
-
-def require_seconds(name: str, value: Any) -> None:
-    """Raise ValueError, with the name of the argument, for a value that is no positive number of seconds."""
-    if not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
-        raise ValueError(f"{name}: arrived {value!r}; expected a positive number of seconds")
 
 
 def sample_times(duration_s: float, step_s: float) -> Float[np.ndarray, " sample"]:

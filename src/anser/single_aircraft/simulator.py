@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, Controls
 from anser.aircraft.motion import MotionState, to_local_state, to_motion_state
+from anser.analysis.trim_points import require_seconds
 from anser.compiling.options import blocks_on_cores, call_on_cores, compiled_quickly, enable_compilation_cache
 from anser.compiling.single_kernel import as_single_kernel
 from anser.environment.environment import Environment
@@ -21,7 +22,6 @@ from anser.environment.gridded_wind import GriddedWind, has_left_field
 from anser.simulation.open_loop import dataset_variables
 from anser.simulation.vehicle import advance
 from anser.single_aircraft.air import read_air
-from anser.single_aircraft.controls import require_seconds
 from anser.single_aircraft.flight import set_lags
 from anser.single_aircraft.model import aircraft as load_aircraft
 from anser.single_aircraft.starts import input_names, reference_inputs, resolve_start
