@@ -150,5 +150,5 @@ def test_a_sampling_period_that_is_not_positive_is_refused(step_s):
 
 
 def test_an_unknown_inversion_is_refused():
-    with pytest.raises(ValueError, match='inversion: arrived \'Model\'; expected "model"'):
+    with pytest.raises(ValueError, match="inversion: arrived 'Model'; expected \"model\""):
         margins_at(speed_m_s=150.0, altitude_m=1000.0, inversion="Model")

@@ -11,6 +11,7 @@ import pytest
 import anser
 from anser.identification.aircraft_file import slug
 from anser.identification.coefficients import airframe_derivatives
+from anser.identification.identify import _resolve
 from anser.identification.kinematics import with_specific_force
 from anser.identification.records import flight_record
 from anser.results.netcdf import read_netcdf
@@ -353,3 +354,13 @@ def test_a_window_and_a_run_with_several_aircraft():
 def test_names_of_aircraft():
     assert slug("F-16 (textbook) / estimated") == "f-16-textbook-estimated"
     assert slug("***") == "aircraft"
+
+
+def test_the_aircraft_of_a_recorded_flight_has_its_centre_of_gravity():
+    f16 = anser.aircraft("f16", x_cg_over_c=0.38)
+    flight = anser.simulate(f16, f16.trim(speed_m_s=150.0, altitude_m=1000.0), duration_s=2.0)
+    resolved = _resolve(None, flight_record(flight), None)
+    assert float(resolved.airframe.x_cg) == 0.38
+    plain = anser.aircraft("f16")
+    standard = flight_record(anser.simulate(plain, plain.trim(150.0, 1000.0), duration_s=2.0))
+    assert float(_resolve(None, standard, None).airframe.x_cg) == float(plain.airframe.x_cg)

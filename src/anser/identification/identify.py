@@ -319,7 +319,7 @@ def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> 
         return None
     x_cg_over_c = attributes.get("x_cg_over_c")
     variant = str(attributes.get("variant") or "textbook")
-    return load_aircraft(name, variant, None if x_cg_over_c is None else float(x_cg_over_c))
+    return load_aircraft(name, variant, x_cg_over_c=None if x_cg_over_c is None else float(x_cg_over_c))
 
 
 def _file_of(name: str) -> AirframeFile | None:

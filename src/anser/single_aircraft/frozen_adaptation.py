@@ -97,8 +97,8 @@ def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Datas
     if not 0.0 <= time_s <= last:
         raise ValueError(f"time_s: arrived {time_s:g}; expected 0 to {last:g}, a time of the flight")
     first, row = dataset.isel(time=0), dataset.sel(time=time_s, method="nearest")
-    name, variant, x_cg_over_c = (dataset.attrs.get(key) for key in ("aircraft", "variant", "x_cg_over_c"))
-    nominal, identity = resolve_airframe(name, variant or "textbook", x_cg_over_c)
+    variant, x_cg_over_c = dataset.attrs.get("variant", "textbook"), dataset.attrs.get("x_cg_over_c")
+    nominal, identity = resolve_airframe(dataset.attrs["aircraft"], variant, x_cg_over_c)
     increments, reference = jnp.asarray(row[_INCREMENTS].values), jnp.asarray(row[_REFERENCE].values)
     model = corrected_airframe(nominal, reference_lengths(nominal), reference, increments)
     changes = read_changes(nominal, json.loads(dataset.attrs.get("change", "[]")))
