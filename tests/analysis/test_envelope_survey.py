@@ -3,12 +3,14 @@
 import dataclasses
 import json
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import anser.report
 from anser.analysis import survey_envelope
+from anser.analysis.envelope import CONDITIONS, TrimMap
 from anser.analysis.surveys import OUTCOMES, REASONS
 from anser.cli import main
 from anser.report import draw_envelope
@@ -99,6 +101,24 @@ def command(monkeypatch, capsys):
         return ended.value.code or 0, printed.out, printed.err
 
     return call
+
+
+def test_a_surface_on_a_schedule_takes_no_reserve():
+    """The leading-edge flap of TP-1538 is at its stop in fast flight."""
+    count = len(CONDITIONS)
+    points = SimpleNamespace(
+        power_margin=np.full(count, 0.5),
+        power_above_idle=np.full(count, 0.5),
+        surface_margin=np.tile([0.4, 0.0], (count, 1)),
+        trimmable=np.ones(count, bool),
+    )
+    one = np.ones(1)
+
+    def reserve(is_commanded):
+        return TrimMap(one, one, np.ones((1, 1)), None, points, is_commanded).with_reserve()[1]
+
+    assert reserve((True, False)).all()
+    assert not reserve((True, True)).any()
 
 
 def _unexplained(surveyed):

@@ -226,6 +226,20 @@ def test_flown_tracks_vanish_when_the_scenario_changes_and_fade_while_it_is_flow
     answered(page)
 
 
+def test_the_late_answer_to_a_stopped_flight_does_not_end_the_present_one(page):
+    answered(page)
+    numbers = page.run(
+        "(() => { const { flights, connection } = live, { send } = connection, answers = [];"
+        " connection.send = (type, content, answer) => type === 'fly' ? 100 + answers.push(answer) : 0;"
+        " flights.start(); flights.start(); answers[0]({ type: 'failed', problems: [] });"
+        " const between = flights.number; answers[1]({ type: 'failed', problems: [] });"
+        " connection.send = send; return [between, flights.number]; })()"
+    )
+    assert numbers == [102, 0]
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
 def test_the_keyboard_moves_a_goal(page):
     answered(page)
     page.run("document.querySelector('[data-key=\"goal[0]\"]').focus()")

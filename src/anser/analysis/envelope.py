@@ -53,6 +53,7 @@ class TrimMap(NamedTuple):
     # trim targets and trim points; leaves of shape (conditions x altitudes x machs, ...), Mach number fastest
     targets: TrimTarget
     points: TrimMapPoint
+    is_commanded: tuple[bool, ...]  # whether each surface is commanded; the others follow a schedule
 
     def gridded(self, values: Any) -> np.ndarray:
         """Reshape values of the trim points, shape (points, ...), to shape (condition, altitude, mach, ...)."""
@@ -64,10 +65,13 @@ class TrimMap(NamedTuple):
         return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
 
     def with_reserve(self) -> Any:
-        """Return the dataset variable that is true at points with at least `RESERVE_MIN` in reserve."""
+        """Return the dataset variable that is true at points with at least `RESERVE_MIN` in reserve.
+
+        The reserve is that of the power and of the commanded surfaces.
+        """
         points = self.points
         power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
-        reserve = np.minimum(power_reserve, np.asarray(points.surface_margin).min(axis=1))
+        reserve = np.minimum(power_reserve, np.asarray(points.surface_margin)[:, list(self.is_commanded)].min(axis=1))
         long_name = "Whether a tenth of power and surfaces is left"
         return self.variable(np.asarray(points.trimmable) & (reserve >= RESERVE_MIN), "1", long_name)
 
@@ -153,7 +157,7 @@ def trim_map(
     points = survey.call(map_points, (airframe, environment), (targets, None))
     if not np.any(points.trimmable):
         raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
-    return TrimMap(altitudes, mach, airspeeds, targets, points)
+    return TrimMap(altitudes, mach, airspeeds, targets, points, airframe.actuators.is_commanded)
 
 
 def default_axes(

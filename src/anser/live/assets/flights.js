@@ -72,8 +72,9 @@ class Flights {
   /** Fly the present scenario; `from` is the time at which the player goes on once the rows reach it. */
   start(from = 0) {
     const { scenario, connection } = this.page;
-    this.number = connection.send("fly", { scenario: scenario.table, compare: this.known.at(-1)?.id ?? null }, (message) => this._ended(message));
-    if (!this.number) return;
+    const number = connection.send("fly", { scenario: scenario.table, compare: this.known.at(-1)?.id ?? null }, (message) => this._ended(message, number));
+    this.number = number;
+    if (!number) return;
     Object.assign(this, { incoming: new FlightRows(), from, waits: true, outdated: false, flownText: JSON.stringify(scenario.table) });
     if (!this.rows) this.rows = this.incoming;
     this.time ??= 0;
@@ -108,7 +109,8 @@ class Flights {
     this.draw();
   }
 
-  _ended(message) {
+  _ended(message, number) {
+    if (number !== this.number) return; // the answer to a flight that was stopped for the present one
     this.number = 0;
     if (message.type === "flight") {
       if (this.incoming?.time_s.length) Object.assign(this, { rows: this.incoming, waits: false });
