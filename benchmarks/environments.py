@@ -19,8 +19,8 @@ import numpy as np
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 import anser.environments.gymnasium_environments  # noqa: F401 - registers the tasks
-from anser.compiling.executables import supported_options
 from anser.compiling.options import OLDER_GENERATOR
+from anser.compiling.program import supported_options
 from anser.environments import AircraftEnvironment, make
 from anser.simulation.flight import PRECISIONS
 

@@ -15,7 +15,7 @@ jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to sh
 jax.Array.__module__ = "jax"
 
 import anser  # noqa: E402 - its annotations take the name on
-from anser.compiling.executables import supported_options  # noqa: E402
+from anser.compiling.program import supported_options  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).parent))
 from live_gallery import write_gallery  # noqa: E402

@@ -2,13 +2,14 @@
 
 import json
 import math
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 
-from anser.analysis import linearize, margins_at, modes_of
+from anser.analysis import fly_steps, linearize, margins_at, modes_of, survey_envelope, survey_margins
 from anser.analysis.linear_models import linear_dataset, linear_document, unit_of
 from anser.analysis.linearization import LinearModel
 from anser.results import write_netcdf
@@ -144,11 +145,16 @@ def test_a_name_without_unit_is_refused(name):
 
 @pytest.mark.parametrize("step_s", [0.0, -0.01, float("nan"), float("inf")])
 def test_a_sampling_period_that_is_not_positive_is_refused(step_s):
-    for function, options in ((linearize, {"loop": "rates"}), (margins_at, {})):
+    point = {"speed_m_s": 150.0, "altitude_m": 1000.0}
+    calls = (linearize, {**point, "loop": "rates"}), (margins_at, point), (survey_margins, {}), (survey_envelope, {})
+    for function, options in calls:
         with pytest.raises(ValueError, match=r"step_s: arrived .*; expected a positive number of seconds"):
-            function(speed_m_s=150.0, altitude_m=1000.0, step_s=step_s, **options)
+            function(step_s=step_s, **options)
 
 
 def test_an_unknown_inversion_is_refused():
-    with pytest.raises(ValueError, match="inversion: arrived 'Model'; expected \"model\""):
-        margins_at(speed_m_s=150.0, altitude_m=1000.0, inversion="Model")
+    point = {"speed_m_s": 150.0, "altitude_m": 1000.0}
+    calls = (margins_at, point), (survey_margins, {}), (survey_envelope, {}), (partial(fly_steps, []), point)
+    for function, options in calls:
+        with pytest.raises(ValueError, match='inversion: arrived \'adaptive\'; expected "model" or "incremental"'):
+            function(inversion="adaptive", **options)

@@ -287,12 +287,12 @@ def _evaluate_airframe(airframe: DaveMlAircraft) -> object:
 
 
 @overload
-@jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def build_airframe(file: AirframeFile) -> DerivativeAircraft: ...
 @overload
 def build_airframe(file: DaveMlFile) -> DaveMlAircraft: ...
 @overload
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft: ...
+@jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft:
     """Build the airframe of a file, or return the one already built from equal content."""
     return _build_cached(content_hash(file), _UnhashedFile(file))

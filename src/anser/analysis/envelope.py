@@ -28,7 +28,7 @@ from anser.analysis.surveys import (
     select_rows,
     trim_stop,
 )
-from anser.analysis.trim_points import Inversion, map_points, survey_gains
+from anser.analysis.trim_points import Inversion, map_points, require_inversion, survey_gains
 from anser.control.limits import FlightLimits
 from anser.environment.environment import Environment
 from anser.missions.batches import Progress
@@ -323,6 +323,7 @@ def survey_envelope(
         Duration of a flight; sampling period of the autopilot.
     """
     count = sample_count(duration_s, step_s)
+    require_inversion(inversion)
     survey = Survey(aircraft, variant, progress)
     airframe = survey.airframe
     trims = trim_map(survey, altitudes_m, machs, coarse=coarse)

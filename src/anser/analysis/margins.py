@@ -31,8 +31,8 @@ from anser.analysis.trim_points import (
     ConditionError,
     Inversion,
     flight_point,
-    gains_for,
     map_points,
+    require_inversion,
     require_seconds,
     survey_gains,
 )
@@ -253,7 +253,7 @@ def margins_at(
     if model is not None and inversion == "model":
         raise ValueError('inversion: arrived "model" with an onboard model; expected "incremental"')
     require_seconds("step_s", step_s)
-    gains_for(inversion)
+    require_inversion(inversion)
     survey = Survey(aircraft, variant)
     airframe, environment = survey.airframe, survey.environment
     speed_m_s, altitude_m = flight_point(environment, altitude_m, speed_m_s, speed_cas_m_s, speed_eas_m_s, mach)
@@ -303,6 +303,8 @@ def survey_margins(
     Parameters: see `margins_at` and `survey_envelope`. Raises ValueError as `survey_envelope`, and if the grid has no
     trimmable point.
     """
+    require_seconds("step_s", step_s)
+    require_inversion(inversion)
     survey = Survey(aircraft, variant, progress)
     trims = trim_map(survey, altitudes_m, machs, coarse=coarse)
     points, trimmable = trims.points, np.asarray(trims.points.trimmable)

@@ -35,7 +35,14 @@ from anser.analysis.step_tests import (
     scaled_step_tests,
 )
 from anser.analysis.surveys import Survey, select_rows
-from anser.analysis.trim_points import ConditionError, Inversion, gains_for, resolve_airframe, steady_trim
+from anser.analysis.trim_points import (
+    ConditionError,
+    Inversion,
+    gains_for,
+    require_inversion,
+    resolve_airframe,
+    steady_trim,
+)
 from anser.compiling.options import compiled
 from anser.control.allocation import deflection_for_moment, surface_moments
 from anser.control.gains import AutopilotGains
@@ -255,6 +262,7 @@ def fly_steps(
     progress
         Called with the name of the next loop.
     """
+    require_inversion(inversion)
     survey = Survey(aircraft, variant, lambda loop, _: progress(loop))
     case = step_case(survey.airframe, speed_m_s, altitude_m, inversion)
     for test in tests:

@@ -93,13 +93,14 @@ def require_seconds(name: str, value: Any) -> None:
         raise ValueError(f"{name}: arrived {value!r}; expected a positive number of seconds")
 
 
-def gains_for(inversion: AnyInversion, gains: AutopilotGains | None = None) -> AutopilotGains:
-    """Return gains with the sensor bandwidth that the inversion needs; `gains` None: the published gains.
+def require_inversion(inversion: str) -> None:
+    """Raise ValueError for another word than those of `Inversion`."""
+    if inversion not in ("model", "incremental"):
+        raise ValueError(f'inversion: arrived {inversion!r}; expected "model" or "incremental"')
 
-    Raises ValueError for another word than those of `AnyInversion`.
-    """
-    if inversion not in ("model", "incremental", "adaptive"):
-        raise ValueError(f'inversion: arrived {inversion!r}; expected "model", "incremental" or "adaptive"')
+
+def gains_for(inversion: AnyInversion, gains: AutopilotGains | None = None) -> AutopilotGains:
+    """Return gains with the sensor bandwidth that the inversion needs; `gains` None: the published gains."""
     bandwidth = 0.0 if inversion == "model" else Gains().sensor_bandwidth_rad_s
     base_gains = published_gains() if gains is None else gains
     return eqx.tree_at(lambda g: g.sensor_bandwidth, base_gains, jnp.asarray(bandwidth, dtype=float))

@@ -46,8 +46,7 @@ def row_differences(data: xr.Dataset, number: int, flight_row: FlightRow) -> dic
     for name, (_, values, attributes) in tabulate_flights([flight_row], data.sizes["aircraft"]).items():
         stored, replayed = data[name].values, values[0]
         if values.dtype.kind != "f":
-            # texts are stored with a limited width
-            if not np.array_equal(stored, shortened(replayed, name) if values.dtype.kind == "U" else replayed):
+            if not np.array_equal(stored, shortened(replayed, name)):
                 differences[name] = str(stored)
             continue
         deviation = (

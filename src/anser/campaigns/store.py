@@ -320,7 +320,7 @@ def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Sc
 
 
 def shortened(texts: np.ndarray, name: str) -> np.ndarray:
-    """Return the texts of a column as they are stored: longer texts than the width of the column end with dots."""
+    """Return the values of a column as they are stored: texts longer than the width of the column end with dots."""
     width = _WIDTHS.get(name)
     if width is None:
         return texts

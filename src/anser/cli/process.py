@@ -63,8 +63,9 @@ class Interrupts:
 
 def _interrupt_main_thread(number: int) -> None:
     """Raise a signal in the main thread, which a signal of another thread would not wake from a wait."""
-    if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    thread = threading.main_thread().ident
+    if thread is not None and hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(thread, number)
     else:  # Windows
         signal.raise_signal(number)
 

@@ -22,29 +22,6 @@ from anser.compiling.keys import NotCacheableError
 _PACKAGE = "anser"
 
 
-@functools.cache
-def _is_supported(options: frozenset[tuple[str, bool | str]]) -> bool:
-    """Whether the installed compiler accepts options; a trivial program is compiled once as a test."""
-    probe = jax.jit(lambda x: x + 1).lower(jax.ShapeDtypeStruct((), jnp.int32))
-    try:
-        probe.compile(dict(options))
-    except jax.errors.JaxRuntimeError as error:
-        if not any(option in str(error) for option, _ in options):
-            raise
-        return False
-    return True
-
-
-def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]:
-    """Return the requested compiler options without those that the installed compiler rejects.
-
-    XLA removes options between versions.
-    """
-    if not requested or _is_supported(frozenset(requested.items())):
-        return requested
-    return {option: value for option, value in requested.items() if _is_supported(frozenset([(option, value)]))}
-
-
 def encode_structure(value: Any) -> Any:
     """Encode a result, with `jax.ShapeDtypeStruct` in place of arrays, as a value for `json.dumps`.
 

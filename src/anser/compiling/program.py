@@ -25,7 +25,7 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from anser.compiling.executables import Executable, load_executable, pack_program, supported_options, unpack_program
+from anser.compiling.executables import Executable, load_executable, pack_program, unpack_program
 from anser.compiling.keys import NotCacheableError, jax_settings, operations_key, program_key
 from anser.compiling.measuring import (
     Compilation,
@@ -208,6 +208,29 @@ def _strip_locations(lowered: Any) -> None:
         module = lowered.compiler_ir()
         with module.context:
             passmanager.PassManager.parse("builtin.module(strip-debuginfo)").run(module.operation)
+
+
+@functools.cache
+def _is_supported(options: frozenset[tuple[str, bool | str]]) -> bool:
+    """Whether the installed compiler accepts options; a trivial program is compiled once as a test."""
+    probe = jax.jit(lambda x: x + 1).lower(jax.ShapeDtypeStruct((), jnp.int32))
+    try:
+        probe.compile(dict(options))
+    except jax.errors.JaxRuntimeError as error:
+        if not any(option in str(error) for option, _ in options):
+            raise
+        return False
+    return True
+
+
+def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]:
+    """Return the requested compiler options without those that the installed compiler rejects.
+
+    XLA removes options between versions.
+    """
+    if not requested or _is_supported(frozenset(requested.items())):
+        return requested
+    return {option: value for option, value in requested.items() if _is_supported(frozenset([(option, value)]))}
 
 
 def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:

@@ -17,8 +17,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from anser.compiling.executables import supported_options
 from anser.compiling.options import OLDER_GENERATOR, blocks_on_cores, call_on_cores
+from anser.compiling.program import supported_options
 from anser.environments.environment import AircraftEnvironment, EpisodeState
 from anser.environments.episodes import AnyEnvironment, figure_pixels, record_flight
 from anser.environments.registry import TASKS, make

@@ -15,16 +15,12 @@ def _aircraft_values(key: str) -> Callable[[Sequence[_Entry], _Entry], list[floa
 
 
 def _fleet_value(key: str) -> Callable[[Sequence[_Entry], _Entry], list[float | None]]:
-    return lambda aircraft, fleet: [fleet[key]]
+    return lambda aircraft, fleet: [fleet.get(key)]
 
 
 def _arrival_errors(aircraft: Sequence[_Entry], fleet: _Entry) -> list[float | None]:
     pairs = [(entry["arrival_s"], entry["planned_arrival_s"]) for entry in aircraft]
     return [None if arrival is None or planned is None else abs(arrival - planned) for arrival, planned in pairs]
-
-
-def _pair_value(key: str) -> Callable[[Sequence[_Entry], _Entry], list[float | None]]:
-    return lambda aircraft, fleet: [fleet.get(key)]
 
 
 # The maximum (minimum) of the values must not exceed (fall below) the limit.
@@ -37,8 +33,8 @@ _AT_MOST = {
     "tables_left_max_s": _aircraft_values("tables_left_s"),
 }
 _AT_LEAST = {
-    "separation_ratio_min": _pair_value("separation_ratio_min"),
-    "separation_min_m": _pair_value("separation_min_m"),
+    "separation_ratio_min": _fleet_value("separation_ratio_min"),
+    "separation_min_m": _fleet_value("separation_min_m"),
     "keep_out_room_min_m": _aircraft_values("keep_out_room_min_m"),
     "clearance_min_m": _aircraft_values("clearance_min_m"),
     "speed_min_m_s": _aircraft_values("speed_min_m_s"),
