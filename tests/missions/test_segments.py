@@ -121,4 +121,4 @@ def test_the_step_flown_in_advance_counts_unless_a_plan_or_the_rows_forbid_it(ro
 def test_a_planner_that_asks_for_a_plan_without_making_it_is_named():
     planner = StraightLines(as_array(60.0), as_array([0.0, 0.0, 0.0]))
     with pytest.raises(NotImplementedError, match=r"StraightLines.*define replan_between_steps"):
-        planner.replan_between_steps(None, 1.0, SimpleNamespace(), np.zeros(1, dtype=bool))
+        planner.replan_between_steps(None, 1.0, SimpleNamespace())

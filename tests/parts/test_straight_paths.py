@@ -28,6 +28,7 @@ def reports(active=(True, True, True)):
         goal_velocity_n=jnp.asarray(GOAL_VELOCITIES_N),
         rendezvous=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3, *jnp.shape(leaf))), rendezvous),
         active=jnp.asarray(active),
+        has_left=jnp.zeros(3, dtype=bool),
     )
 
 

@@ -1,5 +1,7 @@
 """The arrival accuracy matches the arrival rule of the scenario."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from anser.results.arrival import arrival_accuracy, format_duration, format_planned_arrivals, summarize_arrivals
@@ -40,6 +42,20 @@ def test_a_sequence_has_a_spacing_error():
     summary = arrival_summary("sequence", [100.0, 40.0, 69.5], spacing_s=30.0)
     assert summary["arrival"]["spacing_error_max_s"] == pytest.approx(0.5)
     assert format_fleet(summary)[0] == "arrivals 30 s apart, spacing error 0.50 s"
+
+
+def test_the_spacing_error_is_that_of_the_planned_order_and_of_the_gaps_that_stay():
+    def spacing_error(*times):
+        entries = [{"arrival_s": arrival, "planned_arrival_s": planned} for arrival, planned in times]
+        scenario = SimpleNamespace(arrival=SimpleNamespace(rule="sequence", spacing_s=10.0, is_common=False))
+        return summarize_arrivals(scenario, entries)["spacing_error_max_s"]
+
+    # The second of three has left, and its gap stays.
+    assert spacing_error((60.0, 60.0), (80.25, 80.0)) == 0.25
+    # The followers have moved up.
+    assert spacing_error((60.0, 60.0), (70.5, 70.0)) == 0.5
+    # Two aircraft have changed places.
+    assert spacing_error((69.5, 60.0), (60.0, 70.0)) == 19.5
 
 
 def test_a_sequence_without_spacing_has_a_spread():

@@ -100,3 +100,15 @@ def test_an_empty_record_has_no_arrival():
     assert (
         arrival_outcome((NAN, NAN), 60.0, np.inf, 80.0, [0]).status == "not arrived: no finite position in the record"
     )
+
+
+def test_an_aircraft_that_leaves_after_its_arrival_has_arrived():
+    """Its exit path, which ends with the flight, is its plan from the sample before on."""
+    history = with_failure(60.0, LEFT_FLEET)
+    left = np.flatnonzero(history["status"][:, 1] == LEFT_FLEET)[0]
+    expected = summarize(TIME, with_failure(90.0, 0), scenario(timing={"duration_s": float(TIME[-1])}), 0.0)
+    history["arrival_time"][left - 1 :, 1] = TIME[-1]
+    second_entry = summarize(TIME, history, scenario(timing={"duration_s": float(TIME[-1])}), 0.0)["aircraft"][1]
+    for key in ("planned_arrival_s", "arrival_s", "miss_m", "status"):
+        assert second_entry[key] == expected["aircraft"][1][key]
+    assert "left_s" not in second_entry

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import aircraft_planner
@@ -23,14 +23,16 @@ from anser.missions.segments import sense_fleet
 from anser.numerics.arrays import as_array
 from anser.parts.planners import AircraftReport
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify
+from anser.planning.certified.clearance import bounded_track, pair_clearance_ratio
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import COMMITTED_S, REPLANNED, exit_path, interval_count, task_from_plan
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts
+from anser.planning.holds.hold_paths import SAMPLES_PER_CELL, broadcast_holds, hold_reference, move_with_goals
 from anser.planning.limits import PathLimits, with_gentle_acceleration
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, GOAL_EVENTS, Event
-from anser.shapes import Integer, Scalar
+from anser.shapes import Flag, Integer, Scalar
 from anser.simulation.flight import Flight, FlightState
 
 EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2, -2.2, 3.1, -3.1)
@@ -46,44 +48,84 @@ class FleetSnapshot(NamedTuple):
     flying_tasks: AircraftTask  # the same tasks with every flying aircraft active, departed aircraft included
 
 
-def take_snapshot(
-    flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport, has_left: Bool[Array, " aircraft"]
-) -> FleetSnapshot:
-    """Return the data with which the certified planner replans a fleet in flight at a time (s), see `FleetSnapshot`.
-
-    `has_left` is the mask of the aircraft that have left the fleet and still fly.
-    """
+def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport) -> FleetSnapshot:
+    """Return the data with which the certified planner replans a fleet in flight at a time (s), see `FleetSnapshot`."""
     planner, plan_state = aircraft_planner(flight), state.planner
     plan = plan_state.plan
     flying_tasks = planner.aircraft_tasks(reports, plan_state.limits)
     can_replan = reports.active & (plan.arrival_times - time > jnp.maximum(planner.freeze, COMMITTED_S))
     tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, flying_tasks, time)
     tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(can_replan))
-    is_flying = reports.active | has_left
+    is_flying = reports.active | reports.has_left
     fixed_paths = FixedPaths(is_flying & ~can_replan, plan.paths, plan.arrival_times)
     flying_tasks = eqx.tree_at(lambda t: t.active, flying_tasks, as_array(is_flying))
     return FleetSnapshot(tasks, fixed_paths, flying_tasks)
 
 
+def exit_start(
+    plan_state: CertifiedPlanState,
+    tasks: AircraftTask,  # tasks of all flying aircraft
+    time: Scalar,  # current time, s
+    aircraft: Integer,  # index of the departing aircraft in the fleet
+) -> AircraftTask:
+    """Return the task of one aircraft with the motion from which it leaves the fleet: that of its path or of its hold.
+
+    An aircraft in a hold that is not flown as planned (see `hold_reference`) leaves from its measured motion.
+    """
+    plan, holds = plan_state.plan, plan_state.holds
+    task, path, arrival_time = jax.tree.map(lambda leaf: leaf[aircraft], (tasks, plan.paths, plan.arrival_times))
+    in_hold = task
+    if holds is not None:
+        held, hold = (
+            jax.tree.map(lambda leaf: leaf[aircraft], broadcast_holds(fleet_holds))
+            for fleet_holds in (move_with_goals(holds, tasks, time), holds)
+        )
+        follows_plan = hold_reference(hold, time, task.goal_position_n, task.goal_velocity_n, task.speed)[1]
+        in_hold = _select(follows_plan, task_from_plan(held.paths, task, time), task)
+    return _select(time < arrival_time, task_from_plan(path, task, time), in_hold)
+
+
+def _select(condition: Flag, new: AircraftTask, old: AircraftTask) -> AircraftTask:
+    return jax.tree.map(lambda new_leaf, old_leaf: jnp.where(condition, new_leaf, old_leaf), new, old)
+
+
 def plan_exit(
-    plan: CertifiedPlan,
+    plan_state: CertifiedPlanState,
     tasks: AircraftTask,  # tasks of all flying aircraft
     airspace: Airspace,
     time: Scalar,  # current time, s
     aircraft: Integer,  # index of the departing aircraft in the fleet
+    start: AircraftTask,  # its task from `exit_start`
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
 ) -> CertifiedPlan:
     """Replace one aircraft's path by an exit path: the first of the turns that keeps the separation.
 
-    If no turn keeps the separation, the turn with the greatest clearance ratio is flown. The arrival time of the exit
-    path is the end of the flight; the certificate of the returned plan has the ratios of its distances from the other
-    paths to the separation (at least 1: separated).
+    The separation is that from the paths and the holds of the others. If no turn keeps it, the first turn that keeps it
+    from the paths up to the arrivals and from the holds already flown, for the other holds can be chosen anew; without
+    such a turn, the one with the greatest clearance ratio is flown. The arrival time of the exit path is the end of the
+    flight; the certificate of the returned plan has the ratios of its distances from the other paths to the separation
+    (at least 1: separated).
     """
-    local_path = jax.tree.map(lambda leaf: leaf[aircraft], plan.paths)
+    plan, holds = plan_state.plan, plan_state.holds
+    knot_count, count = plan.paths.times.shape[1], plan.arrival_times.shape[0]
+    separation = airspace.separation
+    is_other = (jnp.arange(count) != aircraft) & (tasks.active > 0.0)
+    if holds is not None:
+        moved_holds = move_with_goals(holds, tasks, time)
+        cells = SAMPLES_PER_CELL * (holds.paths.times.shape[1] - 1)
+        times = time + (end_time - time) * jnp.linspace(0.0, 1.0, cells + 1)
+        hold_tracks = jax.lax.map(lambda path: bounded_track(path, airspace, 1.0, times), moved_holds.paths)
+
+    def hold_ratios(path: TimedPath) -> Float[Array, " aircraft"]:
+        """Clearance ratios between an exit path and the holds of the others."""
+        if holds is None:
+            return jnp.full(count, jnp.inf)
+        track = jax.tree.map(lambda leaf: leaf[None], bounded_track(path, airspace, 1.0, times))
+        return jnp.where(is_other, pair_clearance_ratio(track, hold_tracks, separation), jnp.inf)
 
     def plan_turn(turn: Array) -> tuple[CertifiedPlan, Array]:
-        path = exit_path(local_path, time, end_time, turn, airspace.wind, airspace.gravity)
+        path = exit_path(start, time, end_time, turn, airspace.wind, airspace.gravity, knot_count)
         paths = jax.tree.map(lambda fleet_leaf, exit_leaf: fleet_leaf.at[aircraft].set(exit_leaf), plan.paths, path)
         certificate = certify(paths, tasks, airspace, interval_count(paths), time)
         exit_plan = eqx.tree_at(
@@ -91,11 +133,14 @@ def plan_exit(
             plan,
             (paths, plan.arrival_times.at[aircraft].set(end_time), certificate),
         )
-        return exit_plan, jnp.min(certificate.clearance_ratio[aircraft])
+        from_paths, from_holds = certificate.clearance_ratio[aircraft], hold_ratios(path)
+        from_flown = jnp.where(plan.arrival_times <= time, from_holds, jnp.inf)
+        return exit_plan, jnp.stack([jnp.min(jnp.minimum(from_paths, ratios)) for ratios in (from_holds, from_flown)])
 
     plans, ratios = jax.lax.map(plan_turn, turns)
     is_clear = ratios >= 1.0
-    chosen = jnp.where(jnp.any(is_clear), jnp.argmax(is_clear), jnp.argmax(ratios))
+    best = jnp.where(jnp.any(is_clear[:, 1]), jnp.argmax(is_clear[:, 1]), jnp.argmax(ratios[:, 1]))
+    chosen = jnp.where(jnp.any(is_clear[:, 0]), jnp.argmax(is_clear[:, 0]), best)
     return jax.tree.map(lambda leaf: leaf[chosen], plans)
 
 
@@ -107,6 +152,7 @@ def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
 NO_PLAN_MESSAGE = "no new plan within the limits, the separation and the keep-outs was found: the plan in force stays"
 _ACCELERATION_M_S2 = 2.0  # reached by the F-16's engine 3 s after idling; full thrust takes about 5 s
 _take_snapshot = compiled_quickly(take_snapshot)
+_exit_start = compiled_quickly(exit_start)
 _plan_exit = compiled_quickly(plan_exit)
 
 
@@ -159,15 +205,18 @@ def apply_event(
         return flight, state, outcome(True, "unknown to autopilot and planner: the plan in force stays")
     on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
     if event.kind == "aircraft-leaves":
-        departing = names.index(str(event.aircraft))
+        tasks, time = snapshot_at(flight, state, sample).flying_tasks, as_array(sample * scenario.timing.step_s)
+        departing = as_array(names.index(str(event.aircraft)), np.int32)
+        start = _exit_start(state.planner, tasks, time, departing)
         plan = _plan_exit(
-            state.planner.plan,
-            snapshot_at(flight, state, sample).flying_tasks,
+            state.planner,
+            tasks,
             aircraft_planner(flight).airspace,
-            as_array(sample * scenario.timing.step_s),
-            as_array(departing, np.int32),
+            time,
+            departing,
+            start,
             as_array(scenario.timing.duration_s),
-            _exit_turns(state, departing, event),
+            _exit_turns(start, event),
         )
         state = replace_plan(state, dataclasses.replace(state.planner, plan=plan))
     if event.kind == "keep-out-appears":
@@ -181,23 +230,16 @@ def apply_event(
     return flight, state, outcome(is_planned, message)
 
 
-def _exit_turns(state: FlightState, aircraft: int, event: Event) -> Any:
+def _exit_turns(start: AircraftTask, event: Event) -> Any:
     """Turns to try for a departing aircraft, rad, right positive: onto its prescribed course, or else `EXIT_TURNS`.
 
     The number of turns is always the same, so that one compiled program serves both cases.
     """
     if event.course_deg is None:
         return as_array(EXIT_TURNS)
-    paths = state.planner.plan.paths
-    air_n = np.asarray(_air_velocity(paths, as_array(aircraft, np.int32), as_array(event.time_s)))
+    air_n = np.asarray(start.air_velocity_n)
     turn = np.radians(event.course_deg) - np.arctan2(air_n[1], air_n[0])
     return as_array([(turn + np.pi) % (2 * np.pi) - np.pi] * len(EXIT_TURNS))
-
-
-@compiled_quickly
-def _air_velocity(paths: TimedPath, aircraft: Any, time: Any) -> Any:
-    """Planned velocity of one aircraft relative to the air at a time, NED, m/s."""
-    return jax.tree.map(lambda leaf: leaf[aircraft], paths).air_velocity_n(time)
 
 
 def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
@@ -253,9 +295,9 @@ def _replan_if_needed(
     is_satisfied = np.asarray(certificate.satisfied)
     target_times_s = _target_times(scenario, times_s, can_replan, event)
     is_unchanged = bool(np.all(target_times_s[can_replan] == times_s[can_replan]))
-    # A new keep-out concerns the holds after the arrivals too; aircraft that have arrived keep theirs.
+    # A new keep-out and an exit path concern the holds after the arrivals too; aircraft that have arrived keep theirs.
     holds, is_clear = plan_state.holds, True
-    if event.kind == "keep-out-appears" and holds is not None:
+    if event.kind in ("keep-out-appears", "aircraft-leaves") and holds is not None:
         on_progress("choosing the holds")
         paths, end_time_s = plan_state.plan.paths, scenario.timing.duration_s
         holds = planner.assign_holds(paths, snapshot.flying_tasks, now_s, end_time_s, holds)
@@ -278,8 +320,8 @@ def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
 
 def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapshot:
     """Take the snapshot of a fleet in flight at a sample, by compiled programs."""
-    readings = sense_fleet(flight, state, as_array(sample, np.int32))
-    return _take_snapshot(flight, state, as_array(sample * float(flight.timing.step)), *readings)
+    reports = sense_fleet(flight, state, as_array(sample, np.int32))
+    return _take_snapshot(flight, state, as_array(sample * float(flight.timing.step)), reports)
 
 
 def replan_fleet(

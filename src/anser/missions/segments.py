@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram, Program
@@ -45,7 +44,7 @@ def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
 def start_replanning_programs(flight: Flight, state: FlightState) -> None:
     """Start the compilation of the programs that replan a flight between two steps, for the shapes of a state."""
     sensed = sense_fleet.prepare(flight, state, as_array(0, np.int32)).start()
-    for program in flight.planner.prepare_replanning(state.planner, sensed.shapes[0]):
+    for program in flight.planner.prepare_replanning(state.planner, sensed.shapes):
         program.start()
 
 
@@ -78,28 +77,17 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
 
 
 @compiled_quickly
-def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> tuple[AircraftReport, Bool[Array, " aircraft"]]:
-    """Sense a fleet in flight at sample `sample`, by a compiled program.
-
-    Returns the reports to the planner, and the mask of the aircraft that have left the fleet and still fly; both in
-    fleet order.
-    """
+def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> AircraftReport:
+    """Return the reports of a fleet in flight to its planner at sample `sample`, in fleet order; a compiled program."""
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
-    reports = cast_to_precision(fleet_reports(flight, state, instant)[1], float)
-    has_left = jnp.zeros(flight.count, dtype=bool)
-    for group, states in zip(flight.groups, state.vehicles, strict=True):
-        group_has_left = group.vehicles.map(
-            lambda vehicle, vehicle_state: vehicle.faults.has_left_fleet(instant.time) & ~vehicle_state.stopped, states
-        )
-        has_left = has_left.at[jnp.asarray(group.members)].set(group_has_left)
-    return reports, has_left
+    return cast_to_precision(fleet_reports(flight, state, instant)[1], float)
 
 
 def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> FlightState:
     """Replan a fleet in flight before the step from sample `sample` on."""
     number = as_array(sample, np.int32)
-    (reports, has_left), time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
-    planner_state = flight.planner.replan_between_steps(state.planner, time_s, reports, np.asarray(has_left))
+    reports, time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
+    planner_state = flight.planner.replan_between_steps(state.planner, time_s, reports)
     return FlightState(state.vehicles, planner_state, number)
 
 

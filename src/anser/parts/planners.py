@@ -204,7 +204,10 @@ class AircraftReport(eqx.Module):
     goal_position_n: Vector3
     goal_velocity_n: Vector3
     rendezvous: Rendezvous
-    active: Flag  #: Whether the aircraft follows its plan; planning ignores aircraft that have stopped or broken off.
+    #: Whether the aircraft flies to its goal by its plan; planning ignores aircraft that have stopped or broken off.
+    active: Flag
+    #: Whether the aircraft, not active, flies its exit path after leaving the fleet; the others should avoid it.
+    has_left: Flag
     #: Covariance of the goal's position and velocity; None if both are exact.
     goal_covariance: Float[Array, "*aircraft 6 6"] | None = None
 
@@ -327,7 +330,6 @@ class AbstractPlanner(AbstractPart):
         planner_state: Any,
         time: float,  # current time, s
         reports: AircraftReport,
-        has_left: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
     ) -> Any:
         """Make the plan that `replan_needed` asks for, by any Python code; return the new planner state.
 

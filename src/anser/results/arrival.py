@@ -30,8 +30,8 @@ class Arrival:
     miss_m: float
     # end of the approach, s: the arrival, or else the time at which the aircraft left its plan or the record ended
     approach_end_s: float
-    # "arrived"; or the first and the last failure status of the flight, before or after the arrival; or why there is no
-    # arrival
+    # "arrived", also if the aircraft left the fleet afterwards; or the first and the last failure status of the flight,
+    # before or after the arrival; or why there is no arrival
     status: str
 
     @property
@@ -58,7 +58,8 @@ def arrival_outcome(
     approach_end_s = min(off_plan_s, end_s)
     is_arrival = approach_end_s >= planned_s and time_s < min(approach_end_s, planned_s + ARRIVAL_MARGIN_S)
     failures = [int(code) for code in codes if code != 0]
-    if failures:
+    # An aircraft may leave the fleet after its arrival.
+    if failures and not (is_arrival and set(failures) == {LEFT_FLEET}):
         # The first failure causes the later ones; the last is the final state.
         status = "; then ".join(STATUS_MESSAGES[code] for code in dict.fromkeys((failures[0], failures[-1])))
     elif is_arrival:
@@ -171,7 +172,9 @@ def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str
 def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[str, Any]:
     """Return the entry `arrival` of a summary: arrival rule and largest arrival errors, s.
 
-    Computed from the summary's aircraft entries; aircraft that left the fleet are excluded.
+    Computed from the summary's aircraft entries; aircraft that left the fleet before their arrival are excluded. The
+    spacing error is that of the gap between two aircraft with successive planned arrivals; where aircraft between them
+    have left, the gap is a multiple of the spacing.
     """
     staying = [entry for entry in aircraft if "left_s" not in entry]
     arrivals = [entry["arrival_s"] for entry in staying]
@@ -185,11 +188,18 @@ def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[s
         else None,
     }
     if rule == "sequence" and spacing_s is not None:
-        ordered = sorted(arrivals) if has_times else []
-        gaps = [later - earlier for earlier, later in itertools.pairwise(ordered)]
-        worst = max((abs(gap - spacing_s) for gap in gaps), default=None)
+        ordered = sorted(staying, key=lambda entry: entry["planned_arrival_s"]) if has_times else []
+        errors = [_spacing_error(earlier, later, spacing_s) for earlier, later in itertools.pairwise(ordered)]
+        worst = max(errors, default=None)
         arrival_summary |= {"spacing_s": spacing_s, "spacing_error_max_s": worst}
     return arrival_summary
+
+
+def _spacing_error(earlier: _Entry, later: _Entry, spacing_s: float) -> float:
+    """Deviation of the gap between two arrivals of a sequence from the spacing, or from its planned multiple, s."""
+    gap_s, planned_s = (later[key] - earlier[key] for key in ("arrival_s", "planned_arrival_s"))
+    places = max(1, round(planned_s / spacing_s)) if spacing_s > 0.0 else 1
+    return abs(gap_s - places * spacing_s)
 
 
 def arrival_accuracy(summary: Mapping[str, Any]) -> ArrivalAccuracy:

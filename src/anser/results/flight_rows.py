@@ -87,7 +87,7 @@ def _aircraft_entry(
     if approach.is_arrival:
         speeds, error_max = summary.speeds_until_pass, summary.position_error_until_pass
     duration_s, speed_min = approach.approach_end_s, speeds.minimum[index]
-    has_left = first_status == LEFT_FLEET
+    has_left = first_status == LEFT_FLEET and not approach.is_arrival
     return {
         **({"left_s": off_plan_s} if has_left else {}),
         "name": config.name,

@@ -18,7 +18,7 @@ from anser.results.faults import find_fault
 from anser.results.flight_rows import build_flight_row
 from anser.results.separation import least_keep_out_room, minimum_separation_ratio
 from anser.scenario.schema import Scenario
-from anser.simulation.closed_loop import HOLD, is_off_plan
+from anser.simulation.closed_loop import HOLD, LEFT_FLEET, is_off_plan
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S, AirspeedStatistics, FleetSummary
 from anser.variables import STANDARD_SURFACES
 
@@ -129,9 +129,10 @@ def summarize(
         )
     if surfaces and len(surfaces) != expected[1]:
         raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {expected[1]}")
+    plans = (np.asarray(history[key]).T for key in ("status", "arrival_time"))
     flight_row = build_flight_row(
         _summarize_record(time, history, scenario),
-        history["arrival_time"][-1],
+        [_planned_arrival(time, *rows) for rows in zip(*plans, strict=True)],
         scenario,
         float(time[-1]),
         goals,
@@ -176,6 +177,16 @@ def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scena
     return FleetSummary(**fleet)
 
 
+def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray) -> float:
+    """Arrival time of one aircraft's last plan, s.
+
+    The plan of an aircraft that left the fleet is its exit path; if it had arrived before, its last path to the goal.
+    """
+    is_in_hold = (arrival_s <= time) & (np.cumsum(status == LEFT_FLEET) == 0)
+    has_left = (status == LEFT_FLEET).any() and is_in_hold.any()
+    return float(arrival_s[np.flatnonzero(is_in_hold)[-1] if has_left else -1])
+
+
 def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Compute the fields of a `FleetSummary` for one aircraft, by name, from its record (SI units and radians)."""
     status, off_plan = record["status"], np.flatnonzero(is_off_plan(record["status"]))
@@ -183,7 +194,7 @@ def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> d
     searched = slice(0, max(end_index, 1) + 1)  # at least two samples
     offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
     pass_time, pass_distance = closest_approach(
-        time[searched], offset[searched], float(record["arrival_time"][-1]), ARRIVAL_MARGIN_S
+        time[searched], offset[searched], _planned_arrival(time, status, record["arrival_time"]), ARRIVAL_MARGIN_S
     )
     airspeed = record.get("airspeed_mean_wind", record["airspeed"])
     error = np.where(record["phase"] == HOLD, -np.inf, record["position_error"])

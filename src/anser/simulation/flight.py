@@ -213,8 +213,11 @@ SEGMENT_STEPS = 500
 _ROUNDING_M = 1e-3  # rounding tolerance of plans that end exactly at the least distance
 
 
-def aircraft_report(vehicle: Vehicle, perception: Perception, active: Flag) -> AircraftReport:
-    """Make an aircraft's report to the planner from its belief; the aircraft must have a mission."""
+def aircraft_report(vehicle: Vehicle, perception: Perception, is_flying: Flag, has_left: Flag) -> AircraftReport:
+    """Make an aircraft's report to the planner from its belief; the aircraft must have a mission.
+
+    `is_flying`: it has neither stopped nor broken off; `has_left`: it has left the fleet.
+    """
     belief, mission = perception.belief, vehicle.mission
     if belief.goal is None or mission is None:
         raise ValueError("only an aircraft with a goal reports to a planner")
@@ -229,7 +232,8 @@ def aircraft_report(vehicle: Vehicle, perception: Perception, active: Flag) -> A
         goal_position_n=belief.goal.position_n,
         goal_velocity_n=belief.goal.velocity_n,
         rendezvous=mission.rendezvous,
-        active=active,
+        active=is_flying & ~has_left,
+        has_left=is_flying & has_left,
         goal_covariance=None if belief.uncertainty is None else belief.uncertainty.goal_covariance,
     )
 
@@ -241,8 +245,8 @@ def fleet_reports(flight: Flight, state: FlightState, instant: Instant) -> tuple
         return perceive(vehicle, vehicle_state, instant)
 
     def report_one(vehicle: Vehicle, perception: Perception, current: VehicleState) -> AircraftReport:
-        is_inactive = current.stopped | is_breakaway(current.status) | vehicle.faults.has_left_fleet(instant.time)
-        return aircraft_report(vehicle, perception, ~is_inactive)
+        is_flying = ~(current.stopped | is_breakaway(current.status))
+        return aircraft_report(vehicle, perception, is_flying, vehicle.faults.has_left_fleet(instant.time))
 
     pairs = list(zip(flight.groups, state.vehicles, strict=True))
     perceptions = [group.vehicles.map(perceive_one, states) for group, states in pairs]

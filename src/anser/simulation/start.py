@@ -51,7 +51,8 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         if airframe is not vehicle.airframe:  # the planner uses the aircraft's own model
             condition = air_data_and_forces(airframe, environment, instant.time, trim.state)
         performance = performance_at(airframe, environment, condition, trim.state.surfaces)
-        return (trim, state), (~is_untrimmed, aircraft_report(vehicle, perception, ~state.stopped), performance)
+        report = aircraft_report(vehicle, perception, ~state.stopped, jnp.asarray(False))
+        return (trim, state), (~is_untrimmed, report, performance)
 
     results = [
         group.vehicles.loop(

@@ -12,7 +12,7 @@ from anser.environment import SteadyWind
 from anser.planning.certified import search as search_module
 from anser.planning.certified.arrival_times import straight_times
 from anser.planning.certified.search import FleetTask, first_stage, later_stage, search
-from anser.planning.certified.task import ArrivalRequest, stack_tasks
+from anser.planning.certified.task import ArrivalRequest, KeepOuts, stack_tasks
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD
 from support.aircraft_tasks import aircraft_task, airspace
 from support.certified_cases import STEADY
@@ -278,3 +278,35 @@ def test_paths_are_chosen_again_where_only_holds_are_missing(monkeypatch):
     assert chosen == [(0, first_s), (1, first_s)]
     assert outcome.plan.choice == 1
     assert outcome.plan_without_holds is None
+
+
+def test_an_inactive_aircraft_has_no_effect_on_the_times_of_the_others():
+    """One that has arrived or left recedes from its goal; its preferred time would be the latest."""
+    far = eqx.tree_at(lambda t: t.active, aircraft_task((90000.0, 0.0, -1700.0)), jnp.asarray(0.0))
+    near = (9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0)
+    fleets = [fleet_of(*near, far), fleet_of(*near)]
+    for first_times in zip(*(next(first_stage(fleet, True)).times[:2] for fleet in fleets), strict=True):
+        np.testing.assert_allclose(*first_times, rtol=1e-12)
+    offsets_s = np.array([0.0, 10.0, 250.0])
+    late, only = (
+        fleet_of(*near, *others, rule="sequence", offsets_s=offsets_s[:count])
+        for count, others in ((3, (far,)), (2, ()))
+    )
+    assert late.latest_first_s == only.latest_first_s == LATEST_S - 10.0
+    assert late.requested_times()[-1, 1] == LATEST_S
+
+
+def test_a_search_in_flight_has_the_keep_outs_where_they_are(monkeypatch):
+    """A moving volume has left the rendezvous by the start of the search."""
+    searches = []
+    monkeypatch.setattr(search_module._Search, "run", lambda progress, *_: searches.append(progress))
+    volume = KeepOuts(*(jnp.asarray(x) for x in ([[7200.0, 0.0]], [[30.0, 0.0]], [800.0], [0.0], [5000.0])))
+    air = eqx.tree_at(lambda a: a.keep_outs, airspace(CALM), volume)
+    tasks = stack_tasks([aircraft_task((9000.0, 0.0, -1700.0))])
+    request = ArrivalRequest("times", LATEST_S, times_s=np.array([60.0]))
+    for start_s, is_clear in ((0.0, False), (100.0, True)):
+        search(start_s, tasks, air, request)
+        progress = searches.pop()
+        np.testing.assert_array_equal(progress.fleet.airspace.keep_outs.position_n, [[7200.0 + 30.0 * start_s, 0.0]])
+        assert progress.fleet.admissible(np.array([[60.0]]))[0] == is_clear
+        assert progress.airspace is air  # of the attempts, whose paths begin at the start of the search

@@ -105,3 +105,15 @@ def test_a_number_of_intervals_that_makes_no_blocks_is_refused():
         ValueError, match=f"arrived {INTERVALS - 1} intervals; expected a multiple of {INTERVALS_PER_CYLINDER}"
     ):
         bounding_cylinders(short)
+
+
+def test_no_pair_that_is_apart_counts_as_too_near():
+    """A formation of 60 aircraft 300 m apart, whose cylinders of 500 m and more overlap with those of most others."""
+    k, t = np.arange(FLEET), np.linspace(0.0, 250.0, INTERVALS + 1)
+    start = 300.0 * np.stack([k // 8, k % 8, 0.0 * k], axis=1)
+    positions = start[:, None] + 150.0 * t[None, :, None] * np.array([1.0, 0.0, 0.0])
+    formation = Track(jnp.asarray(positions), jnp.zeros((FLEET, INTERVALS)), jnp.ones((FLEET, INTERVALS)))
+    exact, bound, ratios = (np.asarray(x) for x in rooms(formation))
+    assert np.mean(bound[OTHER] == 0.0) > 0.5
+    np.testing.assert_allclose(ratios[OTHER], np.maximum(exact, bound)[OTHER], rtol=1e-12)
+    assert ratios.min() == pytest.approx(300.0 / 500.0)

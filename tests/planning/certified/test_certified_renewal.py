@@ -66,14 +66,14 @@ def plan():
     )
 
 
-def replan(plan, tasks, arrival_is_free=YES, covariances=None, time=NOW):
+def replan(plan, tasks, arrival_is_free=YES, covariances=None, time=NOW, has_left=(False, False, False)):
     """Replanned between two steps; a compiled loop makes the same plan, or reports that another one is needed."""
     freeze = jnp.asarray(2.0)
     new_plan, status = correct_or_replace_plan(
-        plan, time, tasks, SPACE, arrival_is_free, freeze, jnp.asarray(jnp.inf), covariances
+        plan, time, tasks, SPACE, arrival_is_free, freeze, jnp.asarray(jnp.inf), covariances, None, np.array(has_left)
     )
     corrected, corrected_status, is_feasible = _correct(
-        plan, jnp.asarray(time), tasks, SPACE, freeze, covariances, None
+        plan, jnp.asarray(time), tasks, SPACE, freeze, covariances, None, jnp.array(has_left)
     )
     assert is_feasible == (status in (CORRECTED, AWAITING_GOAL))
     if is_feasible:
@@ -121,6 +121,25 @@ def test_a_new_plan_ignores_a_stopped_aircraft(plan):
     assert status == REPLANNED
     for k in (0, 1):
         check_row(new_plan, reference, k)
+
+
+def test_a_corrected_or_new_plan_avoids_an_aircraft_that_has_left_the_fleet(plan):
+    """Its exit path crosses that of the first, where this would be at that time."""
+    meeting_s, times = 60.0, plan.paths.times[2]
+    crossing_n = jnp.array([[meeting_s * SPEEDS[0], 0.0, -2000.0]])
+    air = jnp.zeros_like(plan.paths.air_n[2]).at[:, 1, 1].set(-SPEEDS[0])
+    air = air.at[:, 0].set(crossing_n + (times - meeting_s)[:, None] * jnp.array([[0.0, -SPEEDS[0], 0.0]]))
+    crossed = eqx.tree_at(lambda p: p.paths.air_n, plan, plan.paths.air_n.at[2].set(air))
+    assert replan(crossed, fleet(STOPPED))[1] == CORRECTED
+    new_plan, status = replan(crossed, fleet(STOPPED), has_left=(False, False, True))
+    assert status == REPLANNED
+    assert np.all(new_plan.feasible[:2])
+    assert np.all(new_plan.certificate.clearance_ratio[:2, 2] >= 1.0)
+    np.testing.assert_array_equal(new_plan.paths.air_n[2], air)
+    np.testing.assert_array_equal(new_plan.arrival_times[2], plan.arrival_times[2])
+    # A path that nothing crosses is corrected as before.
+    clear = eqx.tree_at(lambda p: p.paths.air_n, crossed, crossed.paths.air_n.at[2, :, 0, 2].add(-1000.0))
+    assert replan(clear, fleet(STOPPED), has_left=(False, False, True))[1] == CORRECTED
 
 
 def test_a_plan_stays_unchanged_after_every_aircraft_has_stopped(plan):

@@ -7,10 +7,19 @@ import pytest
 
 from anser.environment import LayeredWind, SteadyWind
 from anser.planning import TimedPath
-from anser.planning.certified.replanning import exit_path
+from anser.planning.certified.replanning import exit_path, task_from_plan
+from support.aircraft_tasks import aircraft_task
 
 GRAVITY = 9.81
-fly_exit = jax.jit(exit_path)
+KNOTS = 60
+
+
+def leave(path, start_time, end_time, turn, wind):
+    start = task_from_plan(path, aircraft_task((0.0, 0.0, 0.0)), start_time)
+    return exit_path(start, start_time, end_time, turn, wind, GRAVITY, KNOTS)
+
+
+fly_exit = jax.jit(leave)
 position_at = jax.jit(lambda path, time: path.position_n(time))
 states_at = jax.jit(lambda path, time: path.states_n(time))
 SHEAR = LayeredWind(jnp.array([0.0, 2000.0]), jnp.array([[0.0, 0.0, 0.0], [12.0, -6.0, 0.0]]))
@@ -32,7 +41,7 @@ def climbing_turn():
 @pytest.mark.parametrize("wind", [SteadyWind(jnp.array([5.0, 3.0, 0.0])), SHEAR], ids=["steady", "shear"])
 def test_an_exit_path_starts_smoothly_and_ends_straight_and_level(turn, wind):
     path = climbing_turn()
-    out = fly_exit(path, 40.0, 200.0, turn, wind, GRAVITY)
+    out = fly_exit(path, 40.0, 200.0, turn, wind)
     planned_air, _ = (np.asarray(x) for x in states_at(path, 40.0))
     air, drift = (np.asarray(x) for x in states_at(out, 40.0))
     np.testing.assert_allclose(air[0] + drift[0], position_at(path, 40.0), atol=1e-9)
@@ -52,9 +61,9 @@ def test_an_exit_path_starts_smoothly_and_ends_straight_and_level(turn, wind):
 def test_gradients_and_batches():
     wind = SteadyWind(jnp.array([5.0, 3.0, 0.0]))
     path = climbing_turn()
-    slope = jax.grad(lambda turn: exit_path(path, 40.0, 140.0, turn, wind, GRAVITY).position_n(90.0)[0])
+    slope = jax.grad(lambda turn: leave(path, 40.0, 140.0, turn, wind).position_n(90.0)[0])
     assert np.isfinite(jax.jit(slope)(0.7))
-    batch = jax.vmap(lambda turn: exit_path(path, 40.0, 140.0, turn, wind, GRAVITY))
+    batch = jax.vmap(lambda turn: leave(path, 40.0, 140.0, turn, wind))
     batch = jax.jit(batch)(jnp.array([0.0, 0.7]))
-    single = fly_exit(path, 40.0, 140.0, 0.7, wind, GRAVITY)
+    single = fly_exit(path, 40.0, 140.0, 0.7, wind)
     np.testing.assert_allclose(batch.air_n[1], single.air_n, rtol=1e-12, atol=1e-9)

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 
 from anser.compiling.options import compiled_quickly
+from anser.environment import LayeredWind
 from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.splines import (
     Spline,
@@ -37,6 +38,7 @@ def random_spline(seed, climbing=900.0):
     return Spline(number(DURATION), jnp.stack([jnp.asarray(150.0 * t), jnp.asarray(bow), -jnp.asarray(height)], 1))
 
 
+bounds_of = compiled_quickly(lambda path, wind: path_bounds(path, wind, GRAVITY))
 deliver = compiled_quickly(lambda spline, wind: spline_path(3.0, spline, wind, INTERVALS, INTERVALS + MORE))
 
 
@@ -114,6 +116,32 @@ def test_jumps_of_the_winds_rate_have_two_knots_and_no_error():
         edge = -float(path.air_n[k, 0, 2] + path.drift_n[k, 0, 2])
         assert np.min(np.abs(edge - edges)) < 1e-6
     assert float(path_bounds(path, LAYERED, GRAVITY).wind_error_max) < 1e-6
+
+
+@pytest.mark.parametrize(("first_m", "last_m"), [(1000.0, 1800.0), (1800.0, 1000.0), (1000.0, 600.0), (600.0, 1000.0)])
+def test_a_path_that_begins_or_ends_at_the_edge_of_a_layer_has_the_bounds_of_one_beside_it(first_m, last_m):
+    """Climbs and descents from and to 1,000 m, where the rate of the wind jumps."""
+    wind = LayeredWind(
+        jnp.array([0.0, 1000.0, 3000.0]), jnp.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 5.0, 0.0]])
+    )
+    cell, climb = DURATION / CELLS, np.sign(last_m - first_m) * 3.0
+    t = cell * np.arange(-1, CELLS + 2)
+
+    def bounds(shift_m):
+        height = first_m + shift_m + (last_m - first_m) * np.clip(t / DURATION, 0.0, 1.0)
+        coefficients = jnp.stack([jnp.asarray(150.0 * t), jnp.zeros(t.size), -jnp.asarray(height)], 1)
+        for end, rows, time in ((first_m, slice(0, 3), 0.0), (last_m, slice(-3, None), DURATION)):
+            state = jnp.array([[150.0 * time, 0.0, -end - shift_m], [150.0, 0.0, -climb], [0.0, 0.0, 0.0]])
+            coefficients = coefficients.at[rows].set(knot_coefficients(cell) @ state)
+        path = deliver(Spline(number(DURATION), coefficients), wind)
+        return jax.tree.map(np.asarray, (path.times, bounds_of(path, wind)))
+
+    (times, at_edge), (_, beside) = bounds(0.0), bounds(1.0)
+    spans = np.diff(times)
+    assert np.all((spans == 0.0) | (spans > 1e-4))
+    for name in ("speed_min", "speed_max", "acceleration_max", "deceleration_max", "load_factor_max", "bank_max"):
+        np.testing.assert_allclose(getattr(at_edge, name), getattr(beside, name), atol=0.02, err_msg=name)
+    assert at_edge.wind_error_max < 0.01
 
 
 def test_more_edges_than_knots_give_a_larger_bound():

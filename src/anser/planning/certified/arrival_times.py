@@ -14,9 +14,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram
-from anser.environment.environment import AbstractWind
+from anser.environment.environment import AbstractWind, LayeredWind
 from anser.numerics.arrays import as_array, take_rows
 from anser.planning.certified.candidates import aircraft_candidates
+from anser.planning.certified.fitted_wind import FittedWind
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import (
     ALONE_SPLINES,
@@ -102,9 +103,11 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below the endpoints: the range of detou
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
     """Greatest wind speed and vertical wind speed, m/s, over the altitudes of starts and rendezvous plus a margin."""
     down_positions = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
-    heights = np.linspace(
-        np.min(down_positions) - _ALTITUDE_MARGIN_M, np.max(down_positions) + _ALTITUDE_MARGIN_M, _ALTITUDES
-    )
+    low, high = np.min(down_positions) - _ALTITUDE_MARGIN_M, np.max(down_positions) + _ALTITUDE_MARGIN_M
+    heights = np.linspace(low, high, _ALTITUDES)
+    layers = airspace.wind.layers if isinstance(airspace.wind, FittedWind) else airspace.wind
+    if isinstance(layers, LayeredWind):  # linear between its altitudes
+        heights = np.append(heights, np.clip(np.asarray(layers.altitudes), low, high))
     whole, vertical = _greatest_wind(airspace.wind, as_array(heights))
     return _WIND_FACTOR * float(whole), _WIND_FACTOR * float(vertical)
 
@@ -213,7 +216,7 @@ _STRETCH = 3.0  # greatest change of the time, as a factor, in one round of the 
 _BATCH_SIZE = 32  # pairs of aircraft and time per call
 _WINDOW_SAMPLES = 12  # grid points per window
 _GRID_NEIGHBOURS = 3  # distance in grid steps from a reachable time within which costlier candidates are tried
-_GROUND_SPEED_FACTOR = 1.4  # greatest closing speed over airspeed, with a tail wind and an approaching goal
+_GROUND_SPEED_FACTOR = 1.4  # closing speed over airspeed of the grid's first time; more with a stronger tail wind
 COARSE_INTERVALS = 128
 """Number of intervals of the paths in the reachability test: a coarse first look, not a certificate."""
 
@@ -363,7 +366,11 @@ def arrival_sets(
         grid = low[:, None] + (windows_s[:, 1] - low)[:, None] * np.linspace(0.0, 1.0, _WINDOW_SAMPLES)[None, :]
     else:
         distance = np.linalg.norm(np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n), axis=1)
-        low = np.clip(distance / (_GROUND_SPEED_FACTOR * np.asarray(tasks.limits.speed_max)), 2.0, 0.9 * latest_s)
+        speed_max, goal_speed = np.asarray(tasks.limits.speed_max), np.linalg.norm(tasks.goal_velocity_n, axis=1)
+        closing = np.maximum(
+            _GROUND_SPEED_FACTOR * speed_max, speed_max + _strongest_wind(tasks, airspace)[0] + goal_speed
+        )
+        low = np.clip(distance / closing, 2.0, 0.9 * latest_s)
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
     fleet = np.flatnonzero(np.asarray(tasks.active) > 0.0)
     inside = np.zeros(grid.shape, dtype=bool)

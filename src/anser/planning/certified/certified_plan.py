@@ -294,10 +294,7 @@ def _candidates(
     selected: Bool[Array, " aircraft"] | None = None,
     profile_count: Integer | None = None,
 ) -> Candidates:
-    volumes = airspace.keep_outs
-    airspace = eqx.tree_at(
-        lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
-    )
+    airspace = airspace.at_start(start_time)
     return fleet_candidates(tasks, airspace, durations, intervals, candidate_set, speeds, selected, profile_count)
 
 
@@ -321,15 +318,15 @@ def _choose_and_certify(
         present = candidates.valid & members[None], jnp.where(members[None], candidates.cost, ABSENT)
         candidates = eqx.tree_at(lambda c: (c.valid, c.cost), candidates, present)
     candidates = functools.reduce(concatenate_candidates, extra, candidates)
-    fleet, continuing = jnp.arange(durations.shape[0]), tasks.active > 0.0
+    fleet, is_planned = jnp.arange(durations.shape[0]), tasks.active > 0.0
     if fixed_paths is not None:
-        continuing = continuing & ~fixed_paths.selected
+        is_planned = is_planned & ~fixed_paths.selected
         candidates = _with_fixed_paths(candidates, fixed_paths, airspace, start_time, durations, intervals)
         tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(fixed_paths.selected, 1.0, tasks.active))
 
     compared = candidates  # with the tracks that count for the separation
     if look_ahead is not None:
-        tracks = continue_straight(candidates.tracks, durations, look_ahead, continuing)
+        tracks = continue_straight(candidates.tracks, durations, look_ahead, is_planned)
         compared = eqx.tree_at(lambda c: c.tracks, candidates, tracks)
 
     def place_and_certify(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placement]:
@@ -353,7 +350,7 @@ def _choose_and_certify(
     # Splines are certified already: after a rejection, an aircraft with splines loses its other candidates.
     uncertified = candidates.generator != SPLINE
     withdrawn = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
-    return _choose_best_placement(place_and_certify, candidates.valid, withdrawn, tasks.active > 0.0, rounds)
+    return _choose_best_placement(place_and_certify, candidates.valid, withdrawn, is_planned, rounds)
 
 
 _find_speeds = compiled_by_older_generator(("intervals",), "airspeeds")(fleet_speeds)

@@ -115,7 +115,7 @@ def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scal
 INTERVALS_PER_CYLINDER = 4
 """Intervals per bounding cylinder; divides every number of intervals in use."""
 CHORD_BOUNDED_PAIRS = 24
-"""Number of nearest neighbours whose distance is bounded by chords; of all others by cylinders, a lower bound."""
+"""Number of neighbours whose distance is bounded by chords at a time, the nearest first; of others by cylinders."""
 _CYLINDER_TINY = (
     1e-9  # m^2: keeps the derivatives of roots finite; added to radii as well, so that the bound stays a lower bound
 )
@@ -186,8 +186,8 @@ def fleet_clearance_ratio(
 ) -> Float[Array, " aircraft"]:
     """Lower bounds of the clearance ratio between one path and each path of a fleet, tight for near neighbours.
 
-    `pair_clearance_ratio` for the `CHORD_BOUNDED_PAIRS` aircraft with the nearest cylinders; elsewhere, the lower bound
-    from the cylinders.
+    `pair_clearance_ratio` for the `CHORD_BOUNDED_PAIRS` aircraft with the nearest cylinders, and for all others whose
+    cylinders are nearer than the separation; elsewhere, the lower bound from the cylinders.
     """
     count = neighbours.shape[0]
 
@@ -198,10 +198,22 @@ def fleet_clearance_ratio(
         return jnp.where(neighbours, chord_bounds(jnp.arange(count)), jnp.inf)
     bound = cylinder_clearance_ratio(jax.tree.map(lambda leaf: leaf[None], cylinders), fleet, separation)
     bound = jnp.where(neighbours, bound, jnp.inf)
-    nearest = jax.lax.top_k(-bound, CHORD_BOUNDED_PAIRS)[1]
-    return bound.at[nearest].set(
-        jnp.where(neighbours[nearest], jnp.maximum(chord_bounds(nearest), bound[nearest]), jnp.inf)
-    )
+    order = jnp.argsort(bound)
+    groups = -(-count // CHORD_BOUNDED_PAIRS)
+    padded = jnp.concatenate([order, jnp.repeat(order[-1:], groups * CHORD_BOUNDED_PAIRS - count)])
+
+    def bound_group(carry: tuple[Integer, Array]) -> tuple[Integer, Array]:
+        group, ratios = carry
+        nearest = jax.lax.dynamic_slice_in_dim(padded, group * CHORD_BOUNDED_PAIRS, CHORD_BOUNDED_PAIRS)
+        tight = jnp.where(neighbours[nearest], jnp.maximum(chord_bounds(nearest), bound[nearest]), jnp.inf)
+        return group + 1, ratios.at[nearest].set(tight)
+
+    def may_be_too_near(carry: tuple[Integer, Array]) -> Flag:
+        group, _ = carry
+        next_bound = bound[padded[jnp.minimum(group * CHORD_BOUNDED_PAIRS, count - 1)]]
+        return (group == 0) | ((group < groups) & (next_bound < 1.0))
+
+    return jax.lax.while_loop(may_be_too_near, bound_group, (jnp.asarray(0), bound))[1]
 
 
 def fleet_clearance_ratios(

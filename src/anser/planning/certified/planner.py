@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram
@@ -26,6 +26,7 @@ from anser.planning.certified.replanning import (
     arrival_delays,
     correct_or_replace_plan,
     correct_plan,
+    exit_paths,
     interval_count,
     tasks_from_plan,
 )
@@ -229,7 +230,14 @@ class CertifiedPlanner(AbstractPlanner):
         tasks, covariances = self.aircraft_tasks(reports, planner_state.limits), reports.goal_covariance
         correction_limits = self.correction_limits(planner_state.limits)
         plan, status, is_feasible = correct_plan(
-            planner_state.plan, time, tasks, self.airspace, self.freeze, covariances, correction_limits
+            planner_state.plan,
+            time,
+            tasks,
+            self.airspace,
+            self.freeze,
+            covariances,
+            correction_limits,
+            reports.has_left,
         )
         is_outdated = self._holds_are_outdated(planner_state, time, tasks, covariances)
         replan_needed = planner_state.replan_needed | ~is_feasible | is_outdated
@@ -255,13 +263,12 @@ class CertifiedPlanner(AbstractPlanner):
         planner_state: CertifiedPlanState,
         time: float,
         reports: AircraftReport,
-        has_left: Bool[np.ndarray, " aircraft"],  # mask of the aircraft that have left the fleet and still fly
     ) -> CertifiedPlanState:
         """Correct, replace or keep the plan, in the order of `correct_or_replace_plan`; a new plan gets new holds.
 
         Where no holds are clear, a plan with other paths is searched (`_search_in_flight`).
         """
-        former = planner_state.holds
+        former, has_left = planner_state.holds, np.asarray(reports.has_left)
         tasks, planned_tasks, correction_limits, is_outdated = _replanning_tasks(
             self, planner_state, as_array(time), reports
         )
@@ -275,6 +282,7 @@ class CertifiedPlanner(AbstractPlanner):
             self.latest_arrival,
             reports.goal_covariance,
             correction_limits,
+            has_left,
         )
         holds = former
         if former is not None and (is_outdated or status == REPLANNED):
@@ -285,10 +293,11 @@ class CertifiedPlanner(AbstractPlanner):
             are_under_way = bool(np.all(arrivals[active] > time))
             holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, None if are_under_way else former)
             can_search = active.any() and np.min(arrivals[active]) - time > max(COMMITTED_S, float(self.freeze))
-            if can_search and not np.all(holds.clear) and not np.any(has_left):
+            if can_search and not np.all(holds.clear):
                 times_to_go = np.where(active, arrivals, np.max(arrivals[active])) - time
                 intervals = interval_count(plan.paths)
-                new_plan = self._search_in_flight(time, planned_tasks, times_to_go, end_time, intervals)
+                fixed_paths = exit_paths(plan, has_left)
+                new_plan = self._search_in_flight(time, planned_tasks, times_to_go, end_time, intervals, fixed_paths)
                 if new_plan is not None:
                     (plan, holds), status = new_plan, REPLANNED
         status_index = as_array(status, planner_state.replanning.dtype)
@@ -301,6 +310,7 @@ class CertifiedPlanner(AbstractPlanner):
         times_to_go: Float[np.ndarray, " aircraft"],  # times to the arrivals in force, s
         end_time: float,  # end of the flight, s
         intervals: int,  # number of intervals of the paths
+        fixed_paths: FixedPaths | None,  # exit paths of the aircraft that have left the fleet
     ) -> tuple[CertifiedPlan, PlannedHolds] | None:
         """Search for a plan with clear holds, later than planned where the rule allows it; None if none is found.
 
@@ -311,10 +321,19 @@ class CertifiedPlanner(AbstractPlanner):
         delays, count = arrival_delays(as_array(times_to_go), 0.0, all_aircraft, self.arrival_is_free, latest_to_go)
         attempts = [(float(delay), _WITHOUT_SPLINES) for delay in np.asarray(delays)[: int(count)]]
         tasks = eqx.tree_at(lambda t: t.limits, tasks, with_gentle_acceleration(tasks.limits, _ACCELERATION_M_S2))
+        is_flying = tasks.active if fixed_paths is None else as_array(tasks.active) + fixed_paths.selected
+        hold_tasks = eqx.tree_at(lambda t: t.active, tasks, is_flying)
         for delay, candidate_sets in [*attempts, (0.0, (WITH_SPLINES,))]:
             request = ArrivalRequest("times", latest_to_go, times_s=times_to_go + delay)
             outcome, holds = self.search_plan(
-                time, tasks, request, end_time, intervals=intervals, candidate_sets=candidate_sets
+                time,
+                tasks,
+                request,
+                end_time,
+                fixed_paths=fixed_paths,
+                intervals=intervals,
+                hold_tasks=hold_tasks,
+                candidate_sets=candidate_sets,
             )
             if outcome.plan is not None and holds is not None:
                 return outcome.plan, holds

@@ -17,6 +17,7 @@ from anser.environment.environment import AbstractWind
 from anser.numerics.arrays import as_array, select_rows
 from anser.planning.certified.certified_plan import (
     CertifiedPlan,
+    FixedPaths,
     certify,
     fleet_bounds,
     plan_at,
@@ -184,7 +185,7 @@ def correct_plan(
     plan: CertifiedPlan,
     time: ScalarLike,
     # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
-    # its last path and arrival time; the other aircraft neither avoid it nor wait for it
+    # its last path and arrival time; the others do not wait for it, and avoid it only if it has left the fleet
     tasks: AircraftTask,
     airspace: Airspace,
     freeze: ScalarLike,  # duration before the arrival in which a path is frozen, s
@@ -193,6 +194,7 @@ def correct_plan(
     # goals are known exactly
     covariances: Float[Array, "aircraft 6 6"] | None,
     correction_limits: PathLimits | None,  # limits of a corrected path; None: those of the tasks
+    has_left: Bool[Array, " aircraft"],  # mask of the inactive aircraft that fly exit paths, which the others avoid
 ) -> tuple[CertifiedPlan, Integer, Flag]:
     """Correct a plan to the rendezvous expected from the goals measured now.
 
@@ -209,7 +211,9 @@ def correct_plan(
         bounds = fleet_bounds(paths, airspace)
         awaiting = under_way & ~significant & ~within_limits(bounds, correction_tasks.limits)
         paths, bounds = select_rows(awaiting, (plan.paths, plan.certificate.bounds), (paths, bounds))
-    corrected = _recertify(plan, paths, plan.arrival_times, correction_tasks, airspace, time, under_way, bounds)
+    corrected = _recertify(
+        plan, paths, plan.arrival_times, correction_tasks, airspace, time, under_way, has_left, bounds
+    )
     status = jnp.where(jnp.any(awaiting), AWAITING_GOAL, CORRECTED)
     return corrected, status, jnp.all(corrected.feasible | ~under_way)
 
@@ -225,6 +229,7 @@ class ReplanningProblem(eqx.Module):
     airspace: Airspace
     under_way: Bool[Array, " aircraft"]  # mask of the aircraft that have not arrived
     replannable: Bool[Array, " aircraft"]  # mask of the aircraft that may get a new path
+    has_left: Bool[Array, " aircraft"]  # mask of the aircraft on exit paths
     times_to_go: Float[Array, " aircraft"]  # durations of new paths without delay, s
     ladder: AttemptLadder
 
@@ -262,7 +267,7 @@ class ReplanningProblem(eqx.Module):
         return has_moved & jnp.all(candidate_plan.feasible | ~self.under_way), candidate_plan
 
     def _certified(self, plan: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]) -> CertifiedPlan:
-        return _recertify(plan, paths, arrivals, self.tasks, self.airspace, self.time, self.under_way)
+        return _recertify(plan, paths, arrivals, self.tasks, self.airspace, self.time, self.under_way, self.has_left)
 
 
 def replanning_problem(
@@ -276,6 +281,7 @@ def replanning_problem(
     correction_limits: PathLimits | None,
     arrival_is_free: Flag,  # whether the arrival times may be postponed, see `arrival_delays`
     latest_arrival: ScalarLike,  # latest allowed arrival time, s
+    has_left: Bool[Array, " aircraft"],  # as in `correct_plan`
 ) -> ReplanningProblem:
     """Collect the data of the attempts at another plan, for a plan whose corrected paths violate a constraint."""
     active = tasks.active > 0.0
@@ -293,6 +299,7 @@ def replanning_problem(
         airspace,
         active & (plan.arrival_times > time),
         replannable,
+        has_left,
         jnp.maximum(active_arrivals - time, COMMITTED_S),
         AttemptLadder(delays, tries, tasks.limits, correction_limits),
     )
@@ -309,11 +316,12 @@ def _correct_and_prepare(
     latest_arrival: Scalar,
     covariances: Float[Array, "aircraft 6 6"] | None,
     correction_limits: PathLimits | None,
+    has_left: Bool[Array, " aircraft"],
 ) -> tuple[tuple[CertifiedPlan, Integer, Flag], ReplanningProblem]:
-    correction = correct_plan(plan, time, tasks, airspace, freeze, covariances, correction_limits)
+    correction = correct_plan(plan, time, tasks, airspace, freeze, covariances, correction_limits, has_left)
     paths = correction[0].paths
     return correction, replanning_problem(
-        plan, paths, time, tasks, airspace, freeze, correction_limits, arrival_is_free, latest_arrival
+        plan, paths, time, tasks, airspace, freeze, correction_limits, arrival_is_free, latest_arrival, has_left
     )
 
 
@@ -329,8 +337,9 @@ def correct_or_replace_plan(
     arrival_is_free: Flag,
     freeze: Scalar,
     latest_arrival: Scalar,
-    covariances: Float[Array, "aircraft 6 6"] | None = None,
-    correction_limits: PathLimits | None = None,
+    covariances: Float[Array, "aircraft 6 6"] | None,
+    correction_limits: PathLimits | None,
+    has_left: Bool[np.ndarray, " aircraft"],  # mask of the aircraft on exit paths, which the others avoid
 ) -> tuple[CertifiedPlan, int]:
     """Correct or replace a plan so that it leads to the currently measured goals; not traceable by JAX.
 
@@ -352,14 +361,17 @@ def correct_or_replace_plan(
         latest_arrival,
         covariances,
         correction_limits,
+        as_array(has_left, bool),
     )
     if is_feasible:
         return corrected, int(status)
-    times_to_go = np.asarray(problem.times_to_go)
+    times_to_go, fixed_paths = np.asarray(problem.times_to_go), exit_paths(plan, has_left)
     for delay, limits in problem.ladder.attempts():
         durations = as_array(times_to_go + delay)
         tasks_with_limits = _with_limits(problem.planned_tasks, limits)
-        new_plan = plan_at(time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL)
+        new_plan = plan_at(
+            time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL, fixed_paths
+        )
         is_new, new_plan = _accept(problem, new_plan, durations)
         if is_new:
             return new_plan, REPLANNED
@@ -383,11 +395,12 @@ def _recertify(
     airspace: Airspace,
     time: ScalarLike,
     under_way: Bool[Array, " aircraft"],
+    has_left: Bool[Array, " aircraft"],
     bounds: PathBounds | None = None,
 ) -> CertifiedPlan:
     """Replace paths and arrival times (s) of a plan, and certify the result from the current time (s) on."""
-    tasks_under_way = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
-    certificate = certify(paths, tasks_under_way, airspace, interval_count(paths), time, bounds)
+    certified_tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way | has_left, 1.0, 0.0))
+    certificate = certify(paths, certified_tasks, airspace, interval_count(paths), time, bounds)
     remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
     return eqx.tree_at(
         lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),
@@ -402,6 +415,11 @@ def _recertify(
     )
 
 
+def exit_paths(plan: CertifiedPlan, has_left: Bool[np.ndarray, " aircraft"]) -> FixedPaths | None:
+    """Return the exit paths in a plan as fixed paths for a search; None if no aircraft has left the fleet."""
+    return FixedPaths(as_array(has_left, bool), plan.paths, plan.arrival_times) if np.any(has_left) else None
+
+
 _FADE_S = 4.0  # duration in which the acceleration of the abandoned plan fades out
 _LEVEL_S = 12.0  # duration of the level-off
 _BANK_MAX = 0.7  # rad, greatest bank angle of the turn
@@ -409,24 +427,23 @@ _BLEND_SLOPE_MAX = 1.875  # greatest slope of the blend, at its middle
 
 
 def exit_path(
-    path: TimedPath,
+    start: AircraftTask,  # position, velocity and acceleration at `start_time`
     start_time: ScalarLike,
     end_time: ScalarLike,
     turn: ScalarLike,
     wind: AbstractWind,
     gravity: ScalarLike,
+    knot_count: int,
 ) -> TimedPath:
-    """Path on which an aircraft leaves the fleet: from its planned position at `start_time` to `end_time` (s).
+    """Path on which an aircraft leaves the fleet, from `start_time` to `end_time` (s).
 
-    It has as many knots as the planned path. Velocity and acceleration continue without a jump; the aircraft levels
-    off, turns by an angle (rad, right positive) from its current course through the air at a bank of at most 40 deg,
-    and keeps its level airspeed.
+    Velocity and acceleration continue without a jump; the aircraft levels off, turns by an angle (rad, right positive)
+    from its current course through the air at a bank of at most 40 deg, and keeps its level airspeed.
     """
-    air, drift = path.states_n(start_time)
-    position_n, velocity_n, acceleration_n = air[0] + drift[0], air[1], air[2]
+    position_n, velocity_n, acceleration_n = start.position_n, start.air_velocity_n, start.air_acceleration_n
     level_speed = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
     turning_s = jnp.maximum(_BLEND_SLOPE_MAX * jnp.abs(turn) * level_speed / (gravity * jnp.tan(_BANK_MAX)), 1.0)
-    times = start_time + (end_time - start_time) * jnp.linspace(0.0, 1.0, path.times.shape[0])
+    times = start_time + (end_time - start_time) * jnp.linspace(0.0, 1.0, knot_count)
 
     def velocity_at(elapsed: Scalar) -> Vector3:
         angle = turn * _blend(elapsed / turning_s)

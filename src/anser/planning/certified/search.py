@@ -83,6 +83,11 @@ class FleetTask:
         return self.request.offsets(self.active.size)
 
     @property
+    def latest_first_s(self) -> float:
+        """Latest time of the first arrival, s, with which the last of the active aircraft arrives in time."""
+        return self.request.latest_s - float(np.max(self.offsets[self.indices], initial=0.0))
+
+    @property
     def has_fixed_times(self) -> bool:
         """Whether the arrival rule prescribes the arrival time of every aircraft."""
         return self.request.rule in ("at", "times")
@@ -126,8 +131,7 @@ class FleetTask:
         """Return sets of arrival times, (set, aircraft), s: prescribed, or with first arrivals every quarter second."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
-        latest_first_arrival = self.request.latest_s - float(np.max(self.offsets))
-        return np.arange(_GRID_S, latest_first_arrival, _GRID_S)[:, None] + self.offsets
+        return np.append(np.arange(_GRID_S, self.latest_first_s, _GRID_S), self.latest_first_s)[:, None] + self.offsets
 
     def common_intervals(self, arrivals: Sequence[Intervals]) -> Intervals:
         """Intervals (s) for the time of the first arrival in which every active aircraft can arrive in time.
@@ -135,8 +139,7 @@ class FleetTask:
         `arrivals` are the reachable intervals of each aircraft; the intervals end at the latest allowed time.
         """
         open_intervals = [sets if on else [(0.0, np.inf)] for sets, on in zip(arrivals, self.active, strict=True)]
-        latest_first_arrival = self.request.latest_s - float(np.max(self.offsets))
-        return [(a, b) for a, b in common_times(open_intervals, self.offsets) if a <= latest_first_arrival]
+        return [(a, b) for a, b in common_times(open_intervals, self.offsets) if a <= self.latest_first_s]
 
 
 @dataclass(frozen=True)
@@ -183,11 +186,8 @@ def later_stage(fleet: FleetTask) -> Stage:
     groups = [fleet.indices[k : k + 1] for k in range(fleet.indices.size)] if individually else [fleet.indices]
     for delay_min, delay_max in itertools.pairwise(_DELAY_BOUNDS):
         delays = [_delays(fleet, indices, preferred_times, delay_min, delay_max) for indices in groups]
-        one_by_one = (
-            max((len(group_delays.times) for group_delays in delays), default=1)
-            if fleet.is_small and delay_max <= _LONG_DELAY
-            else 1
-        )
+        in_single_steps = fleet.is_small and delay_max <= _LONG_DELAY
+        one_by_one = max((len(group_delays.times) for group_delays in delays), default=1) if in_single_steps else 1
         index = yield from _find_first_open(delays, times, (STANDARD,), one_by_one)
         if fleet.levels[1:]:
             earlier_delays = [group_delays.truncated(k) for group_delays, k in zip(delays, index, strict=True)]
@@ -298,11 +298,8 @@ def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[
     on_progress("searching the possible arrival times of each aircraft")
     arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, request.windows_s)
     if request.windows_s is not None:
-        return (
-            None
-            if any(is_active and not intervals for is_active, intervals in zip(fleet.active, arrivals, strict=True))
-            else arrivals
-        )
+        is_closed = any(on and not intervals for on, intervals in zip(fleet.active, arrivals, strict=True))
+        return None if is_closed else arrivals
     if fleet.is_small and not fleet.common_intervals(arrivals):
         on_progress("searching a common arrival time again, with splines")
         arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, with_splines=True)
@@ -322,18 +319,22 @@ def _preferred_arrival_times(fleet: FleetTask) -> ArrivalTimes | None:
         return np.clip(_DIRECT_TIME_FACTOR * preferred, request.windows_s[:, 0], request.windows_s[:, 1])
     if request.rule == "earliest":
         return None
-    times = _DIRECT_TIME_FACTOR * float(np.max(preferred - fleet.offsets)) + fleet.offsets
-    return times if np.max(times) <= request.latest_s else None
+    times = _DIRECT_TIME_FACTOR * _preferred_first_arrival(fleet) + fleet.offsets
+    return times if np.max(times[fleet.indices]) <= request.latest_s else None
+
+
+def _preferred_first_arrival(fleet: FleetTask) -> float:
+    """First arrival, s, with which every active aircraft arrives at its preferred time or later."""
+    return float(np.max((fleet.preferred_times - fleet.offsets)[fleet.indices]))
 
 
 def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
     """Yield arrival times at which every aircraft alone can arrive, the preferred times first."""
-    request, offsets, preferred = fleet.request, fleet.offsets, fleet.preferred_times
+    request = fleet.request
     if request.windows_s is not None:
-        yield from _window_times(preferred, request.windows_s, arrivals)
+        yield from _window_times(fleet.preferred_times, request.windows_s, arrivals)
         return
-    latest_first_arrival = request.latest_s - float(np.max(offsets))
-    base = float(np.max(preferred - offsets))
+    latest_first_arrival, base = fleet.latest_first_s, _preferred_first_arrival(fleet)
     common = fleet.common_intervals(arrivals)
     if request.rule == "earliest":
         first_arrivals = [t for a, b in common for t in sample_interval(a, min(b, latest_first_arrival))]
@@ -343,7 +344,7 @@ def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Itera
             t for a, b in common if b >= base for t in sample_interval(max(a, base), min(b, latest_first_arrival))
         ]
     for time in sorted({round(t, 9) for t in first_arrivals if 0.0 < t <= latest_first_arrival}):
-        yield time + offsets
+        yield time + fleet.offsets
 
 
 def _window_times(
@@ -422,7 +423,8 @@ class _Search:
     """Search in progress: the arguments of `search`, the attempts so far, and the results as in `SearchOutcome`."""
 
     start_time: float
-    fleet: FleetTask
+    fleet: FleetTask  # with the keep-outs where they are at `start_time`
+    airspace: Airspace
     on_progress: Progress
     failed_after_arrival: FailedAfterArrival
     fixed_paths: FixedPaths | None
@@ -518,7 +520,7 @@ class _Search:
         arguments = (
             self.start_time,
             self.fleet.tasks,
-            self.fleet.airspace,
+            self.airspace,
             as_array(times),
             choose_interval_count(float(np.max(times))) if self.intervals is None else self.intervals,
         )
@@ -577,8 +579,8 @@ def search(
     paths per aircraft; the earliest feasible times after them; the times at which each aircraft alone can arrive, with
     increasingly thorough candidates; for the rule "earliest", finally, times before those of the plan.
     """
-    fleet = FleetTask(tasks, airspace, request, candidate_sets)
-    progress = _Search(start_time, fleet, on_progress, failed_after_arrival, fixed_paths, intervals)
+    fleet = FleetTask(tasks, airspace.at_start(start_time), request, candidate_sets)
+    progress = _Search(start_time, fleet, airspace, on_progress, failed_after_arrival, fixed_paths, intervals)
     on_progress("planning")
     progress.run(first_stage(fleet, thorough))
     if progress.plan is not None or fleet.has_fixed_times or not thorough:

@@ -25,6 +25,7 @@ from anser.shapes import Flag, Scalar, ScalarLike
 
 _RULE = gauss_legendre(4)
 _HALVINGS = 45
+_CLOSE_S = 1e-3  # time between a crossing of the edge of a wind layer and a knot within which they become one
 _LAYER_EDGE_M = 1e-6  # distance from the edge of a wind layer at which the rate of the wind is evaluated
 Coefficients = Float[Array, "coefficients 3"]
 
@@ -143,6 +144,17 @@ def _crossings(
     return jnp.where(exists, 0.5 * (low + high), spline.duration), jnp.where(exists, direction, 0.0)
 
 
+def _with_sides_at_ends(
+    side: Float[Array, " knots"], spline: Spline, times: Float[Array, " knots"], edges: Float[Array, " layers"]
+) -> Float[Array, " knots"]:
+    """Set the sides of the first and the last knot, if these are at the edge of a layer, to where the path is flown."""
+    for knot, ahead in ((0, 1.0), (-1, -1.0)):
+        state = states_at(spline, times[knot : knot + 1 or None])[0, :2, 2]
+        is_at_edge = jnp.any(jnp.abs(-state[0] - edges) < _LAYER_EDGE_M)
+        side = side.at[knot].set(jnp.where(is_at_edge, -ahead * jnp.sign(state[1]), side[knot]))
+    return side
+
+
 def spline_path(
     start_time: ScalarLike,  # start time, s
     # trajectory over the ground, and the wind
@@ -162,6 +174,12 @@ def spline_path(
     layers = wind.layers if isinstance(wind, FittedWind) else wind
     if isinstance(layers, LayeredWind):
         crossed, direction = _crossings(spline, layers.altitudes, intervals, max_crossings)
+        # A crossing next to a knot moves to it: a cell of some 1e-14 s would have no acceleration to speak of.
+        nearest = jnp.round(crossed * (intervals / spline.duration)).astype(jnp.int32)
+        is_close = (jnp.abs(crossed - times[nearest]) < _CLOSE_S) & (direction != 0.0)
+        crossed = jnp.where(is_close, times[nearest], crossed)
+        side = side.at[jnp.where(is_close, nearest, intervals + 1)].set(-direction, mode="drop")
+        side = _with_sides_at_ends(side, spline, times, layers.altitudes)
         times = jnp.concatenate([times, jnp.repeat(crossed, 2)])
         side = jnp.concatenate([side, jnp.stack([-direction, direction], axis=1).ravel()])
     order = jnp.argsort(times, stable=True)

@@ -75,6 +75,11 @@ class Airspace(eqx.Module):
     separation: Separation  #: Required distances between the aircraft.
     keep_outs: KeepOuts  #: Volumes that no path may enter.
 
+    def at_start(self, time: ScalarLike) -> "Airspace":
+        """Return the airspace of a plan that starts at a time (s): the keep-outs are where they are then."""
+        volumes = self.keep_outs
+        return eqx.tree_at(lambda a: a.keep_outs.position_n, self, volumes.position_n + time * volumes.velocity_n)
+
 
 ARRIVAL_RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 ArrivalTimes = Float[np.ndarray, " aircraft"]

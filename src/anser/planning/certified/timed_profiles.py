@@ -462,7 +462,8 @@ def profile_speeds(
 ) -> ProfileSpeeds:
     """Find the airspeeds of the profiles of one aircraft for a duration (s)."""
     limits, preferred = task.limits, task.speed
-    low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
+    speed_max = jnp.where(jnp.isinf(limits.speed_max), 2.0 * preferred, limits.speed_max)
+    low, high = 1.002 * limits.speed_min, 0.998 * speed_max
     speed_0, rates = _speed_0(task), speed_rates(task)
 
     slowest, fastest = (last_to_mean_speed(final_speeds, speed_0, duration, rates) for final_speeds in (low, high))

@@ -259,7 +259,6 @@ class DecentralisedPlanner(AbstractPlanner):
         planner_state: DecentralisedPlanState,
         time: float,
         reports: AircraftReport,
-        has_left: Bool[np.ndarray, " aircraft"],
     ) -> DecentralisedPlanState:
         """Correct the paths as `replan` does, and search a new path for one aircraft; the aircraft take turns.
 

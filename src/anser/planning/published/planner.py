@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Real
 
@@ -236,7 +235,6 @@ class PublishedPlanner(AbstractPlanner):
         planner_state: PublishedPlanState,
         time: float,
         reports: AircraftReport,
-        has_left: Bool[np.ndarray, " aircraft"],
     ) -> PublishedPlanState:
         """Coordinate the fleet again from the reported positions, as `replan` of the coordination does."""
         plan = _coordinate_again(self, planner_state, as_array(time), reports)
