@@ -14,7 +14,7 @@ from anser.environment import standard_environment
 from anser.numerics import flight_randomness
 from anser.parts import GoalState, Instant, Truth
 from anser.parts.perception import Fix
-from anser.scenario.build_sensing import build_goal_sensor, build_vehicle_sensors
+from anser.scenario.build_sensing import _navigation_filter, build_goal_sensor, build_vehicle_sensors
 from anser.scenario.schema_sensing import GoalSensor, Navigation
 from anser.sensing.navigation import AirFilter, NavigationFilter
 from anser.sensing.vehicle_sensors import Dropouts, gauss_markov
@@ -178,8 +178,45 @@ def test_the_errors_match_the_covariances_of_the_navigation_filter():
     np.testing.assert_allclose(ratio.std(), 1.0, rtol=0.1)
     ratio = speed[:, -1] / np.sqrt(covariance[:, -1, :, 1, 1])
     np.testing.assert_allclose(ratio.std(), 1.0, rtol=0.2)
-    # what is slow cannot be told from the position
+    # within a correlation time, what is slow cannot be told from the position
     assert np.sqrt(covariance[:, -1, :, 0, 0]).min() > 1.3
+
+
+@pytest.mark.parametrize(("velocity_m_s", "period_s"), [(0.05, 0.1), (0.5, 1.0)])
+def test_the_covariances_of_the_scenario_s_filter_contain_bias_and_tilt(velocity_m_s, period_s):
+    """Steady flight: constant errors of accelerometers and attitude, of which the filter knows the variance alone."""
+    step_s, flights = 0.05, 60
+    table = Navigation(sensors="satellite-inertial", velocity_m_s=velocity_m_s, period_s=period_s)
+    tracker, every = _navigation_filter(table, step_s), round(period_s / step_s)
+    rng = np.random.default_rng(7)
+    tilt = np.deg2rad(table.attitude_deg) * 9.81 * rng.normal(size=(flights, 3)) * [1.0, 1.0, 0.0]
+    constant = jnp.asarray(table.force_bias_m_s2 * rng.normal(size=(flights, 3)) + tilt)
+    normals = jnp.asarray(rng.normal(size=(flights, 2401, 4, 3)))
+
+    def simulate_flight(error_n, noise):
+        def fix(slow, normal, is_new):
+            return Fix(slow + table.noise_m * normal[1], velocity_m_s * normal[2], is_new)
+
+        def step(carry, inputs):
+            (memory, slow), (number, normal) = carry, inputs
+            is_new = number % every == 0
+            moved = gauss_markov(slow, table.position_m, table.correlation_s, period_s, normal[0])
+            slow = jnp.where(is_new, moved, slow)
+            felt = error_n + table.force_noise_m_s2 * normal[3]
+            memory = tracker.step(memory, fix(slow, normal, is_new), felt, jnp.ones(3), step_s)
+            return (memory, slow), None
+
+        slow = table.position_m * noise[0, 0]
+        start = tracker.init(fix(slow, noise[0], jnp.asarray(True)), error_n)
+        return jax.lax.scan(step, (start, slow), (jnp.arange(1, 2401), noise[1:]))[0][0]
+
+    memory = jax.jit(jax.vmap(simulate_flight))(constant, normals)
+    for k, error in enumerate((memory.position_n, memory.velocity_n)):
+        claimed = float(np.sqrt(memory.covariance[0, 0, k, k]))
+        rms = np.sqrt(np.mean(np.asarray(error) ** 2))
+        # 180 independent values: 5 % of the rms; the errors of the heading, which steady flight does not feel, are
+        # claimed too.
+        assert 0.6 * claimed < rms < 1.15 * claimed, (k, rms, claimed)
 
 
 def test_the_air_filter_finds_a_steady_wind_and_gusts_across():

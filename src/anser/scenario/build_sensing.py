@@ -26,7 +26,6 @@ _VERTICAL_SHARE = 0.1  # vertical part of a goal's acceleration
 _NIS_MAX = 10.0  # mean normalised innovation squared above which a filter has diverged; 1 is consistent
 _SIGMA_MAX_M = 5000.0
 _UNMEASURED = 1.0  # placeholder standard deviation of components that are not measured
-_ACCELERATION_DENSITY = 1e-3  # m^2/s^3: gravity resolved with attitude errors, in addition to the accelerometers' noise
 _GRAVITY_M_S2 = 9.81
 
 
@@ -47,7 +46,7 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     has_exact_air = has_exact_navigation and not scenario.is_gusty and not scenario.gust
     if has_exact_air and sensor.preset == "exact":
         return DirectEstimator(model)
-    navigation_filter = None if has_exact_navigation else _navigation_filter(navigation)
+    navigation_filter = None if has_exact_navigation else _navigation_filter(navigation, scenario.timing.step_s)
     air = None if has_exact_air else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
     if sensor.preset == "exact":
         return TrackingEstimator(navigation_filter, air, model=model)
@@ -68,10 +67,15 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     return TrackingEstimator(navigation_filter, air, tracking, briefing, model)
 
 
-def build_navigation_estimator(navigation: Navigation, model: AbstractAirframe) -> AbstractEstimator:
-    """Build the estimator of an aircraft without goal, with the filters for the sensors of the table [navigation]."""
+def build_navigation_estimator(
+    navigation: Navigation, model: AbstractAirframe, step_s: float = 0.01
+) -> AbstractEstimator:
+    """Build the estimator of an aircraft without goal, with the filters for the sensors of the table [navigation].
+
+    `step_s` is the sampling period of the flight, s.
+    """
     air = AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
-    return TrackingEstimator(_navigation_filter(navigation), air, model=model)
+    return TrackingEstimator(_navigation_filter(navigation, step_s), air, model=model)
 
 
 def _motion_models(table: Estimator) -> tuple[AbstractMotionModel, ...]:
@@ -115,15 +119,26 @@ def build_vehicle_sensors(table: Navigation) -> VehicleSensors | None:
     )
 
 
-def _navigation_filter(table: Navigation) -> NavigationFilter:
+def _acceleration_density(table: Navigation, step_s: float) -> float:
+    """Spectral density of the white noise in place of the acceleration errors, m^2/s^3.
+
+    Bias of the accelerometers and gravity resolved with errors of the attitude are nearly constant, with the variance
+    s^2. With white noise of density q, velocities measured every T seconds with the variance r give a velocity filter
+    of gain K = (q / (r T))^(1/2) and claimed variance K r T. A constant error s and the noise of the measurements leave
+    the mean square K r T / 2 + s^2 / K^2. Both are equal for the density used here, close to the least mean square.
+    """
     tilt = (DEG_RAD * max(table.attitude_deg, table.heading_deg) * _GRAVITY_M_S2) ** 2
-    density = (tilt + table.force_bias_m_s2**2) * table.correlation_s * _ACCELERATION_DENSITY
+    steady = (2.0 * (tilt + table.force_bias_m_s2**2)) ** (2 / 3) * (table.velocity_m_s**2 * table.period_s) ** (1 / 3)
+    return steady + table.force_noise_m_s2**2 * step_s
+
+
+def _navigation_filter(table: Navigation, step_s: float) -> NavigationFilter:
     return NavigationFilter(
         slow_sigma=_three_axes(table.position_m),
         slow_time=as_array(table.correlation_s),
         noise_sigma=_three_axes(table.noise_m),
         velocity_sigma=_three_axes(table.velocity_m_s),
-        acceleration_density=as_array(max(density, 1e-12)),
+        acceleration_density=as_array(max(_acceleration_density(table, step_s), 1e-12)),
         period=as_array(table.period_s),
     )
 

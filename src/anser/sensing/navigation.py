@@ -36,8 +36,8 @@ class NavigationFilter(eqx.Module):
     """Inertial dead reckoning aided by satellite fixes: a linear Kalman filter of three states per axis (NED).
 
     Between fixes, position and velocity follow the accelerometers and the attitude; each fix corrects them. The slow
-    error of satellite navigation is a state (first-order Gauss-Markov) that a fix can hardly separate from the
-    position, so the position covariance stays above the error's. Source: P. D. Groves, *Principles of GNSS, Inertial,
+    error of satellite navigation is a state (first-order Gauss-Markov): a fix cannot separate it from the position, but
+    many fixes over several correlation times average it out. Source: P. D. Groves, *Principles of GNSS, Inertial,
     and Multisensor Integrated Navigation Systems*, 2nd ed., 14.2 and 14.3 (loosely coupled integration).
     """
 
