@@ -185,4 +185,4 @@ def test_the_fleet_waits_for_an_aircraft_with_less_thrust():
     assert flown.met, flown.summary["requirements"]
     (outcome,) = flown.summary["events"]
     assert outcome["planned"]
-    assert "the others wait for it" in outcome["message"]
+    assert "within its remaining thrust" in outcome["message"]

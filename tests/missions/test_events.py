@@ -28,7 +28,7 @@ def state(replanning):
 def log(monkeypatch):
     applied = []
 
-    def apply_event(scenario, flight, state, number, event, on_progress):
+    def apply_event(scenario, flight, state, number, event, performance, on_progress):
         applied.append((number, event.kind))
         return flight, state, EventOutcome(event.time_s, event.kind, "x", True, "renewed")
 
@@ -144,3 +144,68 @@ def test_aircraft_about_to_arrive_fly_their_new_holds(monkeypatch, clear):
     after, is_valid, _ = event_replanning._replan_if_needed(scenario, None, current, 5000, event, lambda message: None)
     assert is_valid is clear
     assert (after.holds is new_holds) if clear else (after is current)
+
+
+def target_times(times_s, can_replan, order, leaves, *earlier):
+    """Arrival times required after the second event in a sequence with a spacing of 30 s; events at 88 s."""
+    events = [
+        SimpleNamespace(kind="aircraft-leaves", aircraft=name, time_s=time_s, gaps=None)
+        for name, time_s in (*earlier, (leaves, 88.0))
+    ]
+    scenario = SimpleNamespace(
+        arrival=SimpleNamespace(rule="sequence", spacing_s=30.0, order=order),
+        aircraft=[SimpleNamespace(name=name) for name in "abcd"],
+        event=events,
+    )
+    return event_replanning._target_times(scenario, np.array(times_s), np.array(can_replan), events[-1]).tolist()
+
+
+def test_followers_in_a_sequence_move_up_as_far_as_places_are_free():
+    times_s, everyone = [100.0, 130.0, 160.0, 190.0], [True] * 4
+    assert target_times(times_s, everyone, ["a", "b", "c", "d"], "b") == [100.0, 130.0, 130.0, 160.0]
+    assert target_times(times_s, everyone, ["d", "c", "b", "a"], "c") == [70.0, 100.0, 160.0, 190.0]
+    # b is about to arrive and keeps its place; the place of c, behind it, is taken
+    assert target_times(times_s, [True, False, True, True], ["a", "b", "c", "d"], "a") == times_s
+    # a has arrived at 80 s: its place is past
+    assert target_times([200.0, 110.0, 140.0, 170.0], [False, *[True] * 3], ["a", "b", "c", "d"], "a") == [
+        200.0,
+        110.0,
+        140.0,
+        170.0,
+    ]
+    # b has left before, and holds nobody up
+    moved = target_times(
+        [100.0, 200.0, 130.0, 160.0], [True, False, True, True], ["a", "b", "c", "d"], "a", ("b", 50.0)
+    )
+    assert moved == [100.0, 200.0, 100.0, 130.0]
+
+
+def test_no_arrival_after_the_latest_is_requested():
+    """An arrival that is put off beyond the end of the flight is no plan."""
+    scenario = SimpleNamespace(timing=SimpleNamespace(latest_arrival_s=99.0), arrival=SimpleNamespace(rule="at"))
+    times_s = np.array([60.0, 60.0])
+    for target_s, expected in ((75.0, [70.0, 55.0]), (105.0, [55.0])):
+        requests = event_replanning._requests(scenario, times_s, np.ones(2, bool), 5.0, np.full(2, target_s))
+        assert [float(request.times_s[0]) for request in requests] == expected
+
+
+@pytest.mark.parametrize(
+    ("limits", "share", "expected"),
+    [
+        ((np.inf, np.inf), 0.25, 0.9 * 1.25),  # 0.25 (3 + 4) - 0.5 of the engine, less the reserve
+        ((np.inf, 0.3), 0.25, 0.9 * 1.25),  # prescribed decelerations are no engine
+        ((2.0, np.inf), 0.25, 0.9 * 1.25),
+        ((1.0, np.inf), 0.25, 0.9 * 1.0),  # a prescribed limit stays
+        ((np.inf, np.inf), 0.05, -1.1 * 0.15),  # it must decelerate, and the reserve is on the other side
+    ],
+)
+def test_less_thrust_leaves_the_acceleration_of_the_engine(monkeypatch, limits, share, expected):
+    performance = SimpleNamespace(acceleration=np.array([9.0, 6.5]), deceleration=np.array([9.0, 0.5]))
+    planner = SimpleNamespace(
+        limits=SimpleNamespace(acceleration_max=np.array([1.0, limits[0]])), acceleration_reserve=0.1
+    )
+    monkeypatch.setattr(event_replanning, "aircraft_planner", lambda flight: planner)
+    monkeypatch.setattr(event_replanning.eqx, "tree_at", lambda where, state, value: np.asarray(value))
+    state = SimpleNamespace(planner=SimpleNamespace(limits=SimpleNamespace(acceleration_max=np.array([7.0, 5.0]))))
+    reduced = event_replanning._with_less_thrust(None, state, performance, 1, share)
+    np.testing.assert_allclose(reduced, [7.0, expected], rtol=1e-12)

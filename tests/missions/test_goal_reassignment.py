@@ -146,6 +146,14 @@ def test_the_last_aircraft_of_a_goal_is_not_spare(monkeypatch):
     assert [outcome.has_valid_plan for outcome in outcomes] == [True, False]
 
 
+def test_of_two_spare_aircraft_of_a_goal_one_stays(monkeypatch):
+    """Both would be nearer to the free goals than nobody; but then nobody would fly to their own."""
+    _, _, goals, outcomes = reassign(monkeypatch, [("b", "spare"), ("c", "spare")])
+    assert "one" in goals
+    assert sum(goal != former for goal, former in zip(goals, GOAL_NAMES.values(), strict=True)) == 1
+    assert sorted(outcome.has_valid_plan for outcome in outcomes) == [False, True]
+
+
 @pytest.mark.long
 def test_goal_rendezvous_and_goal_estimate_are_handed_over():
     noisy = text(("c", "nearest")) + '[goal_sensor]\npreset = "ais"\n[navigation]\nsensors = "satellite-inertial"\n'

@@ -3,6 +3,7 @@
 import copy
 import tomllib
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,6 +11,7 @@ from pydantic import ValidationError
 
 from anser.config import ScenarioError
 from anser.scenario import loads, scenario_hash, validate
+from anser.scenario.build import build_flight
 from anser.scenario.files import starter_scenario
 from support.two_aircraft import GOOD, WAYPOINT_GOAL, assert_told, changed, refusal
 
@@ -183,6 +185,49 @@ def test_hash_ignores_the_way_of_writing() -> None:
         changed(('name = "ship"\nkind = "surface"', 'kind = "surface"\nname = "ship"')),
     ]
     assert {scenario_hash(loads(text)) for text in equivalent_texts} == {reference}
+
+
+UAV = """format = 2
+name = "uav"
+[timing]
+duration_s = 200.0
+[fleet]
+speed_m_s = 25.0
+[hold]
+radius_m = 200.0
+[[aircraft]]
+name = "a"
+type = "aerosonde"
+goal = "g"
+start = { north_m = 0.0, east_m = 0.0, altitude_m = 300.0, speed_m_s = 25.0, course_deg = 0.0 }
+[[goal]]
+name = "g"
+kind = "surface"
+north_m = 2000.0
+east_m = 500.0
+"""
+WRITTEN = ("", "[limits]\nbank_max_deg = 60.0\n", "[aircraft.gains.rates]\nproportional = 10.0\n")
+"""Defaults of the F-16. Of other aircraft, limits and gains follow from the aircraft where they are left out."""
+
+
+def uav(written):
+    end = "[[goal]]"
+    return loads(UAV.replace(end, written + end))
+
+
+def test_hash_tells_written_limits_and_gains_from_derived_ones():
+    assert len({scenario_hash(uav(written)) for written in WRITTEN}) == 3
+    assert scenario_hash(uav("[limits]\naltitude_max_m = 10000.0\n")) == scenario_hash(uav(""))
+
+
+def test_kept_flights_are_those_of_the_written_keys():
+    """A flight kept for another goal is not that of a scenario with a default written in place of a derived limit."""
+    derived, written = (build_flight(uav(text), pad_fleet=True) for text in WRITTEN[:2])
+    bank_max = [
+        float(np.max(flight.groups[0].vehicles.batched.controller.limits.bank_max)) for flight in (derived, written)
+    ]
+    assert bank_max[1] == pytest.approx(np.deg2rad(60.0))
+    assert bank_max[0] < np.deg2rad(59.0)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import csv
 import difflib
+import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -397,6 +398,10 @@ class Study(Table):
         if self.block * (sampling.flights or 0) > FLIGHTS_MAX:
             expected = f"{FLIGHTS_MAX // self.block} blocks of {self.block} flights at most"
             problems.append(Problem("sampling.flights", str(sampling.flights), expected))
+        count = math.prod(len(v.values) if v.values is not None else sampling.levels or 1 for v in self.vary)
+        if sampling.method == "grid" and count > FLIGHTS_MAX:
+            arrived = f"a grid of {count} flights"
+            problems.append(Problem("sampling.levels", arrived, f"a grid of {FLIGHTS_MAX} flights at most"))
         if self.until is not None and sampling.method != "monte-carlo":
             expected = "none: only of plain Monte Carlo are the first flights a sample of their own"
             problems.append(Problem("until", "a table", expected))
@@ -477,7 +482,17 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
     ]
     if problems:
         raise ScenarioError(os.fspath(path), problems[:1])
-    return {head: _parse_column(list(texts)) for head, *texts in zip(*lines, strict=True)}
+    columns = {head: _parse_column(list(texts)) for head, *texts in zip(*lines, strict=True)}
+    problems = [
+        Problem(f"row {k}, column {head}", describe_value(float(number)), "a finite number")
+        for head, values in columns.items()
+        if values.dtype.kind == "f"
+        for k, number in enumerate(values, 2)
+        if not np.isfinite(number)
+    ]
+    if problems:
+        raise ScenarioError(os.fspath(path), problems[:1])
+    return columns
 
 
 def _parse_column(texts: list[str]) -> np.ndarray:

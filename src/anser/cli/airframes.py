@@ -93,6 +93,7 @@ def show(
     """Show an airframe: mass, geometry, surfaces, engine, range of validity, and airspeeds of level flight."""
     must_be_known_aircraft(aircraft, variant)
     must_be_new_file("--out", out, force=force)
+    must_be_in_range("--altitude-m", altitude_m, 0.0, 20_000.0)
     if performance:
         _show_performance(aircraft, variant, altitude_m, out, force)
         return
@@ -131,7 +132,6 @@ def show(
 
 
 def _show_performance(aircraft: str, variant: str, altitude_m: float, out: Path | None, force: bool) -> None:
-    must_be_in_range("--altitude-m", altitude_m, 0.0, 20_000.0)
     from anser.single_aircraft.model import aircraft as load_model
 
     with activity("trimming"):

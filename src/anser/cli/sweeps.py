@@ -1,6 +1,7 @@
 """Command sweep: a scenario flown with every combination of several values."""
 
 import itertools
+import math
 import re
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Annotated, Any
@@ -83,6 +84,9 @@ def parse_sweep_values(texts: list[str]) -> dict[str, list[object]]:
         sweep_values[path] = (
             _range(text, values) if _RANGE.fullmatch(values) else [parse_value(value) for value in values.split(",")]
         )
+    count = math.prod(len(values) for values in sweep_values.values())
+    if count > _VALUES_MAX:
+        raise InputError(f"--set: arrived {count} combinations; expected {_VALUES_MAX} at most")
     return sweep_values
 
 
@@ -121,7 +125,11 @@ def _flights(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> list[
 def _document(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> dict[str, Any]:
     from anser.results.documents import plain_attributes
 
-    attributes = {key: value for key, value in plain_attributes(data.attrs).items() if key not in ("scenario", "swept")}
+    attributes = {
+        key: value
+        for key, value in plain_attributes(data.attrs).items()
+        if key not in ("scenario", "scenario_written", "swept")
+    }
     return {"format_version": 1, "sweep": attributes, "swept": sweep_values, "flights": _flights(data, sweep_values)}
 
 

@@ -21,7 +21,7 @@ from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import aircraft_planner
 from anser.missions.segments import sense_fleet
 from anser.numerics.arrays import as_array
-from anser.parts.planners import AircraftReport
+from anser.parts.planners import AircraftReport, Performance
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify
 from anser.planning.certified.clearance import bounded_track, pair_clearance_ratio
 from anser.planning.certified.planner import CertifiedPlanState
@@ -34,6 +34,7 @@ from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, GOAL_EVENTS, Event
 from anser.shapes import Flag, Integer, Scalar
 from anser.simulation.flight import Flight, FlightState
+from anser.steady.performance import ACCELERATION_FLOOR
 
 EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2, -2.2, 3.1, -3.1)
 """Turns that are tried, in this order, for the exit path of a departing aircraft, rad, right positive."""
@@ -188,6 +189,7 @@ def apply_event(
     state: FlightState,
     sample: int,
     event: Event,
+    performance: Performance | None,  # of the fleet at its start; None: without events of lost thrust
     on_progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Flight, FlightState, EventOutcome]:
     """Apply an event's effect on the plan at sample `sample`; return flight, state and outcome.
@@ -222,9 +224,11 @@ def apply_event(
     if event.kind == "keep-out-appears":
         flight = _with_keep_out(scenario, flight, event)
     if event.kind == "thrust-lost":
-        state = _with_less_thrust(state, names.index(str(event.aircraft)), event.thrust_left or 0.0)
+        assert performance is not None
+        aircraft = names.index(str(event.aircraft))
+        state = _with_less_thrust(flight, state, performance, aircraft, event.thrust_left or 0.0)
         if not scenario.fleet.is_central:
-            message = "its path is replanned within its remaining thrust, and the others wait for it"
+            message = "it corrects its path within its remaining thrust, or looks for another that the fleet waits for"
             return flight, state, outcome(True, message)
     state, is_planned, message = _replan_if_needed(scenario, flight, state, sample, event, on_progress)
     return flight, state, outcome(is_planned, message)
@@ -261,15 +265,23 @@ def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
     return eqx.tree_at(lambda f: f.planner.airspace.keep_outs, flight, KeepOuts(*tables))
 
 
-def _with_less_thrust(state: FlightState, aircraft: int, thrust_share: float) -> FlightState:
+def _with_less_thrust(
+    flight: Flight, state: FlightState, performance: Performance, aircraft: int, thrust_share: float
+) -> FlightState:
     """Reduce an aircraft's greatest acceleration along the path (m/s^2) to the value that the remaining thrust allows.
 
     The acceleration is (thrust - drag) / mass. Only the differences of idle and full thrust from the drag at the start
-    are available, so the loss applies to the difference between full and idle thrust.
+    are available, so the loss applies to the difference between full and idle thrust. A prescribed limit stays one, and
+    the reserve makes the limit smaller, also where the aircraft must decelerate.
     """
-    limits = state.planner.limits
-    acceleration, deceleration = np.array(limits.acceleration_max), np.array(limits.deceleration_max)
-    acceleration[aircraft] = thrust_share * (acceleration[aircraft] + deceleration[aircraft]) - deceleration[aircraft]
+    planner = aircraft_planner(flight)
+    gain, loss = (
+        max(float(values[aircraft]), ACCELERATION_FLOOR)
+        for values in (performance.acceleration, performance.deceleration)
+    )
+    remaining = min(thrust_share * (gain + loss) - loss, float(planner.limits.acceleration_max[aircraft]))
+    acceleration = np.array(state.planner.limits.acceleration_max)
+    acceleration[aircraft] = remaining - float(planner.acceleration_reserve) * abs(remaining)
     return eqx.tree_at(lambda s: s.planner.limits.acceleration_max, state, as_array(acceleration))
 
 
@@ -345,10 +357,15 @@ def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarra
     arrival = scenario.arrival
     if event.kind == "aircraft-leaves" and arrival.rule == "sequence" and event.gaps != "keep":
         names = [aircraft.name for aircraft in scenario.aircraft]
-        order = list(arrival.order or names)
-        followers = order[order.index(str(event.aircraft)) + 1 :]
-        is_follower = [k < len(names) and names[k] in followers for k in range(times_s.size)]
-        return np.where(can_replan & np.array(is_follower), times_s - (arrival.spacing_s or 0.0), times_s)
+        order, spacing_s = list(arrival.order or names), arrival.spacing_s or 0.0
+        earlier_leavers = {e.aircraft for e in scenario.event if e.kind == event.kind and e.time_s <= event.time_s}
+        followers = [name for name in order[order.index(str(event.aircraft)) + 1 :] if name not in earlier_leavers]
+        # An aircraft that cannot move up keeps its place, and so do those behind it.
+        moving = list(itertools.takewhile(lambda k: can_replan[k], map(names.index, followers)))
+        if moving and times_s[moving[0]] - spacing_s > event.time_s:  # otherwise the place was taken: it had arrived
+            closer_s = times_s.copy()
+            closer_s[moving] -= spacing_s
+            return closer_s
     return times_s
 
 
@@ -361,9 +378,9 @@ def _requests(
     remaining_times = [
         np.where(can_replan, times - now_s, np.max((times - now_s)[can_replan])) for times in (target_times_s, times_s)
     ]
-    yield ArrivalRequest("times", latest_s, times_s=remaining_times[0])
-    if not np.array_equal(remaining_times[0], remaining_times[1]):
-        yield ArrivalRequest("times", latest_s, times_s=remaining_times[1])
+    for k, times in enumerate(remaining_times):
+        if np.max(times[can_replan]) <= latest_s and not (k and np.array_equal(times, remaining_times[0])):
+            yield ArrivalRequest("times", latest_s, times_s=times)
     if rule in ("together", "earliest"):
         yield ArrivalRequest("together", latest_s)
     if rule == "sequence":

@@ -24,6 +24,7 @@ from anser.missions.event_replanning import (
     snapshot_at,
 )
 from anser.numerics.arrays import as_array
+from anser.parts.planners import Performance
 from anser.planning.certified.replanning import PARTLY_CORRECTED, UNCHANGED
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import GOAL_EVENTS, Event
@@ -132,6 +133,10 @@ def reassign_goals(
     while np.any(distances < _INFEASIBLE_M):
         takers, columns = linear_sum_assignment(distances)
         pairs = [(int(r), int(c)) for r, c in zip(takers, columns, strict=True) if distances[r, c] < _INFEASIBLE_M]
+        surplus = [pair for pair in pairs if _abandons_goal(fleet, pair, pairs, [event_of[k] for k in open_goals])]
+        if surplus:
+            distances[max(surplus, key=lambda pair: distances[pair])] = _INFEASIBLE_M
+            continue
         givers = {taker: open_goals[column] for taker, column in pairs}
         reassigned_flight, reassigned_state = flight, state
         for taker, giver in givers.items():
@@ -146,6 +151,16 @@ def reassign_goals(
             return reassigned_flight, replanned_state, new_goals, [*outcomes, *map(without_successor, unassigned)]
         distances[max(pairs, key=lambda pair: distances[pair])] = _INFEASIBLE_M
     return flight, state, tuple(goals), [*outcomes, *map(without_successor, open_goals)]
+
+
+def _abandons_goal(
+    fleet: _FleetGoals, pair: tuple[int, int], pairs: Sequence[tuple[int, int]], departures: Sequence[Event]
+) -> bool:
+    """Whether a taker that must be spare would leave its present goal together with all others that fly to it."""
+    if departures[pair[1]].goal_taken_over_by == "nearest":
+        return False
+    goal = fleet.goals[pair[0]]
+    return sum(fleet.goals[taker] == goal for taker, _ in pairs) >= len(fleet.aircraft_with_goal(goal))
 
 
 def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) -> tuple[Flight, FlightState]:
@@ -213,6 +228,8 @@ class EventSchedule:
         Scenario with the events.
     on_progress
         Called with a description of the current work.
+    performance
+        Accelerations that the aircraft can reach at the start of the flight; for events of lost thrust.
 
     Attributes
     ----------
@@ -222,10 +239,12 @@ class EventSchedule:
         Name of the goal of each aircraft.
     """
 
-    def __init__(self, scenario: Scenario, on_progress: Callable[[str], None]) -> None:
+    def __init__(
+        self, scenario: Scenario, on_progress: Callable[[str], None], performance: Performance | None = None
+    ) -> None:
         self.outcomes: list[EventOutcome] = []
         self.goals = tuple(aircraft.goal for aircraft in scenario.aircraft)
-        self._scenario, self._on_progress = scenario, on_progress
+        self._scenario, self._on_progress, self._performance = scenario, on_progress, performance
         step_s = scenario.timing.step_s
         # The first sample at or after the event, as for the faults in the compiled steps.
         pairs = [(math.ceil(round(event.time_s / step_s, 6)), event) for event in scenario.event]
@@ -240,7 +259,9 @@ class EventSchedule:
         while self._coming and self._coming[0][0] <= sample:
             due_events.append(self._coming.pop(0)[1])
         for event in due_events:
-            flight, state, outcome = apply_event(self._scenario, flight, state, sample, event, self._on_progress)
+            flight, state, outcome = apply_event(
+                self._scenario, flight, state, sample, event, self._performance, self._on_progress
+            )
             self.outcomes.append(outcome)
             if event.kind in GOAL_EVENTS and self._scenario.fleet.is_central:
                 self._goal_event = len(self.outcomes) - 1, _SEARCHES_MAX

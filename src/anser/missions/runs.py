@@ -212,7 +212,7 @@ def run(
     threading.Thread(target=_import_results, name="anser-imports").start()
     on_progress("flying", 0.0)
     segments, sample_index = [], 0
-    schedule = EventSchedule(scenario, lambda message: on_progress(message, None))
+    schedule = EventSchedule(scenario, lambda message: on_progress(message, None), planned.fleet.performance)
     while sample_index <= steps:
         flight, state = schedule.apply_due(flight, state, sample_index)
         step_count = schedule.steps_until_next(sample_index, min(SEGMENT_STEPS, steps + 1 - sample_index))
@@ -264,6 +264,7 @@ def _attributes(scenario: Scenario) -> dict[str, Any]:
         "description": scenario.description,
         "scenario_hash": scenario.hash,
         "scenario": scenario.model_dump_json(),
+        "scenario_written": scenario.model_dump_json(exclude_unset=True),
         "seed": scenario.seed,
         "earth_model": scenario.earth.model,
         "reference_latitude_deg": scenario.earth.latitude_deg,

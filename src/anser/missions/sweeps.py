@@ -107,7 +107,12 @@ def sweep(
     scenarios = swept_scenarios(scenario, swept)
     flight_rows = fly_many([FlightCase(variant) for variant in scenarios], progress)
 
-    attributes = {"title": scenario.name, "scenario_hash": scenario.hash, "scenario": scenario.model_dump_json()}
+    attributes = {
+        "title": scenario.name,
+        "scenario_hash": scenario.hash,
+        "scenario": scenario.model_dump_json(),
+        "scenario_written": scenario.model_dump_json(exclude_unset=True),
+    }
     names = [aircraft.name for aircraft in scenario.aircraft]
     return sweep_dataset(swept, names, flight_rows, attributes | {"seed": scenario.seed})
 

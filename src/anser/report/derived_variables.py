@@ -114,8 +114,7 @@ def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> x
         _add_variable(derived, "height_over_floor_m", dataset["altitude_m"].values - float(floor))
     separation_m = required_separation(scenario)
     if dataset.sizes["aircraft"] > 1 and separation_m is not None:
-        # no separation is required of an aircraft that has arrived
-        _add_variable(derived, "separation_kept", nearest_aircraft_distance(positions, separation_m, is_before_hold))
+        _add_variable(derived, "separation_kept", nearest_aircraft_distance(positions, separation_m))
     if "goal_sigma_north_m" in dataset:
         for subject, prefix in (("goal", "goal_"), ("own", "")):
             error = _length(dataset[f"{prefix}{axis}"] - dataset[f"{subject}_estimate_{axis}"] for axis in _AXES)

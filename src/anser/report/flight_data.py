@@ -417,8 +417,15 @@ def flight_data(
         "events": find_events(dataset),
         "eventWords": {"renewals": REPLANNING_OUTCOMES, "limited": list(LIMITED_COMMANDS.values())},
         "sections": page_sections(dataset),
-        "keepOuts": scenario.get("keep_out") or [],
+        "keepOuts": scene_keep_outs(scenario),
     }
+
+
+def scene_keep_outs(scenario: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the keep-outs of a scenario, and those that appear in events, with the time from which they are, s."""
+    standing = [(table, 0.0) for table in scenario.get("keep_out") or []]
+    appearing = [(event["keep_out"], event["time_s"]) for event in scenario.get("event") or [] if event.get("keep_out")]
+    return [{**table, "from_s": from_s} for table, from_s in [*standing, *appearing]]
 
 
 def _earlier_goals(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:

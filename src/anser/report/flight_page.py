@@ -10,7 +10,7 @@ import xarray as xr
 
 from anser.files import write_file
 from anser.report.derived_variables import add_derived_variables, recorded_table
-from anser.report.flight_data import SECTIONS, check_flight, flight_data, goal_form_legend
+from anser.report.flight_data import SECTIONS, check_flight, flight_data, goal_form_legend, scene_keep_outs
 from anser.report.flight_margins import Margin, closest_pair, find_flight_margins
 from anser.report.page_templates import MISSING, format_number, render, render_page
 from anser.report.style import COLORS
@@ -327,7 +327,7 @@ def flight_page(runs: Sequence[_Run]) -> str:
         differences="" if single else difference_table(labels, summaries, scenarios),
         has_few_aircraft=all(len(flight["aircraft"]) <= _LIST_BELOW_MAX for flight in data),
         goal_forms=goal_form_legend({entry["form"] for flight in data for entry in flight["aircraft"]}),
-        has_keep_outs=any(scenario.get("keep_out") for scenario in scenarios),
+        has_keep_outs=any(scene_keep_outs(scenario) for scenario in scenarios),
         has_network=any(links_charts),
         sections=[section for section in SECTIONS if section.key in section_keys],
     )

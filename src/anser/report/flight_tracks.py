@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from anser.report.derived_variables import HOLD
 from anser.report.flight_sheet import FlightSheet
 from anser.report.labels import (
     END_FONT_SIZE,
@@ -94,8 +95,9 @@ def _draw_track(axes: "Axes", sheet: FlightSheet, line_style: LineStyle, factor:
     axes.plot(*goal_track, color=goal_color, linestyle=_DOTTED, linewidth=1.3 * mark_size)
     square = {"marker": "s", "fillstyle": "none", "color": INK, "markersize": 5 * mark_size, "mew": mark_size}
     axes.plot(goal[0][0], goal[1][0], linestyle="none", **square)
-    rendezvous = [factor * sheet.until_arrival(f"rendezvous_{axis}_m", line_style)[-1] for axis in _AXES]
-    axes.plot(*rendezvous, linestyle="none", marker="*", color=INK, markersize=8 * mark_size, zorder=4)
+    if np.any(sheet.dataset["phase"].values[:, line_style.index] == HOLD):
+        rendezvous = [factor * sheet.until_arrival(f"rendezvous_{axis}_m", line_style)[-1] for axis in _AXES]
+        axes.plot(*rendezvous, linestyle="none", marker="*", color=INK, markersize=8 * mark_size, zorder=4)
 
 
 def _has_wind_field(sheet: FlightSheet) -> bool:

@@ -141,10 +141,12 @@ def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float 
     Raises
     ------
     ValueError
-        If there are fewer than four pairs, or the inputs or outputs are constant.
+        If there are fewer than four pairs, a number is NaN, or the inputs or outputs are constant.
     """
     if inputs.size < _PAIRS_MIN:
         raise ValueError(f"arrived {inputs.size} pairs; expected {_PAIRS_MIN} at least")
+    if np.isnan(inputs).any() or np.isnan(outputs).any():
+        raise ValueError("arrived NaN; expected numbers")
     ranks = [stats.rankdata(rank_list) for rank_list in (inputs, outputs)]
     if any(np.ptp(rank_list) == 0.0 for rank_list in ranks):
         raise ValueError("arrived numbers that are all alike; expected some that differ")

@@ -63,13 +63,11 @@ def nearest_aircraft_distance(
     # required horizontal and vertical separation, m; vertical 0: the vertical distance is ignored. The larger of the
     # horizontal and the vertical ratio counts. None: the result is the distance in space, m
     separation_m: tuple[float, float] | None = None,
-    is_included: np.ndarray | None = None,  # mask of the aircraft to include, (time, aircraft); None: every aircraft
 ) -> np.ndarray:
     """Compute the distance (m) of each aircraft to the nearest aircraft, or the least ratio to the separation.
 
-    The result has the shape (time, aircraft); NaN without another included aircraft.
+    The result has the shape (time, aircraft); NaN without another aircraft.
     """
-    is_valid = np.ones(positions_m.shape[:2], dtype=bool) if is_included is None else is_included
     nearest = np.full(positions_m.shape[:2], np.inf)
     # one aircraft at a time: the memory of all pairs would grow with the square of the fleet
     for index in range(positions_m.shape[1] - 1):
@@ -79,7 +77,7 @@ def nearest_aircraft_distance(
             distance = np.linalg.norm(offset, axis=-1)
         else:
             distance = separation_ratio(np.hypot(offset[..., 0], offset[..., 1]), np.abs(offset[..., 2]), *separation_m)
-        distance = np.where(is_valid[:, later] & is_valid[:, [index]] & np.isfinite(distance), distance, np.inf)
+        distance = np.where(np.isfinite(distance), distance, np.inf)
         nearest[:, index] = np.minimum(nearest[:, index], distance.min(axis=1))
         nearest[:, later] = np.minimum(nearest[:, later], distance)
     return np.where(np.isfinite(nearest), nearest, np.nan)

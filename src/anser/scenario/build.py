@@ -131,12 +131,16 @@ def _goals_enter_by_missions_only(scenario: Scenario) -> bool:
 
 
 _kept_flights: "deque[tuple[list[Any], Flight]]" = deque(maxlen=2)
-"""Padded flights with the tables, without the goals, that define them. Tables are compared; not all can be hashed."""
+"""Padded flights with the tables, without the goals, that define them. Tables are compared; not all can be hashed.
+
+The written keys are compared too: of limits and gains that are left out, the values follow from the aircraft.
+"""
 
 
 def _build_for_goals(scenario: Scenario, number: int) -> Flight:
     """Build a padded flight once for the scenarios that differ in their goals alone."""
-    tables = [number, *(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")]
+    written = scenario.model_dump_json(exclude={"goal"}, exclude_unset=True)
+    tables = [number, written, *(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")]
     for kept_tables, flight in list(_kept_flights):
         if kept_tables == tables:
             return flight

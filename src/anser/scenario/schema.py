@@ -94,9 +94,12 @@ def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
 
 def _is_calm(wind: object) -> bool:
     """Whether a wind, not validated, is absent or zero."""
-    if isinstance(wind, Wind):
-        return wind.speed_max_m_s == 0.0
-    return not wind or (isinstance(wind, dict) and not any(wind.values()))
+    if isinstance(wind, dict):
+        try:
+            wind = Wind.model_validate(wind)
+        except ValidationError:
+            return False
+    return wind is None or (isinstance(wind, Wind) and wind.speed_max_m_s == 0.0 and wind.field is None)
 
 
 _CHECKS = (
@@ -233,9 +236,34 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
         raise ScenarioError(source, validation_problems(error, Scenario, values)) from None
 
 
+_DERIVED_LIMITS = {
+    "bank_max_deg",
+    "speed_min_m_s",
+    "speed_max_m_s",
+    "climb_rate_max_m_s",
+    "alpha_min_deg",
+    "alpha_max_deg",
+}
+_DERIVED_GAINS = {"rates", "attitude", "velocity"}
+
+
+def _written_in_place_of_derived(scenario: Scenario) -> list[str]:
+    """Paths of the written keys that would follow from the aircraft, see `anser.scenario.build_aircraft`."""
+    derived = {k: aircraft for k, aircraft in enumerate(scenario.aircraft) if not aircraft.is_library_f16}
+    limits = scenario.limits.model_fields_set & _DERIVED_LIMITS if derived else ()
+    gains = [
+        f"aircraft[{k}].gains.{loop}"
+        for k, aircraft in derived.items()
+        for loop in aircraft.gains.model_fields_set & _DERIVED_GAINS
+    ]
+    return sorted([*(f"limits.{key}" for key in limits), *gains])
+
+
 def scenario_hash(scenario: Scenario) -> str:
     """Compute a scenario's hash, which comments, the order of keys and written-out defaults do not change.
 
+    Limits and gains that follow from the aircraft where they are left out have no fixed default: the hash of a scenario
+    with other aircraft than the library's F-16 tells which of them are written.
     SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Airframes from entry points,
     which are code, enter with the name and version of their distribution; a wind field with the checksum of its file.
     """
@@ -244,6 +272,9 @@ def scenario_hash(scenario: Scenario) -> str:
     }
     code = {name: origin for name, origin in offered.items() if origin}
     extra: dict[str, Any] = {"entry_points": code} if code else {}
+    written = _written_in_place_of_derived(scenario)
+    if written:
+        extra["written"] = written
     if scenario.wind.field is not None:
         extra["wind"] = {**scenario.wind.model_dump(mode="json"), "field": scenario.wind.field.sha256}
     return content_hash(scenario, extra)

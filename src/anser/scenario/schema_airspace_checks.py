@@ -174,12 +174,14 @@ def keep_out_problems(scenario: ScenarioTables) -> list[Problem]:
 
     Requires that the goal of every aircraft exists.
     """
-    problems, names = [], [keep_out.name for keep_out in scenario.keep_out]
+    problems, path_of = [], {}
+    appearing = ((f"event[{k}].keep_out", event.keep_out) for k, event in enumerate(scenario.event) if event.keep_out)
+    for path, keep_out in [*((f"keep_out[{k}]", table) for k, table in enumerate(scenario.keep_out)), *appearing]:
+        if keep_out.name in path_of:
+            arrived = f'"{keep_out.name}", already the name of {path_of[keep_out.name]}'
+            problems.append(Problem(f"{path}.name", arrived, "a name of its own", f'keep_out "{keep_out.name}"'))
+        path_of.setdefault(keep_out.name, path)
     for index, keep_out in enumerate(scenario.keep_out):
-        if keep_out.name in names[:index]:
-            arrived = f'"{keep_out.name}", already the name of keep_out[{names.index(keep_out.name)}]'
-            subject = f'keep_out "{keep_out.name}"'
-            problems.append(Problem(f"keep_out[{index}].name", arrived, "a name of its own", subject))
         inside = f'inside keep_out[{index}] "{keep_out.name}"'
         below, above = f"below {format_number(keep_out.bottom_m)} m", f"above {format_number(keep_out.top_m)} m"
         outside = f"at least {format_number(keep_out.radius_m)} m from its middle, {below} or {above}"

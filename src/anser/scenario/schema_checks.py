@@ -202,10 +202,13 @@ def margin_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def goal_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List airborne goals that start at or sink to the surface during the flight."""
+    """List airborne goals that start at or sink to the surface during the flight, and surface goals that climb."""
     problems = []
     for index, goal in enumerate(scenario.goal):
         if goal.kind == "surface":
+            if goal.waypoints is None and goal.climb_rate_m_s:
+                arrived, expected = format_number(goal.climb_rate_m_s), 'nothing, or 0, for a goal of kind = "surface"'
+                problems.append(Problem(f"goal[{index}].climb_rate_m_s", arrived, expected, goal.label))
             continue
         heights = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints or ())}
         if goal.waypoints is None:
@@ -315,6 +318,7 @@ def sensing_problems(scenario: ScenarioTables) -> list[Problem]:
 _ONCE = {
     "aircraft-leaves": ("leaves", "an aircraft that has not left"),
     "thrust-lost": ("loses thrust", "one loss of thrust for each aircraft; further changes by aircraft-changes"),
+    "goal-sensor-lost": ("loses its goal sensor", "one loss of the sensor for each aircraft"),
 }
 """Events that an aircraft can have once: verb and expectation of the message."""
 
@@ -342,6 +346,10 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
                 arrived = f'"{event.aircraft}", which {verb} by event[{former[event.kind, event.aircraft]}] already'
                 problems.append(Problem(f"{path}.aircraft", arrived, expected))
             former[event.kind, event.aircraft] = index
+        gone = next((e for e in events if (e.kind, e.aircraft) == ("aircraft-leaves", event.aircraft)), None)
+        if event.kind in ("thrust-lost", "goal-sensor-lost") and gone is not None and gone.time_s <= event.time_s:
+            arrived = f'"{event.aircraft}", which has left at {format_number(gone.time_s)} s'
+            problems.append(Problem(f"{path}.aircraft", arrived, _ONCE["aircraft-leaves"][1]))
         if event.deviation is not None:
             changed = [aircraft for aircraft in scenario.aircraft if aircraft.name == event.aircraft]
             problems += [

@@ -291,3 +291,16 @@ def test_a_replanned_plan_has_no_weak_types():
         shapes = jax.eval_shape(replan, plan, 120.0, tasks, RIGHT, even)
         assert not any(leaf.weak_type for leaf in jax.tree.leaves(shapes))
         assert jax.tree.map(lambda leaf: leaf.dtype, shapes) == jax.tree.map(lambda leaf: leaf.dtype, plan)
+
+
+def test_a_goal_that_outruns_its_aircraft_is_no_reason_for_another_plan_until_it_can_be_reached():
+    case = published_fleet()
+    fleeing = replace(case, goal_velocity_n=case.goal_velocity_n.at[1].set(velocity(170.0, 0.8)))
+    plan = plan_at(100.0, fleeing, RIGHT, False)
+    assert plan.goal_reachable.tolist() == [True, False, True]
+    time, tasks = predicted(fleeing, plan, 0.3)
+    assert not _continue(plan, jnp.asarray(time), tasks, jnp.asarray(False))[1]
+    stopped = replace(tasks, goal_velocity_n=tasks.goal_velocity_n.at[1].set(0.0))
+    continued, is_due = _continue(plan, jnp.asarray(time), stopped, jnp.asarray(False))
+    assert is_due
+    assert replanned_plan(plan, time, stopped, False).goal_reachable.all()

@@ -59,6 +59,7 @@ from anser.spatial.rotations import safe_norm
 LEAD_S = 6.0
 """Time between an offer and the start of the offered path, s: in this time the fleet must acknowledge it."""
 _CLEARANCE_RATIO_MIN = 1.0 - 1e-7  # ratio of distance to separation
+_GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 _SAME_TIME_S = 1e-3
 # of the time to go: small delays first, because the fleet follows
 _DELAY_FRACTIONS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
@@ -195,6 +196,8 @@ class _CorrectionLoop(eqx.Module):
     is_changed: Bool[Array, " aircraft"]  # mask of the aircraft with a fraction that fits
     corrected: Bool[Array, " aircraft"]  # mask of the aircraft whose whole correction fits
     within_limits: Bool[Array, " aircraft"]  # mask of the aircraft whose whole correction keeps the limits
+    # mask of the aircraft with a fraction that fits, or whose uncorrected path keeps the limits
+    keeps_limits: Bool[Array, " aircraft"]
 
 
 class _PathSearch(eqx.Module):
@@ -255,10 +258,7 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def replan_between_steps(
-        self,
-        planner_state: DecentralisedPlanState,
-        time: float,
-        reports: AircraftReport,
+        self, planner_state: DecentralisedPlanState, time: float, reports: AircraftReport
     ) -> DecentralisedPlanState:
         """Correct the paths as `replan` does, and search a new path for one aircraft; the aircraft take turns.
 
@@ -271,7 +271,8 @@ class DecentralisedPlanner(AbstractPlanner):
         if not searches.size:
             return _open_offers(correction)
         count = len(correction.searches)
-        aircraft = int(min(searches, key=lambda k: (k - round(time)) % count))
+        # Multiples of an irrational number make fair turns, whatever the replanning period.
+        aircraft = int(searches[int(searches.size * (time * _GOLDEN_RATIO % 1.0))])
         is_selected = as_array(np.arange(count) == aircraft, bool)
         search = _path_search(self, correction, is_selected)
         for delay, limits in search.ladder.attempts():
@@ -336,8 +337,10 @@ class DecentralisedPlanner(AbstractPlanner):
             return candidate, certificate, may_change & certificate.satisfied_individually & in_tube
 
         def correct_further(carry: _CorrectionLoop) -> _CorrectionLoop:
-            candidate, certificate, fits = correct_by(jnp.asarray(CORRECTION_FRACTIONS)[carry.attempt])
-            chosen, is_whole = fits & ~carry.is_changed, carry.attempt == 0
+            candidate, certificate, fits = correct_by(jnp.asarray((*CORRECTION_FRACTIONS, 0.0))[carry.attempt])
+            is_whole, is_none = carry.attempt == 0, carry.attempt == len(CORRECTION_FRACTIONS)
+            fits = fits & ~is_none
+            chosen = fits & ~carry.is_changed
             return _CorrectionLoop(
                 carry.attempt + 1,
                 select_rows(chosen, candidate, carry.paths),
@@ -345,13 +348,14 @@ class DecentralisedPlanner(AbstractPlanner):
                 carry.is_changed | fits,
                 jnp.where(is_whole, fits, carry.corrected),
                 jnp.where(is_whole, certificate.satisfied_individually, carry.within_limits),
+                jnp.where(is_none, carry.is_changed | certificate.satisfied_individually, carry.keeps_limits),
             )
 
         def is_incomplete(carry: _CorrectionLoop) -> Flag:
-            return (carry.attempt < len(CORRECTION_FRACTIONS)) & jnp.any(may_change & ~carry.is_changed)
+            return (carry.attempt <= len(CORRECTION_FRACTIONS)) & jnp.any(may_change & ~carry.is_changed)
 
         none = jnp.zeros_like(may_change)
-        begin = _CorrectionLoop(jnp.asarray(0), paths, plan.certificate, none, none, none)
+        begin = _CorrectionLoop(jnp.asarray(0), paths, plan.certificate, none, none, none, ~none)
         loop = jax.lax.while_loop(is_incomplete, correct_further, begin)
         corrected, is_changed = loop.corrected, loop.is_changed
         proposals = ApproachAndHold(bent, move_with_goals(state.agreed_paths.hold, tasks, clock))
@@ -371,7 +375,7 @@ class DecentralisedPlanner(AbstractPlanner):
             is_clear[alternative, alternative],
             clock,
             reports.active,
-            LEAD_S - 1.0,
+            lead - 1.0,
         )
         paths = loop.paths
         may_offer = may_change & state.settled & ~is_late & ~corrected & (to_go > planner.freeze + 2.0 * LEAD_S)
@@ -380,7 +384,7 @@ class DecentralisedPlanner(AbstractPlanner):
         goal_has_moved = under_way
         if reports.goal_covariance is not None:
             goal_has_moved = jax.vmap(rendezvous_has_moved)(paths, tasks, reports.goal_covariance, time_to_go)
-        needs_path = is_late | (~corrected & goal_has_moved)
+        needs_path = is_late | (~corrected & (goal_has_moved | ~loop.keeps_limits))
         searches = may_change & state.settled & needs_path & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
         remaining_lengths = jax.vmap(TimedPath.air_length)(paths, clock)
         plan = eqx.tree_at(
@@ -408,8 +412,8 @@ class DecentralisedPlanner(AbstractPlanner):
     ) -> Bool[Array, "paths paths"]:
         """Return the mask of the pairs of paths that are separated from `from_time` (s) on; (path, path).
 
-        The paths are the agreed paths of all aircraft, then the alternative and the proposed paths (`approaches`), each
-        with its hold. Two paths of one aircraft count as separated.
+        The paths are the agreed, the alternative and the proposed ones (`approaches`) of all aircraft, with their
+        holds. Two paths of one aircraft count as separated.
         """
         path_sets = jax.tree.map(
             lambda *leaves: jnp.concatenate(leaves), state.agreed_paths, state.alternative, approaches

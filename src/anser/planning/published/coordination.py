@@ -142,19 +142,26 @@ def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, "
     return jax.jvp(value, (duration,), (jnp.ones_like(duration),))
 
 
+def _straight_times(
+    tasks: PlanningTask, speed: ScalarLike
+) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
+    """Times along straight lines to the rendezvous at an airspeed (m/s), s, and whether there is such a time."""
+
+    def to_go(task: PlanningTask) -> tuple[Scalar, Flag]:
+        line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
+        return time_to_go(line, task.goal_velocity_n - task.wind_n, speed)
+
+    return jax.vmap(to_go)(tasks)
+
+
 def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
     """Solve for the least duration (s) that equals the flight time of the longest path at a mean airspeed (m/s).
 
     Also returns whether there is such a duration, and the mask of the aircraft with reachable goals. Without a
     solution, the duration is the time along straight lines.
     """
-
-    def to_go(task: PlanningTask) -> tuple[Scalar, Flag]:
-        line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
-        return time_to_go(line, task.goal_velocity_n - task.wind_n, speed)
-
     included = _planned_for(tasks)
-    straight, exists = jax.vmap(to_go)(tasks)
+    straight, exists = _straight_times(tasks, speed)
     exists, straight = exists & included, jnp.where(included, straight, 0.0)
     # The result does not depend on the start of the search; its gradient is the implicit one.
     straight = jax.lax.stop_gradient(straight)
@@ -338,7 +345,9 @@ def continue_plan(
     duration = continued.trajectories.duration
     mean_speed = (continued.lengths - tasks.path_length_deficit) / duration
     is_off_speed = continued.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
-    is_due = jnp.any((is_off_speed | ~continued.converged) & tasks.active) & (duration[0] > COMMITTED_S)
+    # A goal that outruns its aircraft is no reason for another plan until it can be reached.
+    is_unsolved = jnp.where(continued.goal_reachable, ~continued.converged, _straight_times(tasks, plan.speed)[1])
+    is_due = jnp.any((is_off_speed | is_unsolved) & tasks.active) & (duration[0] > COMMITTED_S)
     return _keep_inactive(plan, continued, tasks.active), is_due
 
 

@@ -231,10 +231,7 @@ class PublishedPlanner(AbstractPlanner):
         )
 
     def replan_between_steps(
-        self,
-        planner_state: PublishedPlanState,
-        time: float,
-        reports: AircraftReport,
+        self, planner_state: PublishedPlanState, time: float, reports: AircraftReport
     ) -> PublishedPlanState:
         """Coordinate the fleet again from the reported positions, as `replan` of the coordination does."""
         plan = _coordinate_again(self, planner_state, as_array(time), reports)

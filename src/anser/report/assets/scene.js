@@ -129,8 +129,9 @@ class FlightScene {
       flyer.update(state.time, eye.lift);
     }
     for (const { one, edges } of this.keepOuts) {
-      const course = (one.course_deg * Math.PI) / 180, gone = one.speed_m_s * state.time, [north, east] = this.frame.middle;
+      const course = (one.course_deg * Math.PI) / 180, from = one.from_s ?? 0, gone = one.speed_m_s * (state.time - from), [north, east] = this.frame.middle;
       edges.position.set((one.east_m + gone * Math.sin(course) - east) / 1000, 0, -(one.north_m + gone * Math.cos(course) - north) / 1000);
+      edges.visible = state.time >= from;
     }
     eye.track(this.focus, state.time);
     this.ground.plate.visible = !eye.chasing;
