@@ -6,8 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import FirstOrderActuators
+from anser.aircraft import FirstOrderActuators, SecondOrderActuators
 from anser.aircraft.actuators import Deflections
+from anser.numerics.integration import rk4_step
 from support.states import air_at
 
 ACTUATORS = FirstOrderActuators(
@@ -71,3 +72,35 @@ def test_batches_equal_single_evaluations():
     positions, commands = jnp.linspace(-0.3, 0.3, 12).reshape(4, 3), jnp.linspace(0.5, -0.5, 12).reshape(4, 3)
     batch_rates = jax.vmap(rate)(positions, commands)
     np.testing.assert_array_equal(batch_rates, [rate(p, c) for p, c in zip(positions, commands, strict=True)])
+
+
+def test_second_order_surfaces_rest_at_their_stops():
+    """A lightly damped surface is sent to its stop: its free motion would overshoot by a third, at up to 600 deg/s."""
+    limit, step = np.deg2rad(30.0), 0.01
+    actuators = SecondOrderActuators(
+        frequency=jnp.full(3, 40.0),
+        damping=jnp.full(3, 0.3),
+        lower=jnp.full(3, -limit),
+        upper=jnp.full(3, limit),
+        rate_limit=jnp.full(3, np.deg2rad(600.0)),
+    )
+
+    @jax.jit
+    def fly(commands):
+        def advance(state, command):
+            state = actuators.before_step(state, command)
+            moved = rk4_step(lambda _, s: actuators.rate(s, command, AIR), 0.0, state, step)
+            return moved, (state.position, moved.position)
+
+        return jax.lax.scan(advance, actuators.steady_state(jnp.zeros(3)), commands)[1]
+
+    commands = np.tile([1.0, -1.0, 0.5], (200, 1)) * limit
+    commands[100:, :2] = 0.0
+    begun, moved = (np.asarray(values) for values in fly(jnp.asarray(commands)))
+    assert np.all(np.abs(begun) <= limit)
+    # Within a step a surface may pass the stop, by less than the way of the step.
+    assert np.all(np.abs(moved) <= limit + np.deg2rad(600.0) * step)
+    np.testing.assert_allclose(begun[95, :2], [limit, -limit], rtol=1e-3)
+    # The stop does not hold it, and far from the stops nothing is changed.
+    np.testing.assert_allclose(begun[-1, :2], 0.0, atol=1e-3)
+    assert begun[:, 2].max() > 1.2 * 0.5 * limit

@@ -142,6 +142,14 @@ def test_values_calculated_from_changed_constants_are_updated():
     assert float(slope(3.0)) == 6.0
 
 
+def test_a_replaced_value_stays_until_one_of_its_sources_changes():
+    replaced = model("features").evaluator.with_constants({"k_squared": 7.0})
+    others = {name for name in replaced.constants if name not in ("k", "factor", "k_squared")}
+    again = replaced.with_constants({name: float(replaced.constants[name]) for name in others})
+    assert float(again.constants["k_squared"]) == 7.0
+    assert float(again.with_constants({"factor": 3.0}).constants["k_squared"]) == 9.0
+
+
 def test_a_constant_calculated_from_literals_can_be_replaced():
     # NASA's file has pi to nine digits
     aero = model("F16_aero").evaluator

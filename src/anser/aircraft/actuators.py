@@ -5,7 +5,7 @@ from typing import Any, Self
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.air_data import AirData
 from anser.shapes import Scalar, Vector
@@ -111,7 +111,11 @@ class MovingDeflections(eqx.Module):
 
 
 class SecondOrderActuators(AbstractActuators):
-    """Actuators with second-order dynamics (natural frequency, rad/s, and damping ratio) and a rate limit."""
+    """Actuators with second-order dynamics (natural frequency, rad/s, and damping ratio), rate limit and hard stops.
+
+    A surface that overshoots to its stop rests there until the free motion turns back. Within an integration step it
+    may pass the stop, by less than the distance of the step.
+    """
 
     frequency: Vector
     damping: Vector
@@ -142,7 +146,7 @@ class SecondOrderActuators(AbstractActuators):
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
         """Return the rates of position x (rad) and velocity: x'' = w^2 (limited command - x) - 2 z w x', x' limited.
 
-        w is the natural frequency, z the damping ratio.
+        w is the natural frequency, z the damping ratio. At a stop, x does not move outwards, and an outward x' decays.
         """
         w = self.frequency
         free_acceleration = (
@@ -151,16 +155,30 @@ class SecondOrderActuators(AbstractActuators):
         limited_velocity = jnp.clip(state.velocity, -self.rate_limit, self.rate_limit)
         # at the rate limit the speed cannot grow, and an overshoot by an integration step decays
         return_acceleration = (limited_velocity - state.velocity) * w
+        is_rising, is_falling = self._pushes_upper(state), self._pushes_lower(state)
+        return_acceleration = jnp.where(is_rising | is_falling, -state.velocity * w, return_acceleration)
         acceleration = jnp.where(
-            state.velocity >= self.rate_limit,
+            (state.velocity >= self.rate_limit) | is_rising,
             jnp.minimum(free_acceleration, return_acceleration),
             jnp.where(
-                state.velocity <= -self.rate_limit,
+                (state.velocity <= -self.rate_limit) | is_falling,
                 jnp.maximum(free_acceleration, return_acceleration),
                 free_acceleration,
             ),
         )
-        return MovingDeflections(limited_velocity, acceleration)
+        return MovingDeflections(jnp.where(is_rising | is_falling, 0.0, limited_velocity), acceleration)
+
+    def before_step(self, state: MovingDeflections, command: Vector) -> MovingDeflections:
+        """Return the state within the stops: at rest at a stop that was passed."""
+        is_stopped = self._pushes_upper(state) | self._pushes_lower(state)
+        velocity = jnp.where(is_stopped, 0.0, state.velocity)
+        return MovingDeflections(self.limit_command(state.position), velocity)
+
+    def _pushes_upper(self, state: MovingDeflections) -> Bool[Array, " surfaces"]:
+        return (state.position >= self.upper) & (state.velocity > 0.0)
+
+    def _pushes_lower(self, state: MovingDeflections) -> Bool[Array, " surfaces"]:
+        return (state.position <= self.lower) & (state.velocity < 0.0)
 
 
 class InstantActuators(AbstractActuators):

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -43,10 +44,15 @@ AIR_INPUTS = {
 _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
+def _used_inputs(evaluator: Evaluator, values: Mapping[str, ScalarLike]) -> dict[str, ScalarLike]:
+    """Return the values of the inputs that a file uses, by name."""
+    input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
+    return {name: value for name, value in values.items() if name in input_names}
+
+
 def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
     """Return the values of those `AIR_INPUTS` that a file uses, by name; SI units and rad."""
-    input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
-    return {name: getattr(air_data, key) for name, key in AIR_INPUTS.items() if name in input_names}
+    return _used_inputs(evaluator, {name: getattr(air_data, key) for name, key in AIR_INPUTS.items()})
 
 
 class DaveMlEngine(AbstractLaggedEngine):
@@ -76,15 +82,27 @@ class DaveMlEngine(AbstractLaggedEngine):
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N).
 
-        The thrust is computed every ten percent of power and interpolated linearly.
+        The thrust is computed every ten percent of power and interpolated linearly; two further values of thrust, at
+        the interpolated powers, narrow the interval.
         """
         powers = jnp.asarray(_POWER_GRID, air_data.V.dtype)
         thrusts = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
         rising = jax.lax.cummax(thrusts)
         index = jnp.clip(jnp.sum(thrust >= rising) - 1, 0, _POWER_GRID.size - 2)
-        span = rising[index + 1] - rising[index]
-        share = (thrust - rising[index]) / jnp.where(span > 0.0, span, 1.0)
-        return jnp.clip(powers[index] + 10.0 * jnp.clip(share, 0.0, 1.0), 0.0, 100.0)
+
+        def interpolate(low: tuple[Scalar, Scalar], high: tuple[Scalar, Scalar]) -> Scalar:
+            span = high[1] - low[1]
+            share = (thrust - low[1]) / jnp.where(span > 0.0, span, 1.0)
+            return low[0] + (high[0] - low[0]) * jnp.clip(share, 0.0, 1.0)
+
+        def narrow(_: object, ends: tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]) -> Any:
+            power = interpolate(*ends)
+            between = power, self.propulsion(power, air_data).force_b[0]
+            is_below = between[1] <= thrust
+            return jax.tree.map(lambda a, b: jnp.where(is_below, a, b), (between, ends[1]), (ends[0], between))
+
+        ends = tuple((powers[k], rising[k]) for k in (index, index + 1))
+        return jnp.clip(interpolate(*jax.lax.fori_loop(0, 2, narrow, ends)), 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether altitude or Mach number is outside the declared range of the tables."""
@@ -149,7 +167,7 @@ class DaveMlAircraft(AbstractAirframe):
         limited_air_data = eqx.tree_at(lambda d: d.V, air_data, jnp.maximum(air_data.V, self.airspeed_min))
         inputs = {
             **air_inputs(self.evaluator, limited_air_data),
-            **dict(zip(_RATES, rates_b, strict=True)),
+            **_used_inputs(self.evaluator, dict(zip(_RATES, rates_b, strict=True))),
             **dict(zip(self.inputs, surfaces, strict=True)),
         }
         outputs = self.evaluator.evaluate_si(inputs, AERO_OUTPUTS)

@@ -162,10 +162,13 @@ def velocity_control(
     added = LoopExcitation(zero, zero) if path_command.excitation is None else path_command.excitation
     motion, limits = model.motion, model.limits
     V_command = jnp.clip(path_command.V, limits.speed_min, limits.speed_max)
+    # At the end of the range of airspeeds, the command does not go on as it would outside.
+    is_beyond = (path_command.V - V_command) * path_command.V_dot > 0.0
+    V_dot = jnp.where(is_beyond, 0.0, path_command.V_dot)
     error = jnp.stack(
         [V_command - motion.V, path_command.gamma - motion.gamma, wrap_angle(path_command.chi - motion.chi)]
     )
-    path_command_dot = jnp.stack([path_command.V_dot, path_command.gamma_dot, path_command.chi_dot])
+    path_command_dot = jnp.stack([V_dot, path_command.gamma_dot, path_command.chi_dot])
     nu = virtual_control(gains.velocity, error, controller_state.velocity_integral, path_command_dot, motion.path_rates)
     thrust = thrust_demand(model, gains.engine_bandwidth, nu[0])
     unlimited_attitude = attitude_demand(model, nu[1], nu[2])

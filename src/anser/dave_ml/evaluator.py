@@ -277,8 +277,8 @@ class Evaluator(eqx.Module):
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
         """Return a copy with other constants, in the file's units; values calculated from the constants are updated.
 
-        A value that the file calculates from constants may be set too, and then replaces the calculation. Raises
-        ValueError if a variable is not a constant.
+        A value that the file calculates from constants may be set too, and then replaces the calculation until one of
+        its sources is changed. Raises ValueError if a variable is not a constant.
         """
         changed = {self.structure.find(name): value for name, value in changes.items()}
         for identifier in changed:
@@ -289,11 +289,13 @@ class Evaluator(eqx.Module):
         if namespace(values) is np:  # nothing to compile
             values = {name: float(value) for name, value in values.items()}
             arithmetic, xp = IN_NUMPY, np
+        affected = set(changed)
         for quantity in self.structure.quantities:
             if quantity.id in changed:
                 values[quantity.id] = _clip(values[quantity.id], quantity.limits, xp)
-            elif quantity.formula is not None and quantity.id in values:
+            elif quantity.formula is not None and quantity.id in values and affected.intersection(quantity.sources):
                 values[quantity.id] = _clip(arithmetic.value_of(quantity.formula, values), quantity.limits, xp)
+                affected.add(quantity.id)
         return eqx.tree_at(lambda e: e.constants, self, {name: as_array(value) for name, value in values.items()})
 
     def _input(self, name: str, value: ScalarLike) -> str:

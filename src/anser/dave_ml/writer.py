@@ -184,9 +184,10 @@ def _shot(shot: Shot, definition: Definition) -> list[str]:
 
 def _signal(signal: Signal, definition: Definition, by_name: bool, single: set[str]) -> list[str]:
     variable = definition.variables[signal.id]
-    if (by_name and variable.name in single) or signal.units != variable.units:
+    if variable.name in single and (by_name or signal.units != variable.units):
         head = [*_text("signalName", variable.name), *_text("signalUnits", signal.units)]
     else:
-        head = _text("varID", signal.id)
+        units = [] if signal.units == variable.units else _text("signalUnits", signal.units)
+        head = [*_text("varID", signal.id), *units]
     tolerance = [] if signal.tolerance is None else _text("tol", repr(float(signal.tolerance)))
     return _element("signal", {}, [*head, *_text("signalValue", repr(float(signal.value))), *tolerance])

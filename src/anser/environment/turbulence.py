@@ -120,10 +120,11 @@ class Turbulence(AbstractGusts):
     """Turbulence of MIL-F-8785C and MIL-HDBK-1797 (identical spectra), independent for each aircraft.
 
     An aircraft flies through a frozen field; gusts of two aircraft are independent, an assumption for distances of
-    several scales. Up to 1,000 ft, u is horizontal along the velocity through the air, v horizontal to the right, w
-    down; from 2,000 ft the axes are the body axes; in between the gust is the average, linear in height. Rates: q is
-    the gradient of w along the flight and r minus the gradient of v, both low-passed by the span; p is independent
-    noise. Gusts are constant between samples.
+    several scales. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w down (the
+    standards take the direction of the mean wind past the aircraft, the same without sideslip); from 2,000 ft the axes
+    are the body axes; in between the gust is the average, linear in height. Rates: q is the gradient of w along the
+    flight and r minus the gradient of v, both low-passed by the span; p is independent noise. Gusts are constant
+    between samples.
     """
 
     #: Wind at 20 ft (m/s), which sets the intensity below 1,000 ft, and log10 of the probability above 2,000 ft that

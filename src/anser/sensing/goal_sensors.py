@@ -55,6 +55,11 @@ class GoalSensorState(eqx.Module):
     queue: MeasurementQueue | None
 
 
+def _of_azimuths(errors: Array, sight: LineOfSight) -> Array:
+    """Return errors across the line of sight as errors of the measured values: those of azimuth grow with elevation."""
+    return jnp.where(_AZIMUTHS, errors / jnp.maximum(jnp.cos(sight.elevation), _COS_MIN), errors)
+
+
 class NoisyGoalSensor(eqx.Module):
     """Sensor of one goal with errors; a part of `NoisySensors`, not itself an `AbstractSensors`."""
 
@@ -62,7 +67,8 @@ class NoisyGoalSensor(eqx.Module):
     #: measured across the line of sight, so the azimuth error is greater by 1 / cos(elevation).
     sigmas: Float[Array, "6"]
     range_share: Scalar  #: Additional range error, as a fraction of the range.
-    bias_sigmas: Float[Array, "6"]  #: Standard deviations of the biases, drawn once per flight.
+    #: Standard deviations of the biases, drawn once per flight; of angles, as in `sigmas`.
+    bias_sigmas: Float[Array, "6"]
     measures: Bool[Array, "6"]  #: Flags of the measured components.
     period: Scalar  #: Time between two measurements, s; a multiple of the sampling period.
     #: Least and greatest latency of a measurement, s; uniformly distributed, so measurements may arrive out of
@@ -126,9 +132,11 @@ class NoisyGoalSensor(eqx.Module):
         is_seen = works & truth.goal_sensor_works & self.view.sees(truth.condition.R_bn, line_n)
         if self.kind == "sight":
             values, sigmas = line_of_sight_values(sight), self._sight_sigmas(sight)
+            biases = _of_azimuths(sensor_state.biases, sight)
         else:
             values, sigmas = jnp.concatenate([goal.position_n, goal.velocity_n]), self.sigmas
-        errors = sensor_state.biases + sigmas * instant.normals(GOAL_SENSOR, _NORMALS)
+            biases = sensor_state.biases
+        errors = biases + sigmas * instant.normals(GOAL_SENSOR, _NORMALS)
         return GoalReading(
             values=jnp.where(self.measures, values + errors, 0.0),
             sigmas=sigmas,
@@ -138,8 +146,7 @@ class NoisyGoalSensor(eqx.Module):
         )
 
     def _sight_sigmas(self, sight: LineOfSight) -> Array:
-        level = jnp.maximum(jnp.cos(sight.elevation), _COS_MIN)
-        sigmas = jnp.where(_AZIMUTHS, self.sigmas / level, self.sigmas)
+        sigmas = _of_azimuths(self.sigmas, sight)
         of_range = jnp.sqrt(self.sigmas[0] ** 2 + (self.range_share * sight.range) ** 2)
         return jnp.where(_RANGE, of_range, sigmas)
 

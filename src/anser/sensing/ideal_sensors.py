@@ -107,10 +107,11 @@ class SampleRing(eqx.Module):
 
 
 class DelayedSensors(AbstractSensors):
-    """Ideal sensors with a constant delay of all readings.
+    """Ideal sensors with a constant delay of the readings of motion, specific force and goal.
 
-    Before time 0 the reading is the state at time 0. Wrapping angles (course, azimuth) are not interpolated: the
-    attitude is a quaternion, and the line of sight is taken from the latest whole period.
+    Wind, gusts and changes of the airframe are the present ones: a gust reaches the air data without delay. Before time
+    0 the reading is the state at time 0. Wrapping angles (course, azimuth) are not interpolated: the attitude is a
+    quaternion, and the line of sight is taken from the latest whole period.
     """
 
     delay: Scalar  #: Delay, s; 0 to `delay_max`.

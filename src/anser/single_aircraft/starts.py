@@ -46,7 +46,8 @@ def input_names(airframe: AbstractAirframe) -> tuple[str, ...]:
 def resolve_start(airframe: AbstractAirframe, environment: Environment, start: Any) -> TrimPoint:
     """Return the start of a flight in the form of a trim point.
 
-    `start` is a trim, a `TrimPoint`, or a mapping with the names of `start_names`; its airspeed is kept in any wind.
+    `start` is a trim, a `TrimPoint` of still air, or a mapping with the names of `start_names`; its airspeed is kept in
+    any wind.
     Raises ConditionError for a trim that is no steady flight, ValueError for a trim of another aircraft or atmosphere,
     and for a name that is unknown or missing or a value out of range.
     """

@@ -301,6 +301,6 @@ def test_a_goal_that_outruns_its_aircraft_is_no_reason_for_another_plan_until_it
     time, tasks = predicted(fleeing, plan, 0.3)
     assert not _continue(plan, jnp.asarray(time), tasks, jnp.asarray(False))[1]
     stopped = replace(tasks, goal_velocity_n=tasks.goal_velocity_n.at[1].set(0.0))
-    continued, is_due = _continue(plan, jnp.asarray(time), stopped, jnp.asarray(False))
+    _, is_due = _continue(plan, jnp.asarray(time), stopped, jnp.asarray(False))
     assert is_due
     assert replanned_plan(plan, time, stopped, False).goal_reachable.all()
