@@ -307,7 +307,7 @@ class _StepRecorder(AbstractRecorder):
         """The recorder has no state."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return the values of one sample by key of the catalogue, SI units and radians."""
+        """Return loop outputs, deflections, engine power and throttle of one sample by variable key; SI units, rad."""
         outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)
         return {**outputs, "throttle": jnp.asarray(sample.controls.throttle)}
 

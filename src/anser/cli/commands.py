@@ -44,9 +44,9 @@ class DefaultCommandGroup(TyperGroup):
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the arguments, after inserting the default command's name where the command line names no command.
+        """Insert the default command if the first argument is no command or help option; parse the arguments.
 
-        No name is inserted before a help option or a misspelt command.
+        An empty command line stays empty, and a word that resembles a command and is not a file stays first.
         """
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             close = difflib.get_close_matches(args[0], self.commands)

@@ -22,7 +22,7 @@ _UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **
 
 
 def compiled(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
-    """Compile a function with XLA's optimizer; `title` names the program for the user."""
+    """Return a program of the function, compiled with XLA's optimizer when first called; `title` is shown to users."""
     return Program(function, {}, title=title)
 
 

@@ -41,7 +41,10 @@ def flow_rates(
 
 
 def attitude_rates(roll: Any, pitch: Any, rates_b: Any, xp: Any = np) -> Any:
-    """Return the rates of roll, pitch and yaw, rad/s, stacked; as for `flow_rates`. Source: [SL] eq. 1.4-4."""
+    """Return the rates of roll, pitch and yaw, rad/s, stacked, from the angles (rad) and the body rates (rad/s).
+
+    `xp` is the array module, `numpy` or `jax.numpy`. Source: [SL] eq. 1.4-4.
+    """
     P, Q, R = rates_b
     turning = Q * xp.sin(roll) + R * xp.cos(roll)
     return xp.stack([P + xp.tan(pitch) * turning, Q * xp.cos(roll) - R * xp.sin(roll), turning / xp.cos(pitch)])
@@ -73,22 +76,22 @@ def record_gravity(record: FlightRecord) -> Rows3:
 def with_specific_force(
     record: FlightRecord, accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> FlightRecord:
-    """Return the record with the specific force at the centre of gravity.
+    """Return the record with the specific force f at the centre of gravity.
 
-    That of accelerometers at another position r is corrected: f = f_r - w' x r - w x (w x r). Without accelerometers,
-    the force follows from the velocity over ground: f = v' + w x v - g in body axes, over a flat Earth.
+    Accelerometers at the position r measure f_r; f = f_r - w' x r - w x (w x r). Without accelerometers, f follows from
+    the velocity v over ground: f = v' + w x v - g, in body axes, over a flat Earth.
 
     Parameters
     ----------
     record
-        Record with body rates, and with specific forces or velocities.
+        Record with body rates, and with specific forces, or with velocity and attitude.
     accelerometer_m
-        Position of the accelerometers relative to the centre of gravity, body axes, m.
+        Position r of the accelerometers relative to the centre of gravity, body axes, m.
 
     Raises
     ------
     ValueError
-        The record lacks body rates, or both specific force and velocity.
+        The record lacks one of the channels needed.
     """
     record = with_attitude(record)
     rates = record.stack(*RATES)

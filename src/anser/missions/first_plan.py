@@ -247,7 +247,10 @@ class PublishedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def limits(self) -> LimitReport:
-        """Extremes of each path at samples, compared with the scenario's limits; leading axis aircraft."""
+        """Least and greatest speed, turn, climb and altitude at samples of each path, against the limits.
+
+        Leading axis aircraft.
+        """
         report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
         return first_rows(report, len(self.scenario.aircraft))
 

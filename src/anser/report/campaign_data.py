@@ -21,9 +21,10 @@ def json_numbers(values: np.ndarray) -> list[float | None]:
 
 @dataclass(frozen=True)
 class SeriesBands:
-    """Quantiles of one variable over the flights of a campaign, at each time, for each aircraft.
+    """Quantiles of one variable over the flights of a campaign, at each of `times_s`, for each of `aircraft`.
 
-    `quantiles` holds 5, 50 and 95 % of the flights, shape (3, aircraft, times); NaN if no flight has a finite value.
+    `quantiles` holds 5, 50 and 95 %, shape (3, aircraft, times); NaN if no flight has a finite value. Of many flights,
+    times or aircraft, only some are included.
     """
 
     name: str

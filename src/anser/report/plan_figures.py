@@ -58,7 +58,10 @@ def marker_period(dataset: xr.Dataset) -> float:
 
 
 def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | None:
-    """Return the closest pair by "distance" (in space) or "separation" (over the required); None for one aircraft."""
+    """Return the names of the two aircraft that come closest in the plan; None without a pair, as for one aircraft.
+
+    `measure` is "distance" (in space) or "separation" (weighted by the required separations; only if required).
+    """
     pair = dataset[f"least_{measure}_pair"].values
     if pair[0] < 0:
         return None

@@ -29,7 +29,10 @@ _CHANGE_RANGE_MIN = 0.1  # least half-width of the axis
 
 
 def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the simulated parts of a result of `anser.analysis.robustness` into SVG and PNG files; return the paths."""
+    """Draw a robustness study, the result of `anser.analysis.robustness`, into SVG and PNG files; return the paths.
+
+    Figures of parts of the study that were not flown are left out.
+    """
     drawings = {
         "success": ("dispersed", _success_by_condition),
         "errors": ("dispersed", _error_distributions),

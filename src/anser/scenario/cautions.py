@@ -75,7 +75,10 @@ _TRIM_MAP_KEYS = {"speed_min_m_s", "speed_max_m_s", "bank_max_deg", "climb_rate_
 
 
 def _limit_cautions(scenario: Scenario) -> list[str]:
-    """Cautions for limits beyond an aircraft's capability; limits left out follow from the trim map."""
+    """Return cautions for limits set in the scenario that an aircraft cannot reach according to its trim map.
+
+    Limits that are left out follow from the trim map; those of the library's F-16 are not checked.
+    """
     is_derived = not all(aircraft.is_library_f16 for aircraft in scenario.aircraft)
     if not is_derived or not _TRIM_MAP_KEYS & scenario.limits.model_fields_set:
         return []

@@ -101,7 +101,10 @@ def separation_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _rounded_down_distances(position_m: Vector, neighbour_m: Vector) -> str:
-    """Describe a distance, rounded down: just below the requirement, it is not shown as equal to it."""
+    """Describe the horizontal distance and the altitude difference of two positions, rounded down to 0.1 m.
+
+    A distance slightly below the requirement is thus not shown as equal to it.
+    """
     lengths_m = math.dist(position_m[:2], neighbour_m[:2]), abs(position_m[2] - neighbour_m[2])
     horizontal, vertical = (f"{math.floor(10.0 * length_m) / 10.0:.1f}" for length_m in lengths_m)
     return f"{horizontal} m in the plane and {vertical} m in altitude"

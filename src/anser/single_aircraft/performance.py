@@ -309,10 +309,10 @@ def _excess_power(field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gr
 
 
 def _ceiling(dataset: xr.Dataset, threshold: float) -> tuple[float, str, str]:
-    """Return the altitude at which the greatest specific excess power falls to a threshold (m/s), unit and limit.
+    """Return the altitude (m) at which the greatest specific excess power falls to a threshold (m/s).
 
-    The altitude is NaN if the power at the lowest altitude does not exceed the threshold, and the highest altitude with
-    data if the power stays above the threshold.
+    Also returns the unit "m", and a text on what limits the altitude. The altitude is NaN if the power at the lowest
+    altitude does not exceed the threshold; it is the highest altitude with data if the power stays above it.
     """
     best, altitudes = dataset["specific_excess_power_m_s"].max("airspeed").values, dataset["altitude"].values
     if not best[0] > threshold:

@@ -34,7 +34,7 @@ def _safe_sqrt(squared: Scalar) -> Scalar:
 
 
 def _select(condition: Flag, chosen: Scalar, fallback: Scalar) -> Scalar:
-    """Return `jnp.where` of arrays of equal shape, with a third of the equations."""
+    """Return `jnp.where` of arrays of equal shape, in the type of `chosen`, without the nested `jit` of `where`."""
     return jax.lax.select(condition, chosen, fallback.astype(chosen.dtype))
 
 

@@ -189,10 +189,11 @@ def routed_candidates(
     speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles; None: found here
     numbers: Int[Array, " profiles"] | None = None,  # indices of the profiles to generate in the set; None: all
 ) -> tuple[_Routed, TabulatedProfile]:
-    """Generate the detours and turn-and-leg paths of one aircraft for a duration (s).
+    """Generate the detours and turn-and-leg paths with which one aircraft arrives after a duration (s).
 
-    Returns the candidates, stacked, and the profiles, stacked; `routes.profile` of a candidate is the index of its
-    profile in the set.
+    Returns the candidates, stacked, at most `candidate_set.max_candidates` and the cheapest; and the profiles of
+    airspeed and altitude that they follow, stacked. `routes.profile` of a candidate is the index of its profile in
+    `candidate_set`, even if `numbers` selects only some profiles.
     """
     duration = jnp.asarray(duration, dtype=float)
     if speeds is None:

@@ -559,11 +559,11 @@ def _choose_best_placement(
     active: Bool[Array, " aircraft"],
     rounds: Integer,
 ) -> CertifiedPlan:
-    """Choose and certify repeatedly, and return the plan with the fewest failing aircraft.
+    """Choose candidates for the fleet and certify them, repeatedly; return the plan with the fewest failing aircraft.
 
-    After each round, candidates that fail the certificate are excluded: they are checked at discrete times only, while
-    the certificate also bounds the motion in between and may find a slightly violated limit. An aircraft also loses its
-    `withdrawn` candidates at its first rejection.
+    The choice checks limits at discrete times only; the certificate also bounds the motion in between. A chosen
+    candidate that fails the certificate of limits and keep-outs is excluded from later rounds, with all `withdrawn`
+    candidates of its aircraft. The rounds end early when no aircraft fails or no candidate is rejected.
     """
     fleet = jnp.arange(valid.shape[0])
 

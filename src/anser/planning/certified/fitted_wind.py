@@ -91,10 +91,10 @@ class Way(NamedTuple):
 
 
 def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
-    """Fit layers to a wind field: its mean over the horizontal box of the way and over the flight's time.
+    """Fit layers of wind to a wind field, and bound their difference from the field in blocks of the airspace.
 
-    The layers lie at the mean altitudes of up to eight levels of the field. The bounds hold in the whole part of
-    the field within reach, to rounding.
+    The layers are the field's mean over the flight's time and the horizontal extent of the box `way`, at the mean
+    altitudes of up to eight levels. The bounds hold wherever the flight can go within the field, to rounding.
     """
     times = np.unique(np.clip([0.0, *field.times, way.end_s], 0.0, way.end_s))
     edges_m, nodes, box = [], [], []
