@@ -23,7 +23,7 @@ from anser.missions.segments import sense_fleet
 from anser.numerics.arrays import as_array
 from anser.parts.planners import AircraftReport, Performance
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify
-from anser.planning.certified.clearance import bounded_track, pair_clearance_ratio
+from anser.planning.certified.clearance import Track, bounded_track, pair_clearance_ratio
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import COMMITTED_S, REPLANNED, exit_path, interval_count, task_from_plan
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts
@@ -110,20 +110,22 @@ def plan_exit(
     """
     plan, holds = plan_state.plan, plan_state.holds
     knot_count, count = plan.paths.times.shape[1], plan.arrival_times.shape[0]
-    separation = airspace.separation
     is_other = (jnp.arange(count) != aircraft) & (tasks.active > 0.0)
-    if holds is not None:
-        moved_holds = move_with_goals(holds, tasks, time)
-        cells = SAMPLES_PER_CELL * (holds.paths.times.shape[1] - 1)
-        times = time + (end_time - time) * jnp.linspace(0.0, 1.0, cells + 1)
-        hold_tracks = jax.lax.map(lambda path: bounded_track(path, airspace, 1.0, times), moved_holds.paths)
+    hold_paths = None if holds is None else move_with_goals(holds, tasks, time).paths
+    cell_count = 0 if hold_paths is None else hold_paths.times.shape[1] - 1
+    times = time + (end_time - time) * jnp.linspace(0.0, 1.0, SAMPLES_PER_CELL * cell_count + 1)
+
+    def tracked(path: TimedPath) -> Track:
+        return bounded_track(path, airspace, 1.0, times)
+
+    hold_tracks = None if hold_paths is None else jax.lax.map(tracked, hold_paths)
 
     def hold_ratios(path: TimedPath) -> Float[Array, " aircraft"]:
         """Clearance ratios between an exit path and the holds of the others."""
-        if holds is None:
+        if hold_tracks is None:
             return jnp.full(count, jnp.inf)
-        track = jax.tree.map(lambda leaf: leaf[None], bounded_track(path, airspace, 1.0, times))
-        return jnp.where(is_other, pair_clearance_ratio(track, hold_tracks, separation), jnp.inf)
+        track = jax.tree.map(lambda leaf: leaf[None], tracked(path))
+        return jnp.where(is_other, pair_clearance_ratio(track, hold_tracks, airspace.separation), jnp.inf)
 
     def plan_turn(turn: Array) -> tuple[CertifiedPlan, Array]:
         path = exit_path(start, time, end_time, turn, airspace.wind, airspace.gravity, knot_count)

@@ -219,7 +219,7 @@ def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "sta
 
 @compiled_quickly
 def compare_models(built_in: F16, of_files: DaveMlAircraft, states: Array) -> tuple[dict, dict]:
-    """Compute the coefficients and the thrust (lbf) of each state, by name: of the DAVE-ML files, and of the built-in model.
+    """Compute the coefficients and the thrust (lbf) of each state by the DAVE-ML files, and by the built-in model.
 
     The moments of the files refer to their moment reference point, those of `built_in` to its centre of gravity, which
     must therefore be at that point.
