@@ -195,13 +195,20 @@ class CertifiedPlanner(AbstractPlanner):
         end_time: float,  # end of the flight, s, up to which the holds keep the separation
         former: PlannedHolds | None = None,  # holds in use
     ) -> PlannedHolds:
-        """Assign holds to the paths of a plan made at a time (s), by a compiled program."""
+        """Assign holds to the paths of a plan made at a time (s), by a compiled program.
+
+        Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
+        """
         return _assign_holds(*self._hold_arguments(paths, tasks, time, end_time, former))
 
     def _hold_arguments(
         self, paths: TimedPath, tasks: AircraftTask, time: float, end_time: float, former: PlannedHolds | None = None
     ) -> tuple[Any, ...]:
         cells = choose_cell_count(end_time) if former is None else former.paths.times.shape[1] - 1
+        if former is not None and not np.any(
+            (np.asarray(paths.times)[:, -1] <= time) & (np.asarray(tasks.active) > 0.0)
+        ):
+            former = None
         return paths, tasks, self.airspace, self.guidance, as_array(time), as_array(end_time), cells, former
 
     def prepare_programs(
@@ -289,9 +296,7 @@ class CertifiedPlanner(AbstractPlanner):
             end_time = _end_of_holds(former)
             active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
             flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(active | has_left))
-            # Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
-            are_under_way = bool(np.all(arrivals[active] > time))
-            holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, None if are_under_way else former)
+            holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, former)
             can_search = active.any() and np.min(arrivals[active]) - time > max(COMMITTED_S, float(self.freeze))
             if can_search and not np.all(holds.clear):
                 times_to_go = np.where(active, arrivals, np.max(arrivals[active])) - time
