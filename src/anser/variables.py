@@ -398,6 +398,6 @@ SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("final_path_angle", "deg", _NED, "γ_f", "Path angle at the end"),
     _variable("length", "m", _NED, "L", "Length of the path"),
     _variable("length_estimate", "m", _NED, "L_6", "Length by the six-point rule"),
-    _variable("length_published", "m", _NED, "L_pub", "Published length"),
+    _variable("length_published", "m", _NED, "L_pub", "Published estimate of the length"),
 )
 """Variables of the published families of paths, bent by shape parameters."""

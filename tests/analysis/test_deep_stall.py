@@ -40,6 +40,13 @@ def test_the_deep_stall_appears_near_0_365_at_55_deg_and_moves_to_62_deg(stall):
     np.testing.assert_allclose(stable, [55.4, 58.0, 62.8], atol=0.1)
 
 
+def test_a_curve_that_ends_before_it_turns_back_has_no_onset(stall):
+    whole = stall["branch_x_cg"].values
+    fold = int(np.nanargmin(whole))
+    assert deep_stall_onset(stall.isel(point=slice(None, fold + 1))) is None
+    assert deep_stall_onset(stall.isel(point=slice(fold, None))) is None
+
+
 def test_every_point_of_the_followed_curve_is_a_trim_of_the_written_out_build_up(stall):
     alphas, centres = stall["branch_alpha"].values, stall["branch_x_cg"].values
     assert np.isfinite(alphas).all()

@@ -6,6 +6,7 @@ import pkgutil
 import sys
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 import anser
@@ -74,6 +75,13 @@ def test_the_key_depends_on_the_modules_behind_a_program_only(monkeypatch):
     assert keys._hash_loaded_code(description) != former_hash
     monkeypatch.undo()
     assert keys._hash_loaded_code(description) == former_hash
+    for constant in (np.arange(3.0), (1.0, ("a", 2))):
+        monkeypatch.setattr(rotations, "_TABLE", constant, raising=False)
+        with_constant = keys._hash_loaded_code(description)
+        other = (1.0, ("a", 3)) if isinstance(constant, tuple) else 2.0 * constant
+        monkeypatch.setattr(rotations, "_TABLE", other)
+        assert len({former_hash, with_constant, keys._hash_loaded_code(description)}) == 3
+        monkeypatch.undo()
     monkeypatch.setattr(MassProperties, "doubled", keys.program_key, raising=False)  # a method of a class
     assert keys._hash_loaded_code(description) != former_hash
 

@@ -184,6 +184,20 @@ def test_an_environment_by_name_is_made_once_from_its_arguments(environment, mon
     assert all(wrapper.environment is environment for wrapper in named)
 
 
+def test_an_edited_file_makes_another_environment(environment, monkeypatch, tmp_path):
+    """The file itself, and the scenario that a study names."""
+    calls = []
+    monkeypatch.setattr(wrapped, "make", lambda *names, **options: calls.append(options) or environment)
+    wrapped._make_named.cache_clear()
+    study, scenario = tmp_path / "study.toml", tmp_path / "scenario.toml"
+    for edited, text in ((study, 'scenario = "scenario.toml"'), (scenario, "seed = 1"), (scenario, "seed = 2")):
+        edited.write_text(text, encoding="utf-8")
+        for _ in range(2):
+            gymnasium.make(NAME, study=str(study))
+    wrapped._make_named.cache_clear()
+    assert len(calls) == 3
+
+
 def test_the_tasks_of_one_aircraft_are_registered_and_their_specifications_are_text():
     for task in set(TASKS) - {"FleetArrival"}:
         spec = gymnasium.spec(f"anser/{task}-v0")

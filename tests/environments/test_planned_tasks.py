@@ -133,7 +133,7 @@ def test_a_fleet_shares_reward_and_end():
     environment = fleet()
     assert isinstance(environment, FleetEnvironment)
     assert environment.agents == ("aircraft-1", "aircraft-2", "aircraft-3")
-    assert environment.separation_m == 200.0
+    assert environment.separation_m == (200.0, 200.0)
     params = environment.default_params
     observation, state = environment.reset(jax.random.key(2), params)
     assert observation.shape == (3, len(environment.observed))

@@ -5,6 +5,7 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.linalg import expm
 
@@ -136,6 +137,43 @@ def test_a_feedback_law_damps_the_pitch_motion():
     assert abs(damped.pitch_rate_deg_s.sel(time=late)).max() < 0.5 * abs(free.pitch_rate_deg_s.sel(time=late)).max()
 
 
+def test_a_changed_law_flies_as_changed():
+    """A notebook changes a gain to which the law refers, and flies again."""
+    gains = {"elevator": 1.0}
+
+    def law(time_s, state):
+        return {"elevator": -gains["elevator"] + 0.0 * state["alpha_deg"]}
+
+    commands = []
+    for gain in (1.0, 2.0):
+        gains["elevator"] = gain
+        flown = anser.simulate(f16(), level(), law, duration_s=0.05).dataset
+        commands.append(float(flown["elevator_command_deg"][-1]))
+    assert commands == [-1.0, -2.0]
+
+
+def test_the_state_of_a_law_is_that_of_the_dataset_in_turbulence():
+    def law(time_s, state):
+        return {"elevator": 0.5 * state["alpha_deg"], "rudder": 0.5 * state["beta_deg"]}
+
+    flown = anser.simulate(f16(), level(), law, duration_s=1.0, turbulence="severe", seed=1).dataset
+    assert np.ptp(flown["alpha_deg"].values) > 1.0
+    np.testing.assert_allclose(flown["elevator_command_deg"], 0.5 * flown["alpha_deg"], atol=1e-9)
+    np.testing.assert_allclose(flown["rudder_command_deg"], 0.5 * flown["beta_deg"], atol=1e-9)
+
+
+def test_controls_are_a_data_frame_too():
+    table = {"time_s": np.array([0.0, 1.0]), "elevator": np.array([-2.0, -2.5])}
+    by_frame = anser.simulate(f16(), level(), pd.DataFrame(table), duration_s=0.1).dataset
+    np.testing.assert_allclose(by_frame["elevator_command_deg"], -2.0 - 0.5 * by_frame["time"], atol=1e-9)
+
+
+def test_a_flight_without_a_lag_says_so():
+    flown = anser.simulate(f16(), level(), duration_s=0.05, actuator_lag=False).dataset
+    assert flown.attrs["actuator_lag"] == "no"
+    assert "engine_lag" not in flown.attrs
+
+
 @pytest.mark.long
 def test_the_autopilot_follows_a_course_command():
     flight = anser.simulate(
@@ -243,6 +281,8 @@ def test_wrong_arguments_are_refused_in_one_sentence(change, message):
 def test_a_trim_of_another_aircraft_is_no_start():
     with pytest.raises(ValueError, match=r"arrived a trim of an aircraft of 9295\.44 kg; expected one of this"):
         anser.simulate("aerosonde", level(), duration_s=1.0)
+    with pytest.raises(ValueError, match=r"arrived a trim of another aircraft of the same mass"):
+        anser.simulate(anser.aircraft("f16", x_cg_over_c=0.25), level(), duration_s=1.0)
 
 
 def test_wrong_air_is_refused_as_in_a_scenario():

@@ -310,12 +310,15 @@ def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
 def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
     """Return the foremost centre of gravity with a deep stall (fraction of the chord), and the alpha there, deg.
 
-    None if the followed curve of trims is empty.
+    None if the followed curve of trims is empty or ends before it turns back.
     """
     x_cg = dataset["branch_x_cg"].values
-    if not np.isfinite(x_cg).any():
+    finite = np.flatnonzero(np.isfinite(x_cg))
+    if not finite.size:
         return None
     foremost = int(np.nanargmin(x_cg))
+    if foremost in (finite[0], finite[-1]):
+        return None
     return float(x_cg[foremost]), float(dataset["branch_alpha"][foremost])
 
 

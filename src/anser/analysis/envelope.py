@@ -358,6 +358,7 @@ def _map_variables(trims: TrimMap) -> dict[str, Any]:
         "trimmable": trims.variable(points.trimmable, "1", "Whether the steady flight can be flown"),
         "trim_stop": (GRID_DIMENSIONS, trims.gridded(stops), stop_labels),
         "with_reserve": trims.with_reserve(),
+        "is_commanded": ("surface", np.array(trims.is_commanded), unit_attributes("1", "Whether it is commanded")),
     }
     for name, values, unit, long_name, *dimensions in (
         ("alpha_deg", trim.alpha, "degree", "Angle of attack"),

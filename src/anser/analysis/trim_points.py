@@ -3,6 +3,7 @@
 These steps find the airframe, the autopilot gains and the steady flight.
 """
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -188,8 +189,10 @@ class TrimResult:
     quantities: tuple[tuple[str, float, str], ...]
     diagnosis: str | None
     condition: Mapping[str, float] = field(default_factory=dict)
-    # mass of the trimmed aircraft, and the air, by which the trim of another aircraft or in other air is recognized
+    # mass and hash of the trimmed aircraft, and the air, by which the trim of another aircraft or in other air is
+    # recognized
     mass_kg: float = math.nan
+    airframe_hash: str = ""
     atmosphere: AbstractAtmosphere = field(default_factory=StandardAtmosphere)
 
     def __repr__(self) -> str:
@@ -270,8 +273,17 @@ def trim(
         diagnosis,
         condition,
         mass_kg,
+        airframe_hash(airframe),
         environment.atmosphere,
     )
+
+
+def airframe_hash(airframe: AbstractAirframe) -> str:
+    """Return the SHA-256 of the class and the numbers of an airframe."""
+    digest = hashlib.sha256(type(airframe).__qualname__.encode())
+    for leaf in jax.tree.leaves(eqx.filter(airframe, eqx.is_array_like)):
+        digest.update(np.asarray(leaf).tobytes())
+    return digest.hexdigest()
 
 
 @compiled_quickly

@@ -166,6 +166,13 @@ def _describe_module(module: ModuleType) -> _ModuleDescription:
             if value.__module__.split(".")[0] not in _TRUSTED | _INTERFACE_LIBRARIES:
                 raise NotCacheableError(f"{value.__module__}.{value.__qualname__}")
             entries.append(f"{qualified_name}:{value.__module__}.{value.__qualname__}")
+        elif isinstance(value, np.ndarray | jax.Array) and not isinstance(value, jax.core.Tracer):
+            array = np.asarray(value)
+            content = hashlib.sha256(array.tobytes()).hexdigest()
+            entries.append(f"{qualified_name}={array.dtype}{array.shape}{content}")
+        elif isinstance(value, tuple):
+            for k, part in enumerate(value):
+                add(f"{qualified_name}[{k}]", part)
         elif isinstance(value, bool | int | float | str):
             entries.append(f"{qualified_name}={value!r}")
 

@@ -60,7 +60,8 @@ class Parameters(eqx.Module):
     """Numbers of an environment, an argument of its functions."""
 
     cases: Stacked[Case]  #: Cases of the episodes, with a leading axis; for a fleet with axes over cases and aircraft.
-    #: Observation at the start of each case; None: it depends on random numbers, and each reset computes it.
+    #: Observation at the start of each case; None: each reset computes it, as it must where other parameters are
+    #: changed, or where it depends on random numbers.
     observations: Float[Array, "case entry"] | None
     step: Scalar  #: Step of the integration, s.
 

@@ -15,8 +15,9 @@ from anser.environments.planned_tasks import axes_entries, in_course_axes
 from anser.environments.spaces import Box, Entry
 from anser.numerics.arrays import Stacked
 from anser.parts.perception import velocity_over_ground_n
+from anser.planning.separation import separation_ratio
 from anser.shapes import Flag, Scalar
-from anser.spatial.vectors import norm
+from anser.spatial.rotations import safe_hypot
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,7 +32,9 @@ class FleetEnvironment(AbstractEnvironment):
 
     member: AircraftEnvironment  #: Environment of each aircraft; its cases have axes over cases and aircraft.
     agents: tuple[str, ...]  #: Names of the aircraft.
-    separation_m: float  #: Least distance between two aircraft, m.
+    #: Horizontal and vertical separation of two aircraft, of which one is required, m; vertical 0: the horizontal one.
+    #: None: no separation is required.
+    separation_m: tuple[float, float] | None
     observed: tuple[Entry, ...]  #: Entries of an aircraft's observation: those of `member`, then of the others.
 
     @property
@@ -68,8 +71,12 @@ class FleetEnvironment(AbstractEnvironment):
         """Return errors, the mean reward for each aircraft, and whether an aircraft failed or two came too near."""
         errors, rewards, failures = jax.vmap(self.member.judge)(situation)
         positions_n = situation.truth.state.position_n
-        first, second = np.triu_indices(len(self.agents), 1)
-        is_near = jnp.min(jax.vmap(norm)(positions_n[first] - positions_n[second])) < self.separation_m
+        is_near = jnp.asarray(False)
+        if self.separation_m is not None:
+            first, second = np.triu_indices(len(self.agents), 1)
+            apart_n = positions_n[first] - positions_n[second]
+            level, height = safe_hypot(apart_n[:, 0], apart_n[:, 1]), jnp.abs(apart_n[:, 2])
+            is_near = jnp.min(separation_ratio(level, height, *self.separation_m)) < 1.0
         return errors, jnp.full(len(self.agents), jnp.mean(rewards)), jnp.any(failures) | is_near
 
     def observation_of(self, situation: Situation) -> Float[Array, "aircraft entry"]:

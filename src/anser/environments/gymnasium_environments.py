@@ -5,9 +5,14 @@ Importing the module registers every task as `anser/VelocityCommand-v0` and so o
 `environment.reset(jax.random.fold_in(jax.random.key(s), k))`, alone or in a batch.
 """
 
+import contextlib
+import hashlib
+import os
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -99,8 +104,26 @@ _compile = lru_cache(maxsize=4)(CompiledEnvironment)
 
 
 @lru_cache(maxsize=4)
-def _make_named(task: str, action: str, options: bytes) -> AnyEnvironment:
+def _make_named(task: str, action: str, options: bytes, files: tuple[tuple[str, str], ...]) -> AnyEnvironment:
     return make(task, action, **dict(pickle.loads(options)))
+
+
+def _file_hashes(value: Any, folder: str = "") -> Iterator[tuple[str, str]]:
+    """Yield path and hash of every file that options name, and of the files that TOML files among them name."""
+    if isinstance(value, Mapping):
+        for part in value.values():
+            yield from _file_hashes(part, folder)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from _file_hashes(part, folder)
+    elif isinstance(value, str | os.PathLike):
+        path = Path(folder, value)
+        with contextlib.suppress(OSError, ValueError):
+            if path.is_file():
+                content = path.read_bytes()
+                yield str(path.resolve()), hashlib.sha256(content).hexdigest()
+                if path.suffix == ".toml":
+                    yield from _file_hashes(tomllib.loads(content.decode()), str(path.parent))
 
 
 def compiled_environment(task: Any, action: str | None, options: Mapping[str, Any]) -> CompiledEnvironment:
@@ -111,7 +134,8 @@ def compiled_environment(task: Any, action: str | None, options: Mapping[str, An
     if isinstance(task, str | AbstractTask):
         level = default_level(task) if action is None else action
         if isinstance(task, str):
-            return _compile(_make_named(task, level, pickle.dumps(sorted(options.items()))))
+            files = tuple(_file_hashes(options))
+            return _compile(_make_named(task, level, pickle.dumps(sorted(options.items())), files))
         return _compile(make(task, level, **options))
     if action is not None or options:
         names = ", ".join(["action"] * (action is not None) + sorted(options))

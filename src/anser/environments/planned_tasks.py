@@ -56,11 +56,12 @@ class PlannedMission(eqx.Module):
 
 def planned_cases(
     study: str | os.PathLike[str] | None, default: str, decision_s: float, dtype: Any
-) -> tuple[Stacked[Case], tuple[str, ...], float]:
+) -> tuple[Stacked[Case], tuple[str, ...], tuple[float, float] | None]:
     """Plan the flights of a study file, or of the package's study `default`; a decision takes `decision_s`.
 
-    Returns cases with leading axes over flights and aircraft, the names of the aircraft, and the required separation,
-    m (0: none). Raises ScenarioError if a file is not valid, or no flight of the study has a plan.
+    Returns cases with leading axes over flights and aircraft, the names of the aircraft, and the required horizontal
+    and vertical separation, m (None: none). Raises ScenarioError if a file is not valid, or no flight of the study has
+    a plan.
     """
     shipped = str(resources.files("anser.environments").joinpath(f"data/{default}"))
     loaded, scenario, columns = load_study(shipped if study is None else study)
@@ -99,8 +100,7 @@ def planned_cases(
     names = tuple(aircraft.name for aircraft in scenario.aircraft)
     stacked = stack_objects(cases, tables_only=False, batched=lambda case: (case.start, case.decisions))
     batched = jax.tree.map(lambda leaf: leaf.reshape(-1, len(names), *leaf.shape[1:]), stacked.batched)
-    required = scenario.separation.required_m
-    return cast_to_precision(Stacked(batched, stacked.shared), dtype), names, required[0] if required else 0.0
+    return cast_to_precision(Stacked(batched, stacked.shared), dtype), names, scenario.separation.required_m
 
 
 _TIME_ROUNDING_S = 1e-6

@@ -91,7 +91,7 @@ def make(
     decision_steps = round(level.decision_s / step_s)
     if decision_steps < 1 or abs(decision_steps * step_s - level.decision_s) > 1e-9:
         raise ValueError(f"step_s: arrived {step_s:g}; expected a divisor of the decision, {level.decision_s:g} s")
-    agents, separation_m, dtype, is_fleet = (), 0.0, np.dtype(precision), isinstance(chosen_task, FleetArrival)
+    agents, separation_m, dtype, is_fleet = (), None, np.dtype(precision), isinstance(chosen_task, FleetArrival)
     if isinstance(chosen_task, AbstractPlannedTask):
         given = {"flown": flown, "aircraft": None if aircraft == "f16" else aircraft, "cases": cases, "seed": seed}
         if excluded := ", ".join([*tables, *(key for key, value in given.items() if value is not None)]):

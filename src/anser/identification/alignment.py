@@ -93,11 +93,16 @@ def _match_windows(
     return ChannelMatch(factor, float(delay), float(np.sqrt(2.0 * variance / -curvature)) * step_s, fit)
 
 
-def align_record(record: FlightRecord, delay_max_s: float = DELAY_MAX_S) -> FlightRecord:
+def align_record(
+    record: FlightRecord,
+    delay_max_s: float = DELAY_MAX_S,
+    accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> FlightRecord:
     """Return the record with the constant delays of channels removed, and a note for each removed delay.
 
     Flow angles, airspeed and attitude are compared with the integrals of the body rates and specific forces, surfaces
-    with the angular acceleration. Channels are shifted by interpolation, and the ends are cut.
+    with the angular acceleration. Channels are shifted by interpolation, and the ends are cut. `accelerometer_m` is the
+    position of the accelerometers relative to the centre of gravity, body axes, m.
 
     Raises
     ------
@@ -109,7 +114,7 @@ def align_record(record: FlightRecord, delay_max_s: float = DELAY_MAX_S) -> Flig
         return record
     names = {variable.key: variable.name for variable in catalogue(record.surfaces)}
     try:
-        inertial = with_specific_force(record)
+        inertial = with_specific_force(record, accelerometer_m)
     except ValueError:
         inertial = record  # without forces, attitude alone is compared
     matches = {}

@@ -289,7 +289,8 @@ def identify(
     gusts = method in METHODS[:2]
 
     def arranged(record: FlightRecord) -> ModelData:
-        return arrange(model, align_record(record) if align else record, airframe, accelerometer_m, gusts=gusts)
+        aligned = align_record(record, accelerometer_m=accelerometer_m) if align else record
+        return arrange(model, aligned, airframe, accelerometer_m, gusts=gusts)
 
     data = arranged(record)
     estimates = estimate(data, method, frequency_max_hz)

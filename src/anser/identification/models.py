@@ -33,7 +33,7 @@ _EXCITATION_MIN = 0.5
 
 The noise within the band of the motion is a fifth of that, while a regressor with an effect must not be left out."""
 _MOTION_MIN = {"alpha": 2e-3, "beta": 2e-3, "p": 2e-4, "q": 2e-5, "r": 1e-4}
-"""Least standard deviation of a regressor without noise: rad, and non-dimensional rates."""
+"""Ten times the least standard deviation of a regressor without noise: rad; rates non-dimensional, or in rad/s."""
 _SURFACE_MIN = 5e-4
 """Least standard deviation of a surface that was moved, rad."""
 _EFFECT_MIN = 0.05

@@ -119,7 +119,8 @@ def validate(
 
     The initial states of the former manoeuvre are dropped: those named in `initial_states` are estimated anew.
     """
-    values = {name: value for name, value in estimate.parameters.items() if not name.endswith(")")}
+    of_manoeuvre = {text.format(name) for name in model.states for text in ("{}(0)", "noise({})")}
+    values = {name: value for name, value in estimate.parameters.items() if name not in of_manoeuvre}
     known = {**values, **(fixed or {})}
     if initial_states:
         start = {f"{name}(0)": manoeuvre.initial_state[model.states.index(name)] for name in initial_states}

@@ -278,6 +278,8 @@ def regress_stepwise(
     problem = prepare_regression(candidates, response, time_s, response_name=response_name)
     z, count = problem.z, problem.z.size
     variation = np.sum((z - np.mean(z)) ** 2)
+    if variation <= np.finfo(float).eps ** 2 * np.sum(z**2) * count:
+        raise ValueError(f"{response_name}: arrived a constant; expected a response that varies")
     selected: list[str] = []
     steps: list[str] = []
 

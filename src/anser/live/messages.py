@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
-SIZE_MAX = 256 * 1024
+SIZE_MAX = 8 * 1024 * 1024
 """Greatest size of a message, bytes."""
 _DEPTH_MAX = 16
 _Number = Annotated[int, Field(ge=0, le=2**53)]

@@ -108,12 +108,17 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     return save_drawings(drawings, dataset, {**MAP_STYLE, "svg.hashsalt": "anser-envelope"}, folder)
 
 
+def _commanded(dataset: xr.Dataset) -> np.ndarray:
+    """Mask of the surfaces that are commanded; a scheduled one rests at its stop in ordinary flight."""
+    return dataset["is_commanded"].values.astype(bool)
+
+
 def _draw_trims(dataset: xr.Dataset) -> "Figure":
     note = "Grey: no steady flight. Dots: a tenth or more of power and surfaces left."
     envelope_map = EnvelopeMap(dataset, 3, 9.5, "Steady flight", note)
     trimmable = dataset["trimmable"].values.astype(bool)
     with_reserve = dataset["with_reserve"].values.astype(bool)
-    least_surface = dataset["surface_left"].values.min(axis=-1)
+    least_surface = dataset["surface_left"].values[..., _commanded(dataset)].min(axis=-1)
     columns = (
         ("angle of attack (deg)", dataset["alpha_deg"].values, "viridis", (-5.0, 45.0)),
         ("engine power (percent)", dataset["power_percent"].values, "cividis", (0.0, 100.0)),
@@ -164,11 +169,12 @@ def _draw_least_margins(dataset: xr.Dataset) -> "Figure":
     attributes = dataset.attrs
     upper_margin = attributes["limit_load_factor_max"] - dataset["load_factor_max"].values
     lower_margin = dataset["load_factor_min"].values - attributes["limit_load_factor_min"]
+    surface_share = dataset["surface_share"].values[..., _commanded(dataset)]
     columns = (
         ("alpha to its limit (deg)", attributes["limit_alpha_max_deg"] - dataset["alpha_max_deg"].values, 20.0),
         ("load factor to its limits", np.minimum(upper_margin, lower_margin), 4.0),
         ("body rates to their limits (part)", 1.0 - dataset["body_rate_share"].values.max(axis=-1), 1.0),
-        ("surfaces to their stops (part)", 1.0 - dataset["surface_share"].values.max(axis=-1), 1.0),
+        ("surfaces to their stops (part)", 1.0 - surface_share.max(axis=-1), 1.0),
     )
     for k, (label, values, span) in enumerate(columns):
         envelope_map.draw_column(k, values.min(axis=-1), label, cmap="RdBu", vmin=-span, vmax=span)

@@ -101,8 +101,10 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
     for axes, (name, label, limit) in zip(panels, _CHANNELS, strict=True):
         for inversion in map(str, dataset["inversion"].values):
             error = dataset[name].sel(inversion=inversion).values[is_dispersed]
-            error = np.sort(error[np.isfinite(error)])
-            percentage = _PERCENT * np.arange(1, len(error) + 1) / max(len(error), 1)
+            is_flown = dataset["outcome"].sel(inversion=inversion).values[is_dispersed] > 0
+            # A flight that diverged has no finite error: the curve ends below 100 percent.
+            error = np.sort(error[is_flown & np.isfinite(error)])
+            percentage = _PERCENT * np.arange(1, len(error) + 1) / max(np.sum(is_flown), 1)
             axes.step(error, percentage, where="post", color=_COLORS[inversion], label=_INVERSION_NAMES[inversion])
         axes.axvline(dataset.attrs[limit], color="#595959", linewidth=0.8, linestyle="--", label="tolerance")
         axes.set_xscale("log")

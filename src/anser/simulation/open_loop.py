@@ -58,7 +58,6 @@ class FeedbackControls(_SampledControls):
     """Controls from a function of time and state; controls that the function leaves out keep their reference values."""
 
     reference: Controls  #: Controls at the start.
-    environment: Environment  #: Environment from which the variables of the state are computed.
     #: The function; it is traced, so that its arithmetic must be that of `jax.numpy`.
     law: StateFeedback = eqx.field(static=True)
 
@@ -67,7 +66,7 @@ class FeedbackControls(_SampledControls):
     ) -> tuple[Controls, None, Integer]:
         """Return the controls that `law` computes from time and state, no signals, and the next sample's number."""
         time, names = controller_state * step, belief.airframe.actuators.names
-        values = dataset_variables(belief.airframe, self.environment, time, belief.state, self.reference)
+        values = _named_variables(belief, self.reference)
         try:
             requested = {name: jnp.asarray(value, dtype=float) for name, value in dict(self.law(time, values)).items()}
         except Exception as error:

@@ -1,6 +1,7 @@
 """Simulated flight of one aircraft: open loop under given controls, or with a controller under given commands."""
 
 import dataclasses
+import functools
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -226,7 +227,7 @@ def simulate(
         return np.pad(table, ((0, count - len(table)), (0, 0)), mode="edge")
 
     if controller is None:
-        flight_controller = _open_loop(airframe, environment, point, controls, increments, sample)
+        flight_controller = _open_loop(airframe, point, controls, increments, sample)
     elif controls is None:
         is_own = isinstance(controller, AbstractController)
         flight_controller = controller if is_own else autopilot(airframe, environment, point, controller, step_s)
@@ -237,7 +238,7 @@ def simulate(
     if isinstance(command, AbstractGuidance):
         guidance = command
     elif controller is not None:
-        table = sample(command or {}, air_path(environment, point), "command")
+        table = sample({} if command is None else command, air_path(environment, point), "command")
         guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
     elif command is None:
         guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
@@ -267,10 +268,11 @@ def simulate(
     part_name = controller if isinstance(controller, str) else f"{kind.__module__}.{kind.__qualname__}"
     attributes = {
         **model.identity,
-        "controls": (describe_inputs(controls or {}) or "controls of the start") if controller is None else "",
+        "controls": _described(controls) or "controls of the start" if controller is None else "",
         "controller": OPEN_LOOP if controller is None else part_name,
-        "command": describe_inputs(command or {}) if controller is not None else "",
+        "command": _described(command) if controller is not None else "",
         "step_s": step_s,
+        **{name: "no" for name, is_kept in (("actuator_lag", actuator_lag), ("engine_lag", engine_lag)) if not is_kept},
         "seed": seed,
         "air": air.describe(),
         "air_tables": air.model_dump_json(),
@@ -283,6 +285,10 @@ def simulate(
     names = airframe.actuators.names
     dataset = flight_dataset(time_s[::stride], columns, names, attributes, layers, is_outside)
     return AircraftFlight(dataset.assign(increment_variables(columns, dataset.sizes["time"], names)))
+
+
+def _described(inputs: Any) -> str:
+    return "" if inputs is None else describe_inputs(inputs)
 
 
 @jax.jit
@@ -328,12 +334,13 @@ def set_lags(
 
 
 def _open_loop(
-    airframe: AbstractAirframe, environment: Environment, point: TrimPoint, controls: Any, increments: bool, sample: Any
+    airframe: AbstractAirframe, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
     """Return the controller that plays controls: a table of samples, or a function of time and state."""
     law: Any = controls
     if callable(controls) and not isinstance(controls, InputSignal | Mapping):
-        return FeedbackControls(point.controls, environment, law)
+        # A new object for each flight, traced anew: the values that the function refers to may have changed.
+        return FeedbackControls(point.controls, functools.partial(law))
     reference, inputs = reference_inputs(airframe, point.controls), {} if controls is None else controls
     table = sample(inputs, reference, "controls", increments=increments)
     return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))

@@ -82,7 +82,8 @@ def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Datas
     Raises
     ------
     ValueError
-        The flight has no estimates or not this time, or its aircraft has neither a name nor a file.
+        The flight has no estimates or not this time, it was flown without a lag, or its aircraft has neither a name nor
+        a file.
     ConditionError
         No margin exists: see `anser.analysis.margins_at`.
     """
@@ -92,6 +93,9 @@ def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Datas
         )
     if dataset.attrs["aircraft"] == "custom":
         raise ValueError("flight: arrived with an aircraft of an own class; expected one by name or by file")
+    for lag in ("actuator_lag", "engine_lag"):
+        if lag in dataset.attrs:
+            raise ValueError(f"flight: arrived one with {lag}=False; expected one of the aircraft with its lags")
     last = float(dataset.time[-1])
     time_s = last if time_s is None else time_s
     if not 0.0 <= time_s <= last:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.analysis.trim_points import ConditionError, TrimResult, flight_point
+from anser.analysis.trim_points import ConditionError, TrimResult, airframe_hash, flight_point
 from anser.compiling.options import compiled_quickly
 from anser.environment.atmosphere import AbstractAtmosphere
 from anser.environment.environment import Environment
@@ -59,6 +59,11 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
             raise ValueError(
                 f"start: arrived a trim of an aircraft of {start.mass_kg:g} kg; expected one of this aircraft, of "
                 f"{mass_kg:g} kg"
+            )
+        if start.airframe_hash not in ("", airframe_hash(airframe)):
+            raise ValueError(
+                "start: arrived a trim of another aircraft of the same mass; expected one of this aircraft, with its "
+                "variant and centre of gravity"
             )
         if not _same_air(start.atmosphere, environment.atmosphere):
             raise ValueError(

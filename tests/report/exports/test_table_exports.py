@@ -30,6 +30,24 @@ def test_csv_preserves_every_number(flown):
         assert [float(text) for text in columns[name]] == list(_long(dataset[name]).astype(float)), name
 
 
+def test_variables_with_further_dimensions_have_a_column_for_each_entry(flown, tmp_path):
+    """As the estimates of an adaptive autopilot; a table without time has no place among the rows."""
+    dataset = flown[0].isel(time=slice(4), aircraft=0, drop=True).assign_attrs(aircraft="anna")
+    increments = np.arange(24.0).reshape(4, 2, 3)
+    further = {"increment": (("time", "coefficient", "regressor"), increments), "scale": (("regressor",), np.ones(3))}
+    dataset = dataset.assign(further).assign_coords(coefficient=["Cl", "Cm"], regressor=["1", "alpha", "d(a)"])
+    header, *records = csv.reader(io.StringIO(to_csv(dataset).decode(), newline=""))
+    added = [name for name in header if name.startswith("increment")]
+    assert added == [f"increment_{row}_{column}" for row in ("Cl", "Cm") for column in ("1", "alpha", "d_a_")]
+    assert "scale" not in header
+    values = [[float(record[header.index(name)]) for name in added] for record in records]
+    np.testing.assert_array_equal(values, increments.reshape(4, 6))
+    assert set(pq.read_table(io.BytesIO(to_parquet(dataset))).column_names) == set(header)
+    path = tmp_path / "flight.mat"
+    path.write_bytes(to_mat(dataset))
+    np.testing.assert_array_equal(pymatio.loadmat(str(path))["increment_Cm_alpha"][:, 0], increments[:, 1, 1])
+
+
 def test_csv_text_is_never_a_formula_and_numbers_are_unchanged(flown):
     dataset = flown[0].isel(time=slice(2), aircraft=slice(1)).assign_coords(aircraft=["=1+1"])
     dataset = dataset.assign({"-formula": (("time", "aircraft"), np.array([["+x"], ["@x"]]))})

@@ -41,6 +41,7 @@ def to_parquet(dataset: xr.Dataset) -> bytes:
 
     Raises ImportError if pyarrow is not installed.
     """
+    dataset = _with_aircraft(dataset)
     labels = {"time_s": {"units": "s", "long_name": "Time"}, "aircraft": {"long_name": "Aircraft"}} | {
         str(name): variable.attrs for name, variable in dataset.items()
     }
@@ -95,8 +96,27 @@ def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
 
 
 def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a flight over time and aircraft; a flight of `anser.simulate` has its one aircraft as an attribute."""
+    """Return a flight over time and aircraft; a flight of `anser.simulate` has its one aircraft as an attribute.
+
+    Variables with further dimensions, such as the estimates of an adaptive autopilot, become a variable for each of
+    their entries; those without time are left out.
+    """
+    for name, values in dataset.items():
+        further = [str(dimension) for dimension in values.dims if dimension not in ("time", "aircraft")]
+        if further:
+            dataset = dataset.drop_vars(name)
+            if "time" in values.dims:
+                for index in np.ndindex(*(values.sizes[dimension] for dimension in further)):
+                    entry = values.isel(dict(zip(further, index, strict=True)), drop=True)
+                    labels = [_label(values, *place) for place in zip(further, index, strict=True)]
+                    dataset[f"{name}_{'_'.join(labels)}"] = entry
     return dataset if "aircraft" in dataset.dims else dataset.expand_dims(aircraft=[dataset.attrs["aircraft"]])
+
+
+def _label(values: xr.DataArray, dimension: str, index: int) -> str:
+    """Label of an entry along a dimension, in the characters of a name."""
+    text = str(values[dimension].values[index]) if dimension in values.coords else str(index)
+    return "".join(character if character.isalnum() else "_" for character in text)
 
 
 _WORST = {"miss_m": "Greatest miss of its aircraft", "arrival_s": "Last arrival of its aircraft"}
