@@ -364,3 +364,44 @@ def test_the_aircraft_of_a_recorded_flight_has_its_centre_of_gravity():
     plain = anser.aircraft("f16")
     standard = flight_record(anser.simulate(plain, plain.trim(150.0, 1000.0), duration_s=2.0))
     assert float(_resolve(None, standard, None).airframe.x_cg) == float(plain.airframe.x_cg)
+
+
+def test_a_surface_that_rests_away_from_zero_has_its_effect_in_file_and_validation(tmp_path):
+    """Aileron and rudder alone: the elevator rests at its trim of -2.06 deg, with its noise or without."""
+    record = noisy_record("lateral")
+    condition = {"speed_m_s": 150.0, "altitude_m": 1000.0}
+    for name, recorded in (("clean", record), ("noisy", record.with_noise({"elevator_deg": 0.1}, 5))):
+        result = anser.identify(recorded, aircraft=f16(), align=False)
+        assert "Cm_elevator" not in result.parameters
+        path = tmp_path / f"{name}.toml"
+        path.write_text(result.aircraft_file(name), encoding="utf-8")
+        found, true = (
+            dict(zip(*list(zip(*trim.quantities, strict=True))[:2], strict=True))
+            for trim in (anser.aircraft(str(path)).trim(**condition), f16().trim(**condition))
+        )
+        assert found["elevator"] == pytest.approx(true["elevator"], abs=0.1)
+        assert found["angle of attack"] == pytest.approx(true["angle of attack"], abs=0.1)
+    rows = {
+        row["response"]: row
+        for row in anser.identify(noisy_record("multisine"), aircraft=f16(), validate=record).fit_rows()
+    }
+    # The elevator's moment at rest is 100 times what the pitch motion of this manoeuvre makes of it.
+    assert rows["Cm"]["validation_r_squared"] > -300.0
+    assert rows["Cl"]["validation_r_squared"] > 0.95
+
+
+@pytest.mark.long
+def test_the_noise_of_flow_angles_does_not_weaken_the_moment_derivatives():
+    """Equation error with 0.2 deg, a third of the motion: 8 to 10 percent were lost, and no interval held the truth."""
+    clean, noise = clean_record("multisine"), {**NOISE, "alpha_deg": 0.2, "beta_deg": 0.2}
+    names = "Cm_alpha", "Cm_q", "Cl_beta", "Cn_beta"
+    truth = anser.identify(clean, aircraft=f16(), method="equation-error").parameters
+    covered = []
+    for seed in range(6):
+        record = clean.with_noise(noise, seed)
+        result = anser.identify(record, aircraft=f16(), method="equation-error", align=False)
+        rows = {row["name"]: row for row in result.rows()}
+        for name in names:
+            assert rows[name]["estimate"] == pytest.approx(truth[name], rel=0.05)
+            covered.append(rows[name]["low"] <= truth[name] <= rows[name]["high"])
+    assert np.mean(covered) > 0.75

@@ -109,7 +109,9 @@ def _derivatives(
     noise |= {key: float(noise_level(series[key])) for key in ("alpha", "beta")}
     series["alpha2"] = (series["alpha"] - np.mean(series["alpha"])) ** 2
     noise["alpha2"] = float(np.sqrt(4.0 * np.var(series["alpha"]) + 2.0 * noise["alpha"] ** 2) * noise["alpha"])
-    effects = _surface_axes(record, airframe, _moved_surfaces(record))
+    moved = _moved_surfaces(record)
+    effects, own = _surface_axes(record, airframe, moved), airframe_derivatives(airframe, record)
+    still = {name: float(np.mean(record[name])) for name in record.surfaces if name in record and name not in moved}
     gusts = gust_rates(history.record)
     for flow, rate, length in (("alpha", "q", scales[1]), ("beta", "r", scales[2])):
         if flow in gusts:
@@ -132,7 +134,10 @@ def _derivatives(
         notes += [f"{coefficient}_{name} is not estimated: {name} varies no more than its noise." for name in idle]
         regressors = {name: series[name] for name in names}
         levels = {name: float(noise.get(name, 0.0)) for name in names}
-        values = history.coefficients[coefficient]
+        # What is not estimated is taken from the aircraft: also the part of the constant that belongs to it.
+        known = still | {name: float(np.mean(series[name])) for name in idle}
+        offset = sum(own.get(f"{coefficient}_{name}", 0.0) * mean for name, mean in known.items())
+        values = history.coefficients[coefficient] - offset
         equations.append(Equation(coefficient, coefficient, values, regressors, levels, is_rate=False))
     if not equations:
         raise ValueError("record: arrived without excitation of flow angles and rates; expected a manoeuvre")
@@ -191,12 +196,17 @@ def _averaged(gust: Series, flow: str, airframe: AbstractAirframe | None, record
 
 
 def _is_excited(name: str, values: Series) -> bool:
+    return _varies(values, 0.1 * _MOTION_MIN[name])
+
+
+def _varies(values: Series, least: float) -> bool:
+    """Whether a time history varies by more than its noise, and by more than a least standard deviation."""
     smoothed = smooth(values, 1.0)
-    return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), 0.1 * _MOTION_MIN[name])
+    return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), least)
 
 
 def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:
-    moved = tuple(name for name in record.surfaces if name in record and np.std(record[name]) > _SURFACE_MIN)
+    moved = tuple(name for name in record.surfaces if name in record and _varies(record[name], _SURFACE_MIN))
     if not moved:
         present = [name for name in record.surfaces if name in record]
         arrived = f"{', '.join(present)} that do not move" if present else f"none of {', '.join(record.surfaces)}"

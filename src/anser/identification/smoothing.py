@@ -43,8 +43,8 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
     step_s
         Period, s.
     shared
-        True: the weights of the first channel are applied to all channels, so that both sides of an equation are
-        filtered alike.
+        True: the least weights of all channels are applied to every one, so that both sides of an equation are filtered
+        alike and no noise of a regressor is left that the response does not have.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
     weights = _wiener(power, noise_power, numbers)
     clean = noise < _NEGLIGIBLE_NOISE * np.std(values, axis=-1)
     weights = np.where(clean[..., None], 1.0, weights)
-    kept = coefficients * (weights[0] if shared else weights)
+    kept = coefficients * (np.min(weights, axis=0) if shared else weights)
     smoothed = line + _padded(0.5 * _sine_sums(kept))
     # derivative of sin(k pi t / T) at all samples, ends included, by a cosine transform
     frequency = np.pi * numbers / (intervals * step_s)
