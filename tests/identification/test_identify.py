@@ -385,8 +385,8 @@ def test_a_surface_that_rests_away_from_zero_has_its_effect_in_file_and_validati
         row["response"]: row
         for row in anser.identify(noisy_record("multisine"), aircraft=f16(), validate=record).fit_rows()
     }
-    # The elevator's moment at rest is 100 times what the pitch motion of this manoeuvre makes of it.
-    assert rows["Cm"]["validation_r_squared"] > -300.0
+    # There is little pitch motion to explain; without the moment of the elevator at rest the figure is -14,000.
+    assert rows["Cm"]["validation_r_squared"] > -2.0
     assert rows["Cl"]["validation_r_squared"] > 0.95
 
 

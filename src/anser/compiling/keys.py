@@ -166,7 +166,7 @@ def _describe_module(module: ModuleType) -> _ModuleDescription:
             if value.__module__.split(".")[0] not in _TRUSTED | _INTERFACE_LIBRARIES:
                 raise NotCacheableError(f"{value.__module__}.{value.__qualname__}")
             entries.append(f"{qualified_name}:{value.__module__}.{value.__qualname__}")
-        elif isinstance(value, np.ndarray | jax.Array) and not isinstance(value, jax.core.Tracer):
+        elif isinstance(value, np.ndarray | jax.Array):
             array = np.asarray(value)
             content = hashlib.sha256(array.tobytes()).hexdigest()
             entries.append(f"{qualified_name}={array.dtype}{array.shape}{content}")

@@ -104,7 +104,7 @@ def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
     for name, values in dataset.items():
         further = [str(dimension) for dimension in values.dims if dimension not in ("time", "aircraft")]
         if further:
-            dataset = dataset.drop_vars(name)
+            dataset = dataset.drop_vars([name])
             if "time" in values.dims:
                 for index in np.ndindex(*(values.sizes[dimension] for dimension in further)):
                     entry = values.isel(dict(zip(further, index, strict=True)), drop=True)
