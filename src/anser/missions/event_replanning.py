@@ -110,7 +110,8 @@ def plan_exit(
     """
     plan, holds = plan_state.plan, plan_state.holds
     knot_count, count = plan.paths.times.shape[1], plan.arrival_times.shape[0]
-    is_other = (jnp.arange(count) != aircraft) & (tasks.active > 0.0)
+    # An exit path lasts to the end of the flight: aircraft that have left have no hold.
+    is_holder = (jnp.arange(count) != aircraft) & (tasks.active > 0.0) & (plan.arrival_times < end_time)
     hold_paths = None if holds is None else move_with_goals(holds, tasks, time).paths
     cell_count = 0 if hold_paths is None else hold_paths.times.shape[1] - 1
     times = time + (end_time - time) * jnp.linspace(0.0, 1.0, SAMPLES_PER_CELL * cell_count + 1)
@@ -125,7 +126,7 @@ def plan_exit(
         if hold_tracks is None:
             return jnp.full(count, jnp.inf)
         track = jax.tree.map(lambda leaf: leaf[None], tracked(path))
-        return jnp.where(is_other, pair_clearance_ratio(track, hold_tracks, airspace.separation), jnp.inf)
+        return jnp.where(is_holder, pair_clearance_ratio(track, hold_tracks, airspace.separation), jnp.inf)
 
     def plan_turn(turn: Array) -> tuple[CertifiedPlan, Array]:
         path = exit_path(start, time, end_time, turn, airspace.wind, airspace.gravity, knot_count)

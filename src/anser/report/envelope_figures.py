@@ -109,7 +109,9 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _commanded(dataset: xr.Dataset) -> np.ndarray:
-    """Mask of the surfaces that are commanded; a scheduled one rests at its stop in ordinary flight."""
+    """Mask of the commanded surfaces, all in an older dataset; a scheduled one rests at its stop in ordinary flight."""
+    if "is_commanded" not in dataset:
+        return np.ones(dataset.sizes["surface"], dtype=bool)
     return dataset["is_commanded"].values.astype(bool)
 
 
