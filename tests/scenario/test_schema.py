@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from anser.aircraft_files.sources import ALTITUDE_MAX_M
 from anser.config import ScenarioError
 from anser.scenario import loads, scenario_hash, validate
 from anser.scenario.build import build_flight
@@ -217,7 +218,7 @@ def uav(written):
 
 def test_hash_tells_written_limits_and_gains_from_derived_ones():
     assert len({scenario_hash(uav(written)) for written in WRITTEN}) == 3
-    assert scenario_hash(uav("[limits]\naltitude_max_m = 10000.0\n")) == scenario_hash(uav(""))
+    assert scenario_hash(uav(f"[limits]\naltitude_max_m = {ALTITUDE_MAX_M}\n")) == scenario_hash(uav(""))
 
 
 def test_kept_flights_are_those_of_the_written_keys():
