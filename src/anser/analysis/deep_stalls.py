@@ -232,6 +232,8 @@ def deep_stall(
     if not low <= alpha_from_deg < high:
         raise ValueError(f"alpha_from_deg: arrived {alpha_from_deg:g}; the data go from {low:g} to {high:g} deg")
     centres = np.sort(np.asarray(x_cg_over_c, dtype=float))
+    if not centres.size:
+        raise ValueError("x_cg_over_c: arrived no centre of gravity; expected one at least")
     alphas = np.arange(alpha_from_deg, high + 1e-9, _GRID_DEG)
     case = (airframe, jnp.asarray(mach, dtype=float), jnp.asarray(elevator, dtype=float))
     moments = np.asarray(_curves(*case, jnp.asarray(alphas * DEG_RAD), jnp.asarray(centres)))

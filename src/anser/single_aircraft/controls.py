@@ -127,7 +127,8 @@ def describe_inputs(inputs: Any) -> str:
 def sample_times(duration_s: float, step_s: float) -> Float[np.ndarray, " sample"]:
     """Return the times of the samples of a flight, from 0 to `duration_s`.
 
-    Raises ValueError if duration or step is not positive, or the flight has more than ten million samples.
+    Raises ValueError if duration or step is not positive, the duration is no multiple of the step, or the flight has
+    more than ten million samples.
     """
     require_seconds("duration_s", duration_s)
     require_seconds("step_s", step_s)
@@ -136,4 +137,6 @@ def sample_times(duration_s: float, step_s: float) -> Float[np.ndarray, " sample
         raise ValueError(
             f"duration_s: arrived {duration_s:g} s with a step of {step_s:g} s; expected 1 to 10,000,000 steps"
         )
+    if abs(count * step_s / duration_s - 1.0) > 1e-6:
+        raise ValueError(f"duration_s: arrived {duration_s:g} s; expected a multiple of the step, {step_s:g} s")
     return np.arange(count + 1) * step_s
