@@ -106,6 +106,9 @@ def test_show_draws_and_prints_level_flight(anser, tmp_path):
     assert 13.0 <= slowest < 17.0  # at the elevator's stop
     assert 31.0 < fastest <= 34.0  # at full power
     assert anser("aircraft", "show", "aerosonde", "--out", picture)[0] == 2
+    code, _, said = anser("aircraft", "show", "aerosonde", "--altitude-m", "nan")
+    assert code == 2
+    assert "--altitude-m" in said
 
 
 def test_trim_by_name(anser):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from anser.cli.console import InputError
 from anser.cli.sweeps import _print_sweep, parse_sweep_values
 from support.plain_files import read_alone
 
@@ -87,3 +88,5 @@ def test_a_repeated_path_ends_with_2(anser, tmp_path):
 def test_values_are_read_as_in_a_file():
     values = parse_sweep_values(["a=0:0.3:0.1", "b=1,2.5,left,true", "c=2:-2:-2"])
     assert values == {"a": [0, 0.1, 0.2, 0.3], "b": [1, 2.5, "left", True], "c": [2, 0, -2]}
+    with pytest.raises(InputError, match="arrived 1000000 combinations; expected 10000 at most"):
+        parse_sweep_values(["a=0:999:1", "b=0:999:1"])

@@ -73,6 +73,16 @@ def test_an_invalid_sampling_is_refused(sampling, said):
             'vary[0].std: arrived the unknown key "std"; expected perhaps "sigma"',
         ),
         ({"flights": 3}, 'flights: arrived the unknown key "flights"'),
+        (
+            {
+                "sampling": {"method": "grid", "levels": 1000},
+                "vary": [
+                    {"path": f"aircraft[{k}].start.north_m", "distribution": "uniform", "low": 0.0, "high": 1.0}
+                    for k in range(3)
+                ],
+            },
+            "sampling.levels: arrived a grid of 1000000000 flights",
+        ),
     ],
 )
 def test_inconsistent_tables_are_refused(changes, said):
@@ -140,6 +150,9 @@ def test_a_table_gives_the_values(tmp_path):
     assert values["fleet.planner"].tolist() == ["published", "certified"]
     (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5,1\n")
     with pytest.raises(ScenarioError, match="row 2: arrived 2 values; expected 1"):
+        load_study(tmp_path / "study.toml")
+    (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5\nnan\n")
+    with pytest.raises(ScenarioError, match=r"row 3, column wind\.speed_m_s: arrived nan; expected a finite number"):
         load_study(tmp_path / "study.toml")
     (tmp_path / "values.csv").write_text("seed\n1\n")
     with pytest.raises(ScenarioError, match="another path: the study's seed"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from anser.report import write_comparison, write_report
+from anser.report.flight_data import scene_keep_outs
 from anser.report.flight_margins import Margin
 from anser.report.flight_page import _SCRIPTS, difference_table, scenario_differences, summary_cards, verdict_html
 from anser.report.page_templates import read_asset
@@ -272,3 +273,16 @@ def test_the_verdict_names_an_exceeded_limit(flight):
     assert "All requirements met, but not all limits kept." in exceeded_verdict
     assert "<b>Bank angle to the right</b> (103 % of its limit, after the arrival)" in exceeded_verdict
     assert "after the arrival" not in verdict_html(summary, {}, [margin(False)])
+
+
+def test_keep_outs_of_events_are_in_the_scene_from_their_event_on():
+    standing, appearing = {"name": "mountain", "radius_m": 900.0}, {"name": "cell", "radius_m": 600.0}
+    events = [
+        {"kind": "goal-stops", "time_s": 5.0},
+        {"kind": "keep-out-appears", "time_s": 20.0, "keep_out": appearing},
+    ]
+    assert scene_keep_outs({"keep_out": [standing], "event": events}) == [
+        {**standing, "from_s": 0.0},
+        {**appearing, "from_s": 20.0},
+    ]
+    assert scene_keep_outs({}) == []

@@ -154,6 +154,21 @@ SINES = 'inputs = ["elevator", "rudder"]\nsignal = "multisine"\nduration_s = 10.
             "event[1].aircraft",
             "one loss of thrust for each aircraft",
         ),
+        (event('kind = "goal-sensor-lost"\naircraft = "alpha"') * 2, "event[1].aircraft", "one loss of the sensor"),
+        (
+            event('kind = "aircraft-leaves"\naircraft = "alpha"').replace("30.0", "20.0")
+            + event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.3'),
+            "event[1].aircraft",
+            "has not left",
+        ),
+        (
+            event(
+                'kind = "keep-out-appears"\nkeep_out = { name = "cell", north_m = 0.0, east_m = 9e4, radius_m = 90.0 }'
+            )
+            * 2,
+            "event[1].keep_out.name",
+            "a name of its own",
+        ),
     ],
 )
 def test_problems_are_named_with_their_key_paths(lines, path, expected):
