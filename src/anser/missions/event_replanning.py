@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import aircraft_planner
 from anser.missions.segments import sense_fleet
-from anser.numerics.arrays import as_array
+from anser.numerics.arrays import as_array, select_if_any
 from anser.parts.planners import AircraftReport, Performance
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify
 from anser.planning.certified.clearance import Track, bounded_track, pair_clearance_ratio
@@ -32,7 +32,7 @@ from anser.planning.limits import PathLimits, with_gentle_acceleration
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, GOAL_EVENTS, Event
-from anser.shapes import Flag, Integer, Scalar
+from anser.shapes import Integer, Scalar
 from anser.simulation.flight import Flight, FlightState
 from anser.steady.performance import ACCELERATION_FLOOR
 
@@ -82,12 +82,8 @@ def exit_start(
             for fleet_holds in (move_with_goals(holds, tasks, time), holds)
         )
         follows_plan = hold_reference(hold, time, task.goal_position_n, task.goal_velocity_n, task.speed)[1]
-        in_hold = _select(follows_plan, task_from_plan(held.paths, task, time), task)
-    return _select(time < arrival_time, task_from_plan(path, task, time), in_hold)
-
-
-def _select(condition: Flag, new: AircraftTask, old: AircraftTask) -> AircraftTask:
-    return jax.tree.map(lambda new_leaf, old_leaf: jnp.where(condition, new_leaf, old_leaf), new, old)
+        in_hold = select_if_any(follows_plan, lambda: task_from_plan(held.paths, task, time), task)
+    return select_if_any(time < arrival_time, lambda: task_from_plan(path, task, time), in_hold)
 
 
 def plan_exit(

@@ -17,7 +17,7 @@ from anser.compiling.program import PreparedProgram
 from anser.environment.environment import AbstractWind, LayeredWind
 from anser.numerics.arrays import as_array, take_rows
 from anser.planning.certified.candidates import aircraft_candidates
-from anser.planning.certified.fitted_wind import FittedWind
+from anser.planning.certified.fitted_wind import wind_layers
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import (
     ALONE_SPLINES,
@@ -105,7 +105,7 @@ def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, flo
     down_positions = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
     low, high = np.min(down_positions) - _ALTITUDE_MARGIN_M, np.max(down_positions) + _ALTITUDE_MARGIN_M
     heights = np.linspace(low, high, _ALTITUDES)
-    layers = airspace.wind.layers if isinstance(airspace.wind, FittedWind) else airspace.wind
+    layers = wind_layers(airspace.wind)
     if isinstance(layers, LayeredWind):  # linear between its altitudes
         heights = np.append(heights, np.clip(np.asarray(layers.altitudes), low, high))
     whole, vertical = _greatest_wind(airspace.wind, as_array(heights))
@@ -367,9 +367,8 @@ def arrival_sets(
     else:
         distance = np.linalg.norm(np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n), axis=1)
         speed_max, goal_speed = np.asarray(tasks.limits.speed_max), np.linalg.norm(tasks.goal_velocity_n, axis=1)
-        closing = np.maximum(
-            _GROUND_SPEED_FACTOR * speed_max, speed_max + _strongest_wind(tasks, airspace)[0] + goal_speed
-        )
+        wind_max, _ = _strongest_wind(tasks, airspace)
+        closing = np.maximum(_GROUND_SPEED_FACTOR * speed_max, speed_max + wind_max + goal_speed)
         low = np.clip(distance / closing, 2.0, 0.9 * latest_s)
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
     fleet = np.flatnonzero(np.asarray(tasks.active) > 0.0)

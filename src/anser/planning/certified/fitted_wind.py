@@ -90,6 +90,11 @@ class Way(NamedTuple):
     end_s: float  #: End of the flight, s.
 
 
+def wind_layers(wind: AbstractWind) -> AbstractWind:
+    """Return the layers of a fitted wind, and every other wind itself."""
+    return wind.layers if isinstance(wind, FittedWind) else wind
+
+
 def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
     """Fit layers of wind to a wind field, and bound their difference from the field in blocks of the airspace.
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from anser.environment.environment import AbstractWind, LayeredWind
 from anser.numerics.integration import gauss_legendre
 from anser.numerics.linear import BlockTridiagonal
-from anser.planning.certified.fitted_wind import FittedWind
+from anser.planning.certified.fitted_wind import wind_layers
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import demand
 from anser.planning.limits import CERTIFIED_LIMITS, acceleration_limits
@@ -171,7 +171,7 @@ def spline_path(
     times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
     max_crossings = (knots - intervals - 1) // 2
     side = jnp.zeros(intervals + 1)
-    layers = wind.layers if isinstance(wind, FittedWind) else wind
+    layers = wind_layers(wind)
     if isinstance(layers, LayeredWind):
         crossed, direction = _crossings(spline, layers.altitudes, intervals, max_crossings)
         # A crossing next to a knot moves to it: a cell of some 1e-14 s would have no acceleration to speak of.
