@@ -7,13 +7,14 @@ from anser.planning.certified.replanning import CORRECTED, UNCHANGED
 from anser.planning.decentralised.time_coordination import guaranteed_rate
 from anser.results.network_summary import decode_links, summarize_network
 from anser.scenario import loads
+from anser.simulation.closed_loop import LEFT_FLEET
 from scenario.test_schema_network import ALONE
 
 STEP_S, END_S = 0.1, 60.0
 AXES = "north", "east", "altitude"
 
 
-def summary_of(heard_from, lag=None, renewal=CORRECTED, path_end_m=0.0):
+def summary_of(heard_from, lag=None, renewal=CORRECTED, path_end_m=0.0, status=0):
     scenario = loads(ALONE + "[network]\nwindow_s = 4.0\n")
     time_s = np.arange(0.0, END_S, scenario.timing.step_s)
     heard = np.repeat(heard_from, time_s.size // heard_from.shape[0], axis=0)
@@ -21,6 +22,7 @@ def summary_of(heard_from, lag=None, renewal=CORRECTED, path_end_m=0.0):
         "heard_from": heard,
         "clock_lag": np.zeros((time_s.size, 2)) if lag is None else np.broadcast_to(lag, (time_s.size, 2)),
         "arrival_time": np.full((time_s.size, 2), 50.0),
+        "status": np.broadcast_to(status, (time_s.size, 2)),
         "renewal": np.broadcast_to(renewal, (time_s.size, 2)),
         **{f"{point}_{axis}": np.zeros((time_s.size, 2)) for point in ("reference", "rendezvous") for axis in AXES},
         "reference_east": np.broadcast_to([0.0, path_end_m], (time_s.size, 2)),
@@ -62,6 +64,22 @@ def test_an_outage_longer_than_the_window_is_reported_with_its_start():
     assert network_summary["quality_of_service_min"] == pytest.approx(0.0, abs=1e-12)
     assert network_summary["promised_rate_per_s"] == 0.0
     assert "falls apart for 4 s or longer, first from 20.0 s on" in network_summary["message"]
+
+
+def test_an_aircraft_that_left_counts_no_longer():
+    heard = np.tile([2, 1], (600, 1))
+    heard[200:] = 0
+    status = np.zeros((6000, 2), int)
+    status[2000:, 1] = LEFT_FLEET
+    status[3000:, 1] = 0  # an aircraft does not come back
+    lag = np.zeros((6000, 2))
+    lag[2000:, 1] = 7.0
+    network_summary = summary_of(heard, lag=lag, status=status)
+    # a single aircraft has no one to hear, and windows count those who are there at their end
+    assert network_summary["links_up"] == 1.0
+    assert network_summary["condition_met"]
+    assert network_summary["clock_lag_max_s"] == network_summary["coordination_error_max_s"] == 0.0
+    assert not summary_of(heard, lag=lag)["condition_met"]
 
 
 def test_samples_after_the_arrival_do_not_count():

@@ -12,6 +12,7 @@ from anser.planning.certified.replanning import CORRECTED, REPLANNED
 from anser.planning.decentralised.time_coordination import coordination_error, guaranteed_rate, quality_of_service
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import Network
+from anser.simulation.closed_loop import is_off_plan
 
 _SERIES_STEP_S = 1.0  # time between two entries of the series
 _QUALITY_ZERO = 1e-9  # greatest quality of service that counts as zero
@@ -28,7 +29,7 @@ def summarize_network(
 ) -> dict[str, Any]:
     """Summarize links, clocks and guaranteed convergence of a decentralised fleet, until the first path is frozen.
 
-    `links_up` is the mean fraction of the pairs with a link, `quality_of_service_min` and `_mean` count over windows of
+    An aircraft that broke off, stopped or left the fleet counts no longer from then on. `links_up` is the mean fraction of the pairs with a link, `quality_of_service_min` and `_mean` count over windows of
     `window_s`, `promised_rate_per_s` is the guaranteed rate of convergence at the least quality of service, and
     `offers` is the number of paths offered, and `outdated_paths` lists the aircraft whose last path ends farther than
     `tube_m` from the rendezvous, because the fleet agreed on no other path in time.
@@ -40,9 +41,9 @@ def summarize_network(
     samples = samples[time_s[samples] <= max(until_s, network.window_s)]
     links = decode_links(np.asarray(history["heard_from"])[samples], len(names))
     clocks = time_s[samples, None] - np.asarray(history["clock_lag"])[samples]
-    quality = quality_of_service(links, network.period_s, network.window_s)
-    clock_error = coordination_error(clocks)
-    pairs = max(len(names) * (len(names) - 1), 1)
+    takes_part = np.cumsum(is_off_plan(np.asarray(history["status"])), axis=0)[samples] == 0
+    quality, clock_error = _coordination_of_participants(links, clocks, takes_part, network)
+    both_take_part = takes_part[:, :, None] & takes_part[:, None, :] & ~np.eye(len(names), dtype=bool)
     series_stride = max(round(_SERIES_STEP_S / network.period_s), 1)
     series_samples = np.arange(0, quality.size, series_stride)
     quality_min = float(quality.min())
@@ -51,12 +52,12 @@ def summarize_network(
     outdated_paths = _outdated_paths(time_s, history, names, network)
     return {
         "agreed_after_s": float(agreed_after_s),
-        "links_up": float(links.sum(axis=(1, 2)).mean() / pairs),
+        "links_up": float(links[both_take_part].mean()) if both_take_part.any() else 0.0,
         "window_s": network.window_s,
         "quality_of_service_min": quality_min,
         "quality_of_service_mean": float(quality.mean()),
         "promised_rate_per_s": guaranteed_rate(quality_min, network.coupling_per_s, network.window_s),
-        "clock_lag_max_s": float(np.abs(history["clock_lag"][samples]).max()),
+        "clock_lag_max_s": float(np.abs(history["clock_lag"][samples]).max(where=takes_part, initial=0.0)),
         "coordination_error_max_s": float(clock_error.max()),
         "offers": int(np.sum(np.diff(path_offered.astype(int), axis=0) > 0)),
         "condition_met": not outage_times_s.size,
@@ -77,6 +78,28 @@ def summarize_network(
             "coordination_error_s": clock_error[series_samples].tolist(),
         },
     }
+
+
+def _coordination_of_participants(
+    links: np.ndarray,  # shape (time, receiver, sender)
+    clocks: np.ndarray,  # s, shape (time, aircraft)
+    takes_part: np.ndarray,  # shape (time, aircraft); never true again after it was false
+    network: Network,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the quality of service of each complete window, and the coordination error at each time, s.
+
+    A window counts the aircraft that take part at its last sample.
+    """
+    count = quality_of_service(links, network.period_s, network.window_s).size
+    quality, clock_error = np.ones(count), np.zeros(len(clocks))
+    for participants in np.unique(takes_part, axis=0):
+        at = np.all(takes_part == participants, axis=1)
+        if participants.sum() > 1:
+            own = quality_of_service(links[:, participants][:, :, participants], network.period_s, network.window_s)
+            ends = at[len(at) - count :]
+            quality[ends] = own[ends]
+            clock_error[at] = coordination_error(clocks[np.ix_(at, participants)])
+    return quality, clock_error
 
 
 def _outdated_paths(
