@@ -409,7 +409,7 @@ def flight_data(
         "aircraft": [
             {key: aircraft[key] for key in _FACT_KEYS} | {"form": form, "before": earlier_goal}
             for aircraft, form, earlier_goal in zip(
-                summary["aircraft"], goal_forms(dataset, scenario), _earlier_goals(summary, scenario), strict=True
+                summary["aircraft"], goal_forms(dataset, scenario), earlier_goals(summary, scenario), strict=True
             )
         ],
         "variables": variables,
@@ -428,7 +428,7 @@ def scene_keep_outs(scenario: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [{**table, "from_s": from_s} for table, from_s in [*standing, *appearing]]
 
 
-def _earlier_goals(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:
+def earlier_goals(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:
     """Return the earlier goal of each aircraft that took over another, and the time of the takeover, s; else None."""
     assigned_goal = {
         str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry

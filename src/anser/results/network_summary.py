@@ -29,10 +29,11 @@ def summarize_network(
 ) -> dict[str, Any]:
     """Summarize links, clocks and guaranteed convergence of a decentralised fleet, until the first path is frozen.
 
-    An aircraft that broke off, stopped or left the fleet counts no longer from then on. `links_up` is the mean fraction of the pairs with a link, `quality_of_service_min` and `_mean` count over windows of
-    `window_s`, `promised_rate_per_s` is the guaranteed rate of convergence at the least quality of service, and
-    `offers` is the number of paths offered, and `outdated_paths` lists the aircraft whose last path ends farther than
-    `tube_m` from the rendezvous, because the fleet agreed on no other path in time.
+    An aircraft that broke off, stopped or left the fleet counts no longer from then on. `links_up` is the mean fraction
+    of the pairs with a link, `quality_of_service_min` and `_mean` count over windows of `window_s`,
+    `promised_rate_per_s` is the guaranteed rate of convergence at the least quality of service, and `offers` is the
+    number of paths offered, and `outdated_paths` lists the aircraft whose last path ends farther than `tube_m` from the
+    rendezvous, because the fleet agreed on no other path in time.
     """
     network, names = scenario.network or Network(), [aircraft.name for aircraft in scenario.aircraft]
     stride = round(network.period_s / scenario.timing.step_s)

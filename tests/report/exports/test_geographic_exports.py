@@ -150,3 +150,28 @@ def test_thinning_keeps_recorded_times_and_both_ends(flown):
     assert thin_record(dataset, 1e-12).sizes["time"] == dataset.sizes["time"]
     assert list(thin_record(dataset, 100.0)["time"].values.round(6)) == [0.0, 5.9]
     assert thin_record(dataset.isel(time=[0]), 0.5).sizes["time"] == 1
+
+
+def test_a_goal_that_is_taken_over_is_one_track_and_the_takers_former_goal_another(flown):
+    dataset, summary = flown
+    goal_names = [aircraft["goal"] for aircraft in summary["aircraft"]]
+    assigned = [
+        {"name": str(name), "goal": goal} for name, goal in zip(dataset["aircraft"].values, goal_names, strict=True)
+    ]
+    fleet = [dict(aircraft) for aircraft in summary["aircraft"]]
+    # the second aircraft leaves its goal for that of the first at 3 s
+    fleet[1]["goal"] = fleet[0]["goal"]
+    events = [{"kind": "goal-taken-over", "whom": fleet[1]["name"], "time_s": 3.0}]
+    taken = dataset.copy()
+    taken.attrs["scenario"] = json.dumps({"aircraft": assigned})
+    summary = summary | {"aircraft": fleet, "events": events}
+    raw = {packet["id"]: packet for packet in json.loads(to_czml(taken, summary, START))}
+    goals = {packet["name"]: packet for key, packet in raw.items() if key.startswith("goal-")}
+    assert set(goals) == set(goal_names)
+    times = {name: packet["position"]["cartographicDegrees"][::4] for name, packet in goals.items()}
+    np.testing.assert_allclose(times[goal_names[0]], dataset["time"].values, atol=1e-6)
+    assert 2.8 < max(times[goal_names[1]]) < 3.0
+    lines = [raw[key]["polyline"]["positions"]["references"][0] for key in ("rendezvous-1", "rendezvous-1-1")]
+    assert lines == [f"{goals[goal]['id']}#position" for goal in (goal_names[1], goal_names[0])]
+    folders = ET.fromstring(to_kml(taken, summary, START)).findall("{*}Document/{*}Folder")
+    assert [len(folder.findall("{*}Placemark")) for folder in folders] == [3, 4, len(set(goal_names))]

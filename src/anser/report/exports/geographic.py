@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
+from anser.report.flight_data import earlier_goals
 from anser.report.labels import printed_unit
 from anser.report.style import color_of
 from anser.spatial.wgs84 import recorded_geodetic_from_flat
@@ -56,19 +57,39 @@ def aircraft_track(dataset: xr.Dataset, index: int) -> Track:
 
 
 def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
-    """Return the track of each goal; a goal of several aircraft has a single track."""
-    first_aircraft: dict[str, int] = {}
-    for index, aircraft in enumerate(summary["aircraft"]):
-        first_aircraft.setdefault(str(aircraft["goal"]), index)
-    return [_track_on_local_map(dataset, name, "goal_", index, np.inf) for name, index in first_aircraft.items()]
+    """Return the track of each goal, from the aircraft that fly to it: a single one for several aircraft."""
+    spans = [_goal_spans(dataset, summary, index) for index in range(len(summary["aircraft"]))]
+    names = dict.fromkeys(goal for of_aircraft in spans for goal, _ in of_aircraft)
+    time_s = dataset["time"].values
+    tracks = []
+    for name in names:
+        owner = np.full(time_s.size, -1)
+        for index, of_aircraft in reversed(list(enumerate(spans))):
+            for goal, flies_to_it in of_aircraft:
+                owner[flies_to_it & (goal == name)] = index
+        tracks.append(_track_on_local_map(dataset, name, "goal_", owner, owner >= 0))
+    return tracks
 
 
-def rendezvous_track(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> Track:
-    """Return the track of an aircraft's rendezvous point, up to the arrival."""
+def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, Track]]:
+    """Return goal and track of an aircraft's rendezvous point, up to the arrival, for each goal that it flew to."""
     aircraft = summary["aircraft"][index]
     end_times = (aircraft[key] for key in ("arrival_s", "planned_arrival_s") if aircraft[key] is not None)
+    is_before_end = dataset["time"].values <= next(end_times, np.inf)
     name = f"{aircraft['name']}: rendezvous"
-    return _track_on_local_map(dataset, name, "rendezvous_", index, next(end_times, np.inf))
+    return [
+        (goal, _track_on_local_map(dataset, name, "rendezvous_", index, flies_to_it & is_before_end))
+        for goal, flies_to_it in _goal_spans(dataset, summary, index)
+    ]
+
+
+def _goal_spans(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, np.ndarray]]:
+    """Return the goals that an aircraft flew to, in their order, each with whether it did at the recorded times."""
+    time_s, goal = dataset["time"].values, str(summary["aircraft"][index]["goal"])
+    earlier = earlier_goals(summary, json.loads(dataset.attrs.get("scenario", "{}")))[index]
+    if earlier is None or earlier[0] == goal:
+        return [(goal, np.ones(time_s.size, dtype=bool))]
+    return [(earlier[0], time_s < earlier[1]), (goal, time_s >= earlier[1])]
 
 
 def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
@@ -93,10 +114,16 @@ def iso_timestamp(start: datetime, time_s: float) -> str:
     return (start.astimezone(UTC) + timedelta(seconds=float(time_s))).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-def _track_on_local_map(dataset: xr.Dataset, name: str, prefix: str, index: int, end_s: float) -> Track:
-    north, east, altitude = (dataset[f"{prefix}{axis}_m"].values[:, index] for axis in ("north", "east", "altitude"))
+def _track_on_local_map(
+    dataset: xr.Dataset, name: str, prefix: str, index: int | np.ndarray, is_selected: np.ndarray
+) -> Track:
+    """Return the track of a point of the local map; `index` is the aircraft of all samples, or of each."""
+    samples = np.arange(dataset.sizes["time"])
+    north, east, altitude = (
+        dataset[f"{prefix}{axis}_m"].values[samples, index] for axis in ("north", "east", "altitude")
+    )
     longitude, latitude = _geodetic_deg(dataset, north, east)
-    return _track(dataset, name, [longitude, latitude, altitude], dataset["time"].values <= end_s)
+    return _track(dataset, name, [longitude, latitude, altitude], is_selected)
 
 
 def _track(dataset: xr.Dataset, name: str, columns: list[np.ndarray], is_selected: np.ndarray) -> Track:
@@ -156,7 +183,8 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
             _arrays(placemark, dataset, index, track)
     folder = _folder(document, "Rendezvous")
     for index in range(len(fleet)):
-        _placemark(folder, rendezvous_track(dataset, summary, index), f"rendezvous-{index}", start)
+        for _, track in rendezvous_tracks(dataset, summary, index):
+            _placemark(folder, track, f"rendezvous-{index}", start)
     folder = _folder(document, "Goals")
     for track in goal_tracks(dataset, summary):
         _placemark(folder, track, "goal", start)
@@ -252,18 +280,17 @@ def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -
             yield _point(track, goals[track.name], start, _INK, _PAPER) | {"label": _label(track.name, _INK)}
     for index, aircraft in enumerate(summary["aircraft"]):
         yield from _aircraft(dataset, aircraft, index, start)
-        rendezvous = rendezvous_track(dataset, summary, index)
-        if rendezvous.sample_index.size:
-            yield _point(rendezvous, f"rendezvous-{index}", start, _PAPER, _rgba(index)) | {
-                "polyline": {
-                    "positions": {
-                        "references": [f"{goals[str(aircraft['goal'])]}#position", f"rendezvous-{index}#position"]
-                    },
-                    "width": 1.0,
-                    "material": _solid(_rgba(index)),
-                    "arcType": "NONE",
+        for place, (goal, rendezvous) in enumerate(rendezvous_tracks(dataset, summary, index)):
+            key = f"rendezvous-{index}" + (f"-{place}" if place else "")
+            if rendezvous.sample_index.size:
+                yield _point(rendezvous, key, start, _PAPER, _rgba(index)) | {
+                    "polyline": {
+                        "positions": {"references": [f"{goals[goal]}#position", f"{key}#position"]},
+                        "width": 1.0,
+                        "material": _solid(_rgba(index)),
+                        "arcType": "NONE",
+                    }
                 }
-            }
 
 
 def _aircraft(
