@@ -312,7 +312,7 @@ def test_another_scenario_is_opened_with_its_sliders_and_saved_under_a_new_name(
 def test_the_reason_stands_in_the_answer_while_the_search_goes_on(page):
     answered(page)
     page.run(
-        "live.requests.flying = live.requests.number = 1e6; live._preliminary({ number: 1e6, answer:"
+        "live.requests.flying = live.requests.number = 2 ** 53; live._preliminary({ number: 2 ** 53, answer:"
         " { status: 'searching', problems: [{ text: 'known so far', keys: [], aircraft: [], positions: [] }] } });"
         "live.drawNow()"
     )
@@ -325,6 +325,12 @@ def test_the_reason_stands_in_the_answer_while_the_search_goes_on(page):
     page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
     answered(page)
     assert page.run("live.searching") is False
+
+
+def test_requests_of_a_page_that_is_loaded_anew_have_greater_numbers(page):
+    before = page.run("live.connection.number")
+    assert page.run("new Connection().number") >= before
+    assert page.run("Number.isSafeInteger(1000 * (Date.now() + 100 * 365 * 86400e3))")  # a century from now
 
 
 def test_an_empty_number_field_is_named(page):

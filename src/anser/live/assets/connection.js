@@ -5,7 +5,9 @@ const BACK_OFF_MS = [300, 600, 1200, 2500, 5000], CONNECT_MS = 20000, RESEND_MS 
 
 class Connection {
   constructor() {
-    Object.assign(this, { number: 0, attempts: 0, open: false, listeners: {}, waiting: new Map() });
+    // A page that was loaded anew numbers its requests above those of the page before, whose answers may come late.
+    const number = 1000 * Date.now();
+    Object.assign(this, { number, attempts: 0, open: false, listeners: {}, waiting: new Map() });
     addEventListener("online", () => this._hurry());
     document.addEventListener("visibilitychange", () => { if (!document.hidden) this._hurry(); });
   }
