@@ -8,8 +8,11 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from anser.control import default_limits
+from anser.control import default_limits, published_gains
+from anser.control.autopilot import velocity_control
+from anser.control.autopilot_state import initial_autopilot_state
 from anser.control.velocity_loop import AttitudeDemand, attitude_demand, limit_bank_rate, thrust_demand
+from anser.parts import PathCommand
 from anser.units import DEG_RAD
 from support.control_cases import (
     AIRFRAME,
@@ -338,3 +341,24 @@ def test_the_bank_command_without_a_rate_limit_is_unchanged():
     limited, bank = limit_bank_rate(demand, None, LIMITS, STEP)
     assert limited is demand
     assert bank is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("side", "bound"), [(1.0, LIMITS.speed_max), (-1.0, LIMITS.speed_min)])
+def test_a_command_beyond_the_range_of_airspeeds_does_not_go_on(side, bound):
+    x = np.array([float(bound), 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 60, 1000, 0, 0, 0])
+    setting, zero = setting_of(x), jnp.zeros(())
+    model = model_of(setting.state, x)
+    memory = initial_autopilot_state(jnp.zeros(3), setting.state.rates_b, setting.state.surfaces)
+
+    def throttle(V, V_dot):
+        command = PathCommand(jnp.asarray(V), zero, zero, jnp.asarray(V_dot), zero, zero)
+        return float(velocity_control(model, published_gains(), memory, command)[0].throttle)
+
+    beyond = float(bound) + side * 5.0
+    at_rest = throttle(beyond, 0.0)
+    assert 0.0 < at_rest < 1.0
+    assert throttle(beyond, 2.0 * side) == at_rest
+    # back into the range, and on to the bound, as commanded
+    assert (throttle(beyond, -2.0 * side) - at_rest) * side < 0.0
+    assert (throttle(float(bound) - side * 5.0, 2.0 * side) - throttle(float(bound) - side * 5.0, 0.0)) * side > 0.0

@@ -191,4 +191,9 @@ def test_names_of_more_than_one_variable_are_written_by_varid():
     )  # fmt: skip
     written = write_dave_ml(read_dave_ml(text, "f"))
     assert "<signalName>first</signalName>" not in written
+    in_other_units = FEATURES.decode().replace('name="second"', 'name="flap"').replace(
+        "<signalName>flap</signalName>", "<varID>flap</varID>"
+    )  # fmt: skip
+    written = write_dave_ml(read_dave_ml(in_other_units, "f"))
+    assert "<signalName>flap</signalName>" not in written
     assert all(r.passed for r in read_dave_ml(written, "again").check())

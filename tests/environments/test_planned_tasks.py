@@ -142,8 +142,14 @@ def test_a_fleet_shares_reward_and_end():
     assert observation.shape == (3, len(environment.observed))
     assert len(set(np.asarray(reward).tolist())) == 1
     assert terminated.shape == truncated.shape == info["success"].shape == ()
-    # two aircraft at one place end the episode, and the next one begins
+    # 90 m above another aircraft 50 m aside is apart where the vertical separation is less
+    flat = dataclasses.replace(environment, separation_m=(200.0, 80.0))
     positions_n = after.vehicle.aircraft.position_n
+    above = moved(environment, after, positions_n.at[1].set(positions_n[0] + jnp.array([0.0, 50.0, -90.0])))
+    for fleet_of_study, ended in ((environment, True), (flat, False)):
+        *_, terminated, _, _ = fleet_of_study.step_env(jax.random.key(4), above, jnp.zeros((3, 3)), params)
+        assert bool(terminated) is ended
+    # two aircraft at one place end the episode, and the next one begins
     near = moved(environment, after, positions_n.at[1].set(positions_n[0] + jnp.array([0.0, 100.0, 0.0])))
     _, again, _, terminated, _, info = step(jax.random.key(4), near, jnp.zeros((3, 3)), params)
     assert bool(terminated)

@@ -37,7 +37,12 @@ def test_a_perfect_order_has_an_interval():
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "said"), [(np.arange(3.0), np.arange(3.0), "3 pairs"), (np.ones(9), np.arange(9.0), "all alike")]
+    ("x", "y", "said"),
+    [
+        (np.arange(3.0), np.arange(3.0), "3 pairs"),
+        (np.ones(9), np.arange(9.0), "all alike"),
+        (np.arange(9.0), np.array([*range(8), np.nan]), "NaN"),
+    ],
 )
 def test_inputs_without_ranks_are_refused(x, y, said):
     with pytest.raises(ValueError, match=said):

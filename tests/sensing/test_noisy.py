@@ -105,6 +105,16 @@ def test_a_camera_measures_range_and_angles_with_its_errors():
     np.testing.assert_allclose(elevation.std(), 3e-3, rtol=0.12)
 
 
+def test_a_bias_across_the_line_of_sight_is_greater_in_azimuth():
+    biased = {"angle_mrad": 0.0, "range_m": 0.0, "angle_bias_mrad": 20.0, "range_max_m": 1e5}
+    measurements = readings(build_goal_sensor(GoalSensor(preset="camera", **biased)), 200)
+    north = 3000.0 - 10.0 * np.arange(200)
+    errors = np.asarray(measurements.values[:, 1]) - np.arctan2(500.0, north)
+    across = errors * np.hypot(north, 500.0) / np.sqrt(north**2 + 500.0**2 + 1000.0**2)
+    assert np.ptp(errors) > 0.1 * np.abs(errors).max()
+    np.testing.assert_allclose(across, across[0], rtol=1e-9)
+
+
 def test_field_of_view_failure_and_period():
     camera = build_goal_sensor(GoalSensor(preset="camera", half_angle_deg=30.0, range_max_m=1e5, period_s=0.5))
     is_measured = np.asarray(readings(camera, 400).measured).any(axis=1)

@@ -44,6 +44,9 @@ def test_a_flight_without_estimates_and_a_time_beyond_it_are_refused():
     estimates = {"coefficient_increment": ("time", np.zeros(flight.dataset.sizes["time"]))}
     with pytest.raises(ValueError, match="expected 0 to 1"):
         frozen_margins(flight.dataset.assign(estimates), 1.5)
+    for lag in ("actuator_lag", "engine_lag"):
+        with pytest.raises(ValueError, match=f"{lag}=False; expected one of the aircraft with its lags"):
+            frozen_margins(flight.dataset.assign(estimates).assign_attrs({lag: 0}), 0.5)
 
 
 def test_the_margins_are_those_of_the_aircraft_with_its_centre_of_gravity(monkeypatch):
