@@ -8,7 +8,13 @@ from hypothesis import strategies as st
 
 from anser.planning import TimedPath
 from anser.planning.decentralised.network import KnowledgeMatrix
-from anser.planning.decentralised.path_exchange import Exchange, open_offers, path_distance_max, process_messages
+from anser.planning.decentralised.path_exchange import (
+    Exchange,
+    next_in_turn,
+    open_offers,
+    path_distance_max,
+    process_messages,
+)
 
 PATIENCE = 12
 
@@ -131,3 +137,12 @@ def test_the_largest_distance_is_a_close_bound():
         sampled_distance = np.max(np.linalg.norm(offset, axis=1))
         bound = float(distance_max(path_a, path_b))
         assert sampled_distance <= bound <= 2.5 * sampled_distance
+
+
+@given(st.sampled_from([0.5, 1.0, 1.5, 2.0, 3.0, 5.0]), st.integers(1, 8))
+def test_every_aircraft_has_its_fair_turns_with_any_replanning_period(period, count):
+    searches = np.arange(10, 10 + 3 * count, 3)
+    turns = [next_in_turn(searches, period * k) for k in range(40 * count)]
+    numbers = [turns.count(k) for k in searches]
+    assert sum(numbers) == len(turns)
+    assert 30 <= min(numbers) <= max(numbers) <= 50

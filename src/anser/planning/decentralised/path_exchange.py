@@ -22,6 +22,7 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import ScalarLike
 
 PairMask = Bool[Array, "aircraft aircraft"]
+_GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 
 
 class Exchange(eqx.Module):
@@ -118,3 +119,11 @@ def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
     knots = (path.air_n + path.drift_n) - (alternative.air_n + alternative.drift_n)
     points = bernstein_coefficients(knots, path.times[1:] - path.times[:-1])[0]
     return jnp.sqrt(jnp.max(jnp.sum(points**2, axis=1)))
+
+
+def next_in_turn(searches: Int[np.ndarray, " places"], time: float) -> int:
+    """Return which of the aircraft that need a new path searches one at a time (s): fair turns for any period.
+
+    `searches` has their indices; multiples of an irrational number are evenly spread among them.
+    """
+    return int(searches[int(searches.size * (time * _GOLDEN_RATIO % 1.0))])

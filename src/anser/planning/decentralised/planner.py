@@ -44,6 +44,7 @@ from anser.planning.decentralised.network import Broadcast, KnowledgeMatrix, Net
 from anser.planning.decentralised.path_exchange import (
     Exchange,
     initial_exchange,
+    next_in_turn,
     open_offers,
     path_distance_max,
     process_messages,
@@ -59,7 +60,6 @@ from anser.spatial.rotations import safe_norm
 LEAD_S = 6.0
 """Time between an offer and the start of the offered path, s: in this time the fleet must acknowledge it."""
 _CLEARANCE_RATIO_MIN = 1.0 - 1e-7  # ratio of distance to separation
-_GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 _SAME_TIME_S = 1e-3
 # of the time to go: small delays first, because the fleet follows
 _DELAY_FRACTIONS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
@@ -271,8 +271,7 @@ class DecentralisedPlanner(AbstractPlanner):
         if not searches.size:
             return _open_offers(correction)
         count = len(correction.searches)
-        # Multiples of an irrational number make fair turns, whatever the replanning period.
-        aircraft = int(searches[int(searches.size * (time * _GOLDEN_RATIO % 1.0))])
+        aircraft = next_in_turn(searches, time)
         is_selected = as_array(np.arange(count) == aircraft, bool)
         search = _path_search(self, correction, is_selected)
         for delay, limits in search.ladder.attempts():
