@@ -369,3 +369,15 @@ def test_a_trim_in_hot_air_is_steady_there_and_refused_elsewhere():
     assert float(flight.dataset.density_altitude_m[0]) > 1500.0
     with pytest.raises(ValueError, match=r"start: arrived a trim in another atmosphere"):
         anser.simulate(f16, trim, duration_s=2)
+
+
+@pytest.mark.long
+def test_an_airspeed_command_that_the_braking_propeller_cannot_follow_is_not_overshot():
+    """The least thrust of a windmilling propeller lies inside the range of powers: there the integral stops too."""
+    aerosonde = anser.aircraft("aerosonde")
+    trim = aerosonde.trim(speed_m_s=30.0, altitude_m=500.0)
+    command = {"airspeed_m_s": anser.step_input(-10.0, start_s=2.0)}
+    flight = anser.simulate(aerosonde, trim, controller="inversion", command=command, duration_s=40.0)
+    airspeed_m_s = flight.dataset["airspeed_m_s"].values
+    assert airspeed_m_s.min() > 19.9
+    np.testing.assert_allclose(airspeed_m_s[-100:], 20.0, atol=0.05)

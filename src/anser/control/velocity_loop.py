@@ -16,6 +16,7 @@ _COS_FULL_LIFT = 0.5  # cosine of the bank error up to which the full lift is de
 _NORMAL_MIN_G = 0.2  # acceleration normal to the path, in g, below which no turn is demanded
 LIFT_SHARE = 0.9  # share of the lift at alpha_max for bank and commands; the remainder holds the path
 _SIDE_SHARE_MAX = 0.1  # of the lift: at most 6 deg of bank against a side force
+_INVERSE_ERROR_MAX = 0.1  # acceleration, m/s^2, that an interpolated inverse of the thrust may miss
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: a second step is exact after one breakpoint
 
 
@@ -42,7 +43,8 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
     """Compute throttle and thrust for a commanded V_dot (m/s^2) by inversion of the engine's thrust and lag.
 
     T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta), with at least 0.2 for
-    the product of the cosines. The demand is saturated if T is beyond the thrust at full or at idle power.
+    the product of the cosines. The demand is saturated if the engine cannot give T: at full power, at idle, or at the
+    power of the least thrust of a propeller.
     """
     airframe, condition, motion, power = model.airframe, model.slow_condition, model.motion, model.state.power
     engine = airframe.engine
@@ -55,10 +57,12 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
     power_demand = engine.power_for_thrust(thrust, condition.air_data)
     throttle = engine.throttle_for_power_rate(power, engine_bandwidth * (power_demand - power))
     thrust_available = engine.propulsion(power_demand, condition.air_data).force_b[0]
-    # Inside the range of powers, a difference is an error of the interpolated inverse: the integral removes it.
+    # Inside the range of powers, a small difference is an error of the interpolated inverse, which the integral removes;
+    # a larger one is a demand below the least thrust.
     is_at_end = (power_demand <= 0.0) | (power_demand >= 100.0)
-    is_short = jnp.abs(thrust - thrust_available) > 1.0 + 1e-6 * thrust_available
-    return ThrustDemand(throttle=throttle, thrust=thrust, saturated=is_at_end & is_short)
+    missing = jnp.abs(thrust - thrust_available)
+    is_short = (is_at_end & (missing > 1.0 + 1e-6 * thrust_available)) | (missing > _INVERSE_ERROR_MAX * mass)
+    return ThrustDemand(throttle=throttle, thrust=thrust, saturated=is_short)
 
 
 def lift_at_alpha(
