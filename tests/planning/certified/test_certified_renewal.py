@@ -130,6 +130,8 @@ def test_a_corrected_or_new_plan_avoids_an_aircraft_that_has_left_the_fleet(plan
     air = jnp.zeros_like(plan.paths.air_n[2]).at[:, 1, 1].set(-SPEEDS[0])
     air = air.at[:, 0].set(crossing_n + (times - meeting_s)[:, None] * jnp.array([[0.0, -SPEEDS[0], 0.0]]))
     crossed = eqx.tree_at(lambda p: p.paths.air_n, plan, plan.paths.air_n.at[2].set(air))
+    # The plan in force had no conflict: the exit path has come near only now.
+    crossed = eqx.tree_at(lambda p: p.certificate.clearance_ratio, crossed, jnp.full((3, 3), 2.0))
     assert replan(crossed, fleet(STOPPED))[1] == CORRECTED
     new_plan, status = replan(crossed, fleet(STOPPED), has_left=(False, False, True))
     assert status == REPLANNED
@@ -140,6 +142,18 @@ def test_a_corrected_or_new_plan_avoids_an_aircraft_that_has_left_the_fleet(plan
     # A path that nothing crosses is corrected as before.
     clear = eqx.tree_at(lambda p: p.paths.air_n, crossed, crossed.paths.air_n.at[2, :, 0, 2].add(-1000.0))
     assert replan(clear, fleet(STOPPED), has_left=(False, False, True))[1] == CORRECTED
+
+
+def test_a_conflict_with_an_exit_path_that_no_plan_resolved_does_not_stop_the_corrections(plan):
+    """The third has left 100 m beside the first; the goal of the second, 4 km away, moves by 60 m."""
+    moved = eqx.tree_at(lambda t: t.goal_position_n, fleet(STOPPED), fleet().goal_position_n.at[1, 1].add(60.0))
+    assert plan.certificate.clearance_ratio[0, 2] < 1.0
+    new_plan, status = replan(plan, moved, has_left=(False, False, True))
+    assert status == CORRECTED
+    end = new_plan.paths.air_n[1, -1, 0] + new_plan.paths.drift_n[1, -1, 0]
+    np.testing.assert_allclose(end[1], 4060.0, atol=1e-3)
+    # The conflict stays in the certificate.
+    assert new_plan.certificate.clearance_ratio[0, 2] < 1.0
 
 
 def test_a_plan_stays_unchanged_after_every_aircraft_has_stopped(plan):

@@ -4,6 +4,7 @@ The compiled loop corrects plans by `correct_plan`; new plans are made between t
 after an event by `anser.missions.event_replanning`. Velocity and acceleration stay continuous throughout.
 """
 
+import dataclasses
 from collections.abc import Callable, Iterator
 
 import equinox as eqx
@@ -215,7 +216,7 @@ def correct_plan(
         plan, paths, plan.arrival_times, correction_tasks, airspace, time, under_way, has_left, bounds
     )
     status = jnp.where(jnp.any(awaiting), AWAITING_GOAL, CORRECTED)
-    return corrected, status, jnp.all(corrected.feasible | ~under_way)
+    return corrected, status, _is_acceptable(corrected, plan, under_way, has_left)
 
 
 class ReplanningProblem(eqx.Module):
@@ -246,7 +247,7 @@ class ReplanningProblem(eqx.Module):
         arrivals = jnp.where(self.replannable, self.time + durations, self.plan.arrival_times)
         fleet_plan = self._certified(new_plan, select_rows(self.replannable, new_plan.paths, self.paths), arrivals)
         is_valid = jnp.all(jnp.where(self.replannable, new_plan.valid, True))
-        return is_valid & jnp.all(fleet_plan.feasible | ~self.under_way), fleet_plan
+        return is_valid & self._is_acceptable(fleet_plan), fleet_plan
 
     def correct_partly(self) -> tuple[Flag, CertifiedPlan]:
         """Correct each path as far as its limits allow; returns whether this is feasible and a change, and the plan."""
@@ -264,10 +265,13 @@ class ReplanningProblem(eqx.Module):
         chosen = select_rows(jnp.any(satisfies, axis=0), corrected_paths, plan.paths)
         candidate_plan = self._certified(plan, chosen, plan.arrival_times)
         has_moved = jnp.any(chosen.air_n != plan.paths.air_n)
-        return has_moved & jnp.all(candidate_plan.feasible | ~self.under_way), candidate_plan
+        return has_moved & self._is_acceptable(candidate_plan), candidate_plan
 
     def _certified(self, plan: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]) -> CertifiedPlan:
         return _recertify(plan, paths, arrivals, self.tasks, self.airspace, self.time, self.under_way, self.has_left)
+
+    def _is_acceptable(self, plan: CertifiedPlan) -> Flag:
+        return _is_acceptable(plan, self.plan, self.under_way, self.has_left)
 
 
 def replanning_problem(
@@ -413,6 +417,19 @@ def _recertify(
             jnp.where(under_way, remaining_lengths, plan.lengths),
         ),
     )
+
+
+def _is_acceptable(
+    plan: CertifiedPlan, in_force: CertifiedPlan, under_way: Bool[Array, " aircraft"], has_left: Bool[Array, " aircraft"]
+) -> Flag:
+    """Whether a plan satisfies every constraint of the aircraft under way.
+
+    Conflicts with exit paths that the plan in force already has do not count: no plan could resolve them at the event.
+    """
+    is_inherited = has_left[None, :] & (in_force.certificate.clearance_ratio < 1.0)
+    ratios = jnp.where(is_inherited, jnp.inf, plan.certificate.clearance_ratio)
+    certificate = dataclasses.replace(plan.certificate, clearance_ratio=ratios)
+    return jnp.all((plan.valid & certificate.satisfied) | ~under_way)
 
 
 def exit_paths(plan: CertifiedPlan, has_left: Bool[np.ndarray, " aircraft"]) -> FixedPaths | None:
