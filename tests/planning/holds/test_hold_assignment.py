@@ -222,6 +222,15 @@ def test_holds_stay_out_of_keep_outs():
     )
 
 
+def test_an_exit_path_to_the_end_of_the_flight_needs_no_hold():
+    alone = jax.tree.map(lambda leaf: leaf[:1], fleet(GOALS, DRIFTS, [300.0] * 3, [20.0] * 3, [END] * 3))
+    end_n = np.asarray(jax.tree.map(lambda leaf: leaf[0], alone[0]).position_n(END))
+    everywhere = (*end_n[:2], 5000.0)
+    assert bool(assign(*alone, airspace(500.0, 150.0, everywhere)).clear[0])
+    sooner = jax.tree.map(lambda leaf: leaf[:1], fleet(GOALS, DRIFTS, [300.0] * 3, [20.0] * 3, [END - 1.0] * 3))
+    assert not bool(assign(*sooner, airspace(500.0, 150.0, everywhere)).clear[0])
+
+
 def test_aircraft_without_a_clear_hold_are_flagged():
     """Two aircraft that meet head-on at the arrival, only one horizontal separation apart: no hold is clear."""
     facing = fleet([(0.0, 0.0), (560.0, 0.0), (9e3, 0.0)], [(0.0, 0.0)] * 3, [300.0] * 3, [0.0, 180.0, 0.0], [90.0] * 3)

@@ -172,6 +172,7 @@ def assign_holds(
         keeps_altitudes = jnp.all(excess(bounds, task.limits, _ALTITUDES) <= _ROUNDING)
         in_field = bounds.wind_error_max < BEYOND_FIELD_M_S
         fits = keeps_altitudes & keeps_goal_distance & in_field & jnp.all(keep_out_clearance >= 0.0)
+        fits = fits | (arrival >= end_time)  # no hold follows an exit path, which lasts to the end of the flight
         cylinders, cylinders_after = (
             fleet_cylinders(track, fleet, HOLD_INTERVALS_PER_CYLINDER) for track in (whole, hold_only)
         )
