@@ -132,7 +132,7 @@ def test_aircraft_about_to_arrive_fly_their_new_holds(monkeypatch, clear):
         "aircraft_planner": lambda flight: planner,
         "_with_limits": lambda tasks, limits: tasks,
         "_certificate": lambda *_: SimpleNamespace(satisfied=np.ones(1, bool)),
-        "_target_times": lambda scenario, times_s, can_replan, event: times_s,
+        "_target_times": lambda scenario, times_s, can_replan, event, planned_times_s: times_s,
         "replace_plan": lambda state, plan_state: plan_state,
     }
     for name, replacement in replacements.items():
@@ -141,13 +141,18 @@ def test_aircraft_about_to_arrive_fly_their_new_holds(monkeypatch, clear):
     current = SimpleNamespace(planner=plan_state)
     scenario = SimpleNamespace(timing=SimpleNamespace(step_s=0.01, duration_s=90.0))
     event = SimpleNamespace(kind="keep-out-appears")
-    after, is_valid, _ = event_replanning._replan_if_needed(scenario, None, current, 5000, event, lambda message: None)
+    after, is_valid, _ = event_replanning._replan_if_needed(
+        scenario, None, current, 5000, event, np.array([60.0]), lambda message: None
+    )
     assert is_valid is clear
     assert (after.holds is new_holds) if clear else (after is current)
 
 
-def target_times(times_s, can_replan, order, leaves, *earlier):
-    """Arrival times required after the second event in a sequence with a spacing of 30 s; events at 88 s."""
+def target_times(times_s, can_replan, order, leaves, *earlier, planned_s=np.inf):
+    """Arrival times required after the last event of a sequence with a spacing of 30 s, at 88 s.
+
+    The aircraft that leaves was planned to arrive at `planned_s`.
+    """
     events = [
         SimpleNamespace(kind="aircraft-leaves", aircraft=name, time_s=time_s, gaps=None)
         for name, time_s in (*earlier, (leaves, 88.0))
@@ -157,7 +162,9 @@ def target_times(times_s, can_replan, order, leaves, *earlier):
         aircraft=[SimpleNamespace(name=name) for name in "abcd"],
         event=events,
     )
-    return event_replanning._target_times(scenario, np.array(times_s), np.array(can_replan), events[-1]).tolist()
+    planned_times_s = np.where(np.array(list("abcd")) == leaves, planned_s, times_s)
+    arguments = scenario, np.array(times_s), np.array(can_replan), events[-1], planned_times_s
+    return event_replanning._target_times(*arguments).tolist()
 
 
 def test_followers_in_a_sequence_move_up_as_far_as_places_are_free():
@@ -167,12 +174,12 @@ def test_followers_in_a_sequence_move_up_as_far_as_places_are_free():
     # b is about to arrive and keeps its place; the place of c, behind it, is taken
     assert target_times(times_s, [True, False, True, True], ["a", "b", "c", "d"], "a") == times_s
     # a has arrived at 80 s: its place is past
-    assert target_times([200.0, 110.0, 140.0, 170.0], [False, *[True] * 3], ["a", "b", "c", "d"], "a") == [
-        200.0,
-        110.0,
-        140.0,
-        170.0,
-    ]
+    times_s = [200.0, 110.0, 140.0, 170.0]
+    assert target_times(times_s, [False, *[True] * 3], ["a", "b", "c", "d"], "a", planned_s=80.0) == times_s
+    # so is that of a where b has left since, and its gap was kept
+    times_s = [200.0, 200.0, 160.0, 190.0]
+    arguments = times_s, [False, False, True, True], ["a", "b", "c", "d"], "a", ("b", 50.0)
+    assert target_times(*arguments, planned_s=80.0) == times_s
     # b has left before, and holds nobody up
     moved = target_times(
         [100.0, 200.0, 130.0, 160.0], [True, False, True, True], ["a", "b", "c", "d"], "a", ("b", 50.0)
@@ -181,12 +188,49 @@ def test_followers_in_a_sequence_move_up_as_far_as_places_are_free():
 
 
 def test_no_arrival_after_the_latest_is_requested():
-    """An arrival that is put off beyond the end of the flight is no plan."""
     scenario = SimpleNamespace(timing=SimpleNamespace(latest_arrival_s=99.0), arrival=SimpleNamespace(rule="at"))
     times_s = np.array([60.0, 60.0])
     for target_s, expected in ((75.0, [70.0, 55.0]), (105.0, [55.0])):
         requests = event_replanning._requests(scenario, times_s, np.ones(2, bool), 5.0, np.full(2, target_s))
         assert [float(request.times_s[0]) for request in requests] == expected
+
+
+@pytest.mark.parametrize(
+    ("later_s", "found", "said"),
+    [(10.0, True, "planned anew"), (10.0, False, "no new plan"), (50.0, True, "not put off: an arrival at 110.0 s")],
+)
+def test_an_arrival_is_put_off_to_the_time_that_is_asked_for_or_not_at_all(monkeypatch, later_s, found, said):
+    replacements = {
+        "snapshot_at": lambda *_: SimpleNamespace(
+            replannable_tasks=SimpleNamespace(active=np.ones(2)), flying_tasks=None
+        ),
+        "aircraft_planner": lambda _: SimpleNamespace(correction_limits=lambda limits: limits, airspace=None),
+        "_with_limits": lambda tasks, limits: tasks,
+        "_certificate": lambda *_: SimpleNamespace(satisfied=np.ones(2, bool)),
+    }
+    for name, replacement in replacements.items():
+        monkeypatch.setattr(event_replanning, name, replacement)
+    asked = []
+
+    def search_plan(scenario, flight, state, snapshot, now_s, requests, on_progress):
+        asked.extend(float(request.times_s[0]) for request in requests)
+        return "new" if found else None
+
+    monkeypatch.setattr(event_replanning, "_search_plan", search_plan)
+    times_s = np.array([60.0, 60.0])
+    current = SimpleNamespace(planner=PlanInForce(SimpleNamespace(arrival_times=times_s, paths=None), None, None))
+    monkeypatch.setattr(event_replanning, "replace_plan", lambda state, plan_state: current)
+    timing = SimpleNamespace(step_s=0.01, duration_s=100.0, latest_arrival_s=99.0)
+    scenario = SimpleNamespace(timing=timing, arrival=SimpleNamespace(rule="together"))
+    event = SimpleNamespace(kind="arrival-put-off", later_s=later_s)
+    after, is_planned, message = event_replanning._replan_if_needed(
+        scenario, None, current, 2000, event, times_s, lambda message: None
+    )
+    is_possible = later_s < 39.0
+    assert asked == ([50.0] if is_possible else [])
+    assert is_planned is (found and is_possible)
+    assert after == ("new" if is_planned else current)
+    assert message.startswith(said)
 
 
 @pytest.mark.parametrize(

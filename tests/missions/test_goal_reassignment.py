@@ -1,6 +1,7 @@
 """Reassignment of goals of departing aircraft: to the nearest aircraft in time, or to a spare aircraft with a plan."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -198,3 +199,15 @@ def test_the_new_goal_is_met(tmp_path):
     assert (departure["kind"], handover["kind"]) == ("aircraft-leaves", "goal-taken-over")
     assert isinstance(flown.planned, FirstPlan)
     flown.save(Path(tmp_path) / "run")
+
+
+def test_the_assignment_serves_the_most_goals_with_the_least_total_distance():
+    """Of the two aircraft to each goal one must stay: the shortest pairs alone would leave a goal open."""
+    far = events_module._INFEASIBLE_M
+    distances = np.array([[100.0, 90.0], [far, 10.0], [far, 20.0], [far, far]])
+    fleet = SimpleNamespace(goals=("G", "G", "H", "H"), aircraft_with_goal=lambda goal: ["one", "another"])
+    departures = [SimpleNamespace(goal_taken_over_by="spare")] * 2
+    assert sorted(events_module._least_assignment(fleet, distances, departures)) == [(0, 0), (2, 1)]
+    nearest = [SimpleNamespace(goal_taken_over_by="nearest")] * 2
+    assert sorted(events_module._least_assignment(fleet, distances, nearest)) == [(0, 0), (1, 1)]
+    assert events_module._least_assignment(fleet, np.full((4, 2), far), departures) == []

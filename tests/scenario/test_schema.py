@@ -218,6 +218,10 @@ def uav(written):
 
 def test_hash_tells_written_limits_and_gains_from_derived_ones():
     assert len({scenario_hash(uav(written)) for written in WRITTEN}) == 3
+    scenarios = [uav(written) for written in WRITTEN]
+    assert [[a == b for a in scenarios] for b in scenarios] == np.eye(3, dtype=bool).tolist()
+    assert len(set(scenarios)) == 3
+    assert uav(WRITTEN[1]) == uav(WRITTEN[1])
     assert scenario_hash(uav(f"[limits]\naltitude_max_m = {ALTITUDE_MAX_M}\n")) == scenario_hash(uav(""))
 
 

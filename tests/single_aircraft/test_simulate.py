@@ -1,6 +1,7 @@
 """Flight of one aircraft: against the linear model, the textbook's equations in NumPy, and the closed loop's parts."""
 
 import dataclasses
+import gc
 import functools
 
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ import pytest
 from scipy.linalg import expm
 
 import anser
+from anser.compiling import program
 from anser.analysis.trim_points import ConditionError
 from anser.config.errors import ScenarioError
 from anser.environment import SteadyWind, standard_environment
@@ -137,6 +139,10 @@ def test_a_feedback_law_damps_the_pitch_motion():
     assert abs(damped.pitch_rate_deg_s.sel(time=late)).max() < 0.5 * abs(free.pitch_rate_deg_s.sel(time=late)).max()
 
 
+def program_count():
+    return sum(len(list(compiled)) for compiled in program._programs)
+
+
 def test_a_changed_law_flies_as_changed():
     """A notebook changes a gain to which the law refers, and flies again."""
     gains = {"elevator": 1.0}
@@ -144,12 +150,15 @@ def test_a_changed_law_flies_as_changed():
     def law(time_s, state):
         return {"elevator": -gains["elevator"] + 0.0 * state["alpha_deg"]}
 
-    commands = []
+    commands, programs = [], []
     for gain in (1.0, 2.0):
         gains["elevator"] = gain
         flown = anser.simulate(f16(), level(), law, duration_s=0.05).dataset
         commands.append(float(flown["elevator_command_deg"][-1]))
+        gc.collect()
+        programs.append(program_count())
     assert commands == [-1.0, -2.0]
+    assert programs[0] == programs[1]  # the program of a law ends with its flight
 
 
 def test_the_state_of_a_law_is_that_of_the_dataset_in_turbulence():

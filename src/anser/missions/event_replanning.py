@@ -7,7 +7,7 @@ periodic correction of paths inside the loop is in `anser.planning.certified.rep
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -205,6 +205,7 @@ def apply_event(
     if event.kind == AIRCRAFT_CHANGES:
         return flight, state, outcome(True, "unknown to autopilot and planner: the plan in force stays")
     on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
+    planned_times_s = np.asarray(state.planner.plan.arrival_times)  # with that of an aircraft that leaves now
     if event.kind == "aircraft-leaves":
         tasks, time = snapshot_at(flight, state, sample).flying_tasks, as_array(sample * scenario.timing.step_s)
         departing = as_array(names.index(str(event.aircraft)), np.int32)
@@ -229,7 +230,9 @@ def apply_event(
         if not scenario.fleet.is_central:
             message = "it corrects its path within its remaining thrust, or looks for another that the fleet waits for"
             return flight, state, outcome(True, message)
-    state, is_planned, message = _replan_if_needed(scenario, flight, state, sample, event, on_progress)
+    state, is_planned, message = _replan_if_needed(
+        scenario, flight, state, sample, event, planned_times_s, on_progress
+    )
     return flight, state, outcome(is_planned, message)
 
 
@@ -290,11 +293,13 @@ def _replan_if_needed(
     state: FlightState,
     sample: int,
     event: Event,
+    planned_times_s: np.ndarray,  # arrival times before the event, s
     on_progress: Callable[[str], None],
 ) -> tuple[FlightState, bool, str]:
     """Keep the plan in force if it is still valid and its arrival times are still required; otherwise replan.
 
-    If replanning fails, the plan in force stays. Returns the state, whether the fleet has a valid plan, and the action.
+    If replanning fails, the plan in force stays, with clear new holds where some were found. Returns the state, whether
+    the fleet has a valid plan, and the action.
     """
     plan_state, now_s = state.planner, sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
@@ -304,7 +309,7 @@ def _replan_if_needed(
     limited_tasks = _with_limits(snapshot.flying_tasks, planner.correction_limits(plan_state.limits))
     certificate = _certificate(plan_state.plan, limited_tasks, planner.airspace, as_array(now_s))
     is_satisfied = np.asarray(certificate.satisfied)
-    target_times_s = _target_times(scenario, times_s, can_replan, event)
+    target_times_s = _target_times(scenario, times_s, can_replan, event, planned_times_s)
     is_unchanged = bool(np.all(target_times_s[can_replan] == times_s[can_replan]))
     # A new keep-out and an exit path concern the holds after the arrivals too; aircraft that have arrived keep theirs.
     holds, is_clear = plan_state.holds, True
@@ -313,16 +318,24 @@ def _replan_if_needed(
         paths, end_time_s = plan_state.plan.paths, scenario.timing.duration_s
         holds = planner.assign_holds(paths, snapshot.flying_tasks, now_s, end_time_s, holds)
         is_clear = bool(np.all(holds.clear))
+    held_state = replace_plan(state, dataclasses.replace(plan_state, holds=holds)) if is_clear else state
     if not can_replan.any():
         # Aircraft about to arrive keep their paths, but fly the new holds.
-        held_state = replace_plan(state, dataclasses.replace(plan_state, holds=holds)) if is_clear else state
         return held_state, is_clear and bool(is_satisfied.all()), "no aircraft is left that could be replanned"
     if is_unchanged and is_clear and is_satisfied[can_replan].all():
         plan = dataclasses.replace(plan_state.plan, certificate=certificate)
         certified_state = replace_plan(state, dataclasses.replace(plan_state, plan=plan, holds=holds))
         return certified_state, True, "the plan in force still meets all requirements"
-    replanned_state = _search_plan(scenario, flight, state, snapshot, now_s, target_times_s, on_progress)
-    return (state, False, NO_PLAN_MESSAGE) if replanned_state is None else (replanned_state, True, "planned anew")
+    last_s, latest_s = float(np.max(target_times_s[can_replan])), scenario.timing.latest_arrival_s
+    is_put_off = event.kind == "arrival-put-off"
+    if is_put_off and last_s > latest_s:
+        message = f"not put off: an arrival at {last_s:.1f} s would be after the latest one, {latest_s:g} s"
+        return held_state, False, message
+    requests = _requests(scenario, times_s, can_replan, now_s, target_times_s)
+    # An arrival at another time than that asked for is not put off.
+    requests = itertools.islice(requests, 1) if is_put_off else requests
+    replanned_state = _search_plan(scenario, flight, state, snapshot, now_s, requests, on_progress)
+    return (held_state, False, NO_PLAN_MESSAGE) if replanned_state is None else (replanned_state, True, "planned anew")
 
 
 def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
@@ -344,12 +357,16 @@ def replan_fleet(
     """
     times_s, now_s = np.asarray(state.planner.plan.arrival_times), sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
-    if not (np.asarray(snapshot.replannable_tasks.active) > 0.0).any():
+    can_replan = np.asarray(snapshot.replannable_tasks.active) > 0.0
+    if not can_replan.any():
         return None
-    return _search_plan(scenario, flight, state, snapshot, now_s, times_s, on_progress)
+    requests = _requests(scenario, times_s, can_replan, now_s, times_s)
+    return _search_plan(scenario, flight, state, snapshot, now_s, requests, on_progress)
 
 
-def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, event: Event) -> np.ndarray:
+def _target_times(
+    scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, event: Event, planned_times_s: np.ndarray
+) -> np.ndarray:
     """Arrival times (s after the start, one per aircraft) that the arrival rule requires after an event."""
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
@@ -361,7 +378,7 @@ def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarra
         followers = [name for name in order[order.index(str(event.aircraft)) + 1 :] if name not in earlier_leavers]
         # An aircraft that cannot move up keeps its place, and so do those behind it.
         moving = list(itertools.takewhile(lambda k: can_replan[k], map(names.index, followers)))
-        if moving and times_s[moving[0]] - spacing_s > event.time_s:  # otherwise the place was taken: it had arrived
+        if planned_times_s[names.index(str(event.aircraft))] > event.time_s:  # otherwise it had arrived at its place
             closer_s = times_s.copy()
             closer_s[moving] -= spacing_s
             return closer_s
@@ -370,7 +387,7 @@ def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarra
 
 def _requests(
     scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, now_s: float, target_times_s: np.ndarray
-) -> Any:
+) -> Iterator[ArrivalRequest]:
     """Arrival requests to try in a search, in order: target times, times in force, then times by the arrival rule."""
     latest_s = scenario.timing.latest_arrival_s - now_s
     rule = scenario.arrival.rule
@@ -393,7 +410,7 @@ def _search_plan(
     state: FlightState,
     snapshot: FleetSnapshot,
     now_s: float,
-    target_times_s: np.ndarray,
+    requests: Iterable[ArrivalRequest],
     on_progress: Callable[[str], None],
 ) -> FlightState | None:
     """Search for a new plan from a time (`now_s`) on; return the state with this plan, or None.
@@ -402,9 +419,6 @@ def _search_plan(
     departed aircraft keep their paths.
     """
     plan_state, planner = state.planner, aircraft_planner(flight)
-    can_replan = np.asarray(snapshot.replannable_tasks.active) > 0.0
-    times_s = np.asarray(plan_state.plan.arrival_times)
-    requests = _requests(scenario, times_s, can_replan, now_s, target_times_s)
     limit_sets = (
         with_gentle_acceleration(plan_state.limits, _ACCELERATION_M_S2),
         planner.correction_limits(plan_state.limits),

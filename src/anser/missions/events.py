@@ -7,6 +7,8 @@ flight stops at the event's sample and `anser.missions.event_replanning` plans a
 
 import dataclasses
 import math
+import heapq
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -119,8 +121,6 @@ def reassign_goals(
     def without_successor(departed: int) -> EventOutcome:
         return outcome(departed, False, f'no aircraft can take over its goal "{goals[departed]}" in time')
 
-    from scipy.optimize import linear_sum_assignment  # half a second, for flights with a departure only
-
     outcomes: list[EventOutcome] = []
     for departed in event_of:
         remaining = fleet.aircraft_with_goal(goals[departed])
@@ -130,13 +130,7 @@ def reassign_goals(
         else:
             open_goals.append(departed)
     distances = fleet.distances_m([(departed, event_of[departed]) for departed in open_goals])
-    while np.any(distances < _INFEASIBLE_M):
-        takers, columns = linear_sum_assignment(distances)
-        pairs = [(int(r), int(c)) for r, c in zip(takers, columns, strict=True) if distances[r, c] < _INFEASIBLE_M]
-        surplus = [pair for pair in pairs if _abandons_goal(fleet, pair, pairs, [event_of[k] for k in open_goals])]
-        if surplus:
-            distances[max(surplus, key=lambda pair: distances[pair])] = _INFEASIBLE_M
-            continue
+    while pairs := _least_assignment(fleet, distances, [event_of[departed] for departed in open_goals]):
         givers = {taker: open_goals[column] for taker, column in pairs}
         reassigned_flight, reassigned_state = flight, state
         for taker, giver in givers.items():
@@ -151,6 +145,35 @@ def reassign_goals(
             return reassigned_flight, replanned_state, new_goals, [*outcomes, *map(without_successor, unassigned)]
         distances[max(pairs, key=lambda pair: distances[pair])] = _INFEASIBLE_M
     return flight, state, tuple(goals), [*outcomes, *map(without_successor, open_goals)]
+
+
+def _least_assignment(
+    fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]
+) -> list[tuple[int, int]]:
+    """Return the pairs (taker, departure) that serve the most goals, with the least sum of distances among those.
+
+    No goal is abandoned by takers that must be spare. Branch and bound: an assignment that abandons one is divided into
+    those without one of the pairs at fault.
+    """
+    from scipy.optimize import linear_sum_assignment  # half a second, for flights with a departure only
+
+    order, queue = itertools.count(), []
+
+    def add(table: np.ndarray) -> None:
+        rows, columns = linear_sum_assignment(table)
+        heapq.heappush(queue, (table[rows, columns].sum(), next(order), table, list(zip(rows, columns, strict=True))))
+
+    add(distances)
+    while True:
+        _, _, table, assigned = heapq.heappop(queue)
+        pairs = [(int(taker), int(column)) for taker, column in assigned if table[taker, column] < _INFEASIBLE_M]
+        abandoning = [pair for pair in pairs if _abandons_goal(fleet, pair, pairs, departures)]
+        if not abandoning:
+            return pairs
+        for pair in abandoning:
+            without = table.copy()
+            without[pair] = _INFEASIBLE_M
+            add(without)
 
 
 def _abandons_goal(

@@ -178,6 +178,15 @@ class Scenario(ScenarioTables):
             return problems
         return reach_problems(self) or arrival_time_problems(self)
 
+    def __eq__(self, other: object) -> bool:
+        """Whether another scenario is the same: a written value in place of one that follows from the aircraft counts.
+
+        Pydantic does not distinguish a default value that is written from one that is left out.
+        """
+        if not isinstance(other, Scenario):
+            return NotImplemented
+        return super().__eq__(other) and _written_in_place_of_derived(self) == _written_in_place_of_derived(other)
+
     @property
     def hash(self) -> str:
         """Return the SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""

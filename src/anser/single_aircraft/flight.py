@@ -262,7 +262,10 @@ def simulate(
     }
     recorder = AdaptationHistory(stride) if isinstance(estimator, AdaptiveEstimator) else History(stride=stride)
     instant = Instant(environment, as_array(0, np.int32), as_array(step_s), flight_randomness(seed))
-    history = _fly(parts, instant, point, recorder, count)
+    # A law is traced for its flight alone, and the program is dropped afterwards.
+    is_law = isinstance(flight_controller, FeedbackControls)
+    fly = compiled_by_older_generator(("count",), "flight")(_flown) if is_law else _fly
+    history = fly(parts, instant, point, recorder, count)
     columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
     kind = type(controller)
     part_name = controller if isinstance(controller, str) else f"{kind.__module__}.{kind.__qualname__}"
@@ -306,13 +309,15 @@ def _outside_field(
     return np.asarray(_outside(wind, as_array(positions_n), as_array(time_s)))
 
 
-@compiled_by_older_generator(("count",), "flight")
-def _fly(
+def _flown(
     parts: dict[str, Any], instant: Instant, start: TrimPoint, recorder: AbstractRecorder, count: int
 ) -> dict[str, Array]:
     vehicle = Vehicle(**parts)
     state = trimmed_vehicle(vehicle, instant, start)
     return fly_alone(vehicle, instant.environment, state, instant.step, count, recorder, instant.randomness)[2]
+
+
+_fly = compiled_by_older_generator(("count",), "flight")(_flown)
 
 
 def set_lags(

@@ -140,10 +140,15 @@ class CertifiedPlanner(AbstractPlanner):
         return eqx.tree_at(lambda resolve: resolve.idle, limits, idle, is_leaf=lambda leaf: leaf is None)
 
     def correction_limits(self, limits: PathLimits) -> PathLimits:
-        """Return the limits of a path corrected in flight: the limits of a new path plus the `acceleration_reserve`."""
-        return eqx.tree_at(
-            acceleration_limits, limits, replace_fn=lambda limit: limit / (1.0 - self.acceleration_reserve)
-        )
+        """Return the limits of a path corrected in flight: the limits of a new path plus the `acceleration_reserve`.
+
+        An aircraft whose remaining thrust lets it decelerate only has a negative limit: the reserve counts upward.
+        """
+
+        def with_reserve(limit: Array) -> Array:
+            return limit / jnp.where(limit < 0.0, 1.0 + self.acceleration_reserve, 1.0 - self.acceleration_reserve)
+
+        return eqx.tree_at(acceleration_limits, limits, replace_fn=with_reserve)
 
     def search_plan(
         self,
