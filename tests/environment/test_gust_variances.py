@@ -64,8 +64,8 @@ def standard_covariance(height, wind, b):
             rate(Lv, sv, 3.0 * b),
         ]
     )
-    covariance[2, 4] = covariance[4, 2] = with_rate(Lw, sw, 4.0 * b)  # q = dw/dx
-    covariance[1, 5] = covariance[5, 1] = -with_rate(Lv, sv, 3.0 * b)  # r = -dv/dx
+    covariance[2, 4] = covariance[4, 2] = -with_rate(Lw, sw, 4.0 * b)  # rate of the air: q = -dw/dx
+    covariance[1, 5] = covariance[5, 1] = with_rate(Lv, sv, 3.0 * b)  # r = dv/dx
     return covariance
 
 

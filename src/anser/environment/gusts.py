@@ -12,9 +12,13 @@ from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 
 
 class Gust(eqx.Module):
-    """Velocity (m/s) of the air relative to the mean wind, and equivalent rotation (rad/s), body axes."""
+    """Motion of the air around one aircraft relative to the mean wind, body axes.
 
-    velocity_b: Vector3
+    The forces are those of the aircraft's motion less this motion.
+    """
+
+    velocity_b: Vector3  #: Velocity at the centre of gravity, m/s.
+    #: Rates of the rotation that fits the gradients of the velocity over the aircraft best, rad/s.
     rates_b: Vector3
 
 

@@ -122,9 +122,11 @@ class Turbulence(AbstractGusts):
     An aircraft flies through a frozen field; gusts of two aircraft are independent, an assumption for distances of
     several scales. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w down (the
     standards take the direction of the mean wind past the aircraft, the same without sideslip); from 2,000 ft the axes
-    are the body axes; in between the gust is the average, linear in height. Rates: q is the gradient of w along the
-    flight and r minus the gradient of v, both low-passed by the span; p is independent noise. Gusts are constant
-    between samples.
+    are the body axes; in between the gust is the average, linear in height. Gusts are constant between samples.
+
+    The rates are those of the air: q is minus the gradient of w along the flight and r the gradient of v, both
+    low-passed by the span; p is independent noise. (The standards print the opposite signs, of the rates of the aircraft
+    relative to the air.)
     """
 
     #: Wind at 20 ft (m/s), which sets the intensity below 1,000 ft, and log10 of the probability above 2,000 ft that
@@ -173,8 +175,8 @@ class Turbulence(AbstractGusts):
         rates = jnp.stack(
             [
                 roll_sigma(level.lengths[2], level.sigmas[2], self.span) * _ROLL.output(state.p),
-                level.sigmas[2] * (w - state.low_passed_w) / (airspeed * lag_q),
-                -level.sigmas[1] * (v - state.low_passed_v) / (airspeed * lag_r),
+                -level.sigmas[2] * (w - state.low_passed_w) / (airspeed * lag_q),
+                level.sigmas[1] * (v - state.low_passed_v) / (airspeed * lag_r),
             ]
         )
         axes = _axes(flow, level.altitude_blend)

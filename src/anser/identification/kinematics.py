@@ -163,8 +163,8 @@ _GUST_MIN = 4.0
 def gust_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
     """Return the part of the rates of alpha and beta that the air causes, rad/s, by `alpha` and `beta`; empty in calm.
 
-    The measured rate less the rate that inertial sensors imply. Through a frozen field of gusts it is minus the pitch
-    rate, or the yaw rate, of the air, up to the lag of the aircraft's extent. Calm: within the band of gusts, the
+    The measured rate less the rate that inertial sensors imply. Through a frozen field of gusts it is the pitch rate,
+    or minus the yaw rate, of the air, up to the lag of the aircraft's extent. Calm: within the band of gusts, the
     difference is explained by the noise of the flow angle.
     """
     implied, step, gusts = implied_rates(record), record.step_s, {}
