@@ -199,7 +199,7 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("velocity_u", "m_s", _BODY, "U", "Velocity along body x"),
     _variable("velocity_v", "m_s", _BODY, "V_y", "Velocity along body y"),
     _variable("velocity_w", "m_s", _BODY, "W", "Velocity along body z"),
-    _variable("ground_speed", "m_s", _NED, "V_g", "Ground speed"),
+    _variable("ground_speed", "m_s", _NED, "V_g", "Ground speed, horizontal"),
     _variable("ground_course", "deg", _NED, "χ_g", "Course over ground"),
     # air data
     _variable("airspeed", "m_s", _NONE, "V", "True airspeed"),

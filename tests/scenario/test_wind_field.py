@@ -59,6 +59,35 @@ def test_values_of_the_era5_layout_are_those_of_xarray_in_the_coordinates_of_the
     assert np.max(np.abs(expected_n[:, 2])) > 0.1
 
 
+@pytest.mark.parametrize("meridians_deg", [np.arange(0.0, 360.0, 5.0), np.arange(-180.0, 180.1, 5.0)])
+@pytest.mark.parametrize("origin_deg", [0.0, 2.5, 179.0, -178.0])
+def test_a_field_around_the_globe_has_no_seam(tmp_path: Path, meridians_deg: Any, origin_deg: float) -> None:
+    latitudes_deg, altitudes_m = np.array([30.0, 50.0]), np.array([0.0, 20_000.0])
+    shape = (altitudes_m.size, latitudes_deg.size, meridians_deg.size)
+    coordinates = {
+        "altitude": ("altitude", altitudes_m, {"units": "m", "standard_name": "altitude"}),
+        "latitude": ("latitude", latitudes_deg, {"units": "degrees_north"}),
+        "longitude": ("longitude", meridians_deg, {"units": "degrees_east"}),
+    }
+    eastward = np.broadcast_to(20.0 * np.cos(np.radians(meridians_deg)), shape)
+    winds = {"eastward_wind": eastward, "northward_wind": 0.0 * eastward}
+    xr.Dataset(
+        {
+            name: (tuple(coordinates), values, {"units": "m s-1", "standard_name": name})
+            for name, values in winds.items()
+        },
+        coordinates,
+    ).to_netcdf(tmp_path / "globe.nc")
+    field = build_wind_field(Wind(field=str(tmp_path / "globe.nc")), Earth(latitude_deg=40.0, longitude_deg=origin_deg))
+    origin = jnp.deg2rad(40.0)
+    for offset_deg in (-8.0, -3.0, 0.0, 3.0, 8.0):
+        position_n = flat_from_geodetic(origin, jnp.deg2rad(offset_deg), 1000.0, origin, 0.0, 0.0)
+        # a chord over 5 deg is 1e-3 of the amplitude off
+        expected = 20.0 * np.cos(np.radians(origin_deg + offset_deg))
+        assert float(field.at(position_n, 0.0)[1]) == pytest.approx(expected, abs=0.03)
+        assert not bool(field.is_outside(position_n, 0.0))
+
+
 def rotation(t: Any, n: Any, e: Any, h: Any) -> tuple[Any, Any, Any]:
     return 1e-3 * n, -1e-3 * e, 0.0 * n
 

@@ -1,8 +1,8 @@
 """Flight of one aircraft: against the linear model, the textbook's equations in NumPy, and the closed loop's parts."""
 
 import dataclasses
-import gc
 import functools
+import gc
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +11,8 @@ import pytest
 from scipy.linalg import expm
 
 import anser
-from anser.compiling import program
 from anser.analysis.trim_points import ConditionError
+from anser.compiling import program
 from anser.config.errors import ScenarioError
 from anser.environment import SteadyWind, standard_environment
 from anser.results.netcdf import read_netcdf

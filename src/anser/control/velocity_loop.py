@@ -57,7 +57,7 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
     power_demand = engine.power_for_thrust(thrust, condition.air_data)
     throttle = engine.throttle_for_power_rate(power, engine_bandwidth * (power_demand - power))
     thrust_available = engine.propulsion(power_demand, condition.air_data).force_b[0]
-    # Inside the range of powers, a small difference is an error of the interpolated inverse, which the integral removes;
+    # Inside the range of powers, a small difference is an error of the interpolated inverse: the integral removes that;
     # a larger one is a demand below the least thrust.
     is_at_end = (power_demand <= 0.0) | (power_demand >= 100.0)
     missing = jnp.abs(thrust - thrust_available)

@@ -125,7 +125,7 @@ class Turbulence(AbstractGusts):
     are the body axes; in between the gust is the average, linear in height. Gusts are constant between samples.
 
     The rates are those of the air: q is minus the gradient of w along the flight and r the gradient of v, both
-    low-passed by the span; p is independent noise. (The standards print the opposite signs, of the rates of the aircraft
+    low-passed by the span; p is independent noise. (The standards print the opposite signs: rates of the aircraft
     relative to the air.)
     """
 

@@ -230,9 +230,7 @@ def apply_event(
         if not scenario.fleet.is_central:
             message = "it corrects its path within its remaining thrust, or looks for another that the fleet waits for"
             return flight, state, outcome(True, message)
-    state, is_planned, message = _replan_if_needed(
-        scenario, flight, state, sample, event, planned_times_s, on_progress
-    )
+    state, is_planned, message = _replan_if_needed(scenario, flight, state, sample, event, planned_times_s, on_progress)
     return flight, state, outcome(is_planned, message)
 
 

@@ -6,9 +6,9 @@ flight stops at the event's sample and `anser.missions.event_replanning` plans a
 """
 
 import dataclasses
-import math
 import heapq
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -147,9 +147,7 @@ def reassign_goals(
     return flight, state, tuple(goals), [*outcomes, *map(without_successor, open_goals)]
 
 
-def _least_assignment(
-    fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]
-) -> list[tuple[int, int]]:
+def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]) -> list[tuple[int, int]]:
     """Return the pairs (taker, departure) that serve the most goals, with the least sum of distances among those.
 
     No goal is abandoned by takers that must be spare. Branch and bound: an assignment that abandons one is divided into

@@ -25,6 +25,7 @@ from anser.planning.separation import keep_out_room, separation_ratio
 from anser.results.plan_record import ClosestApproach, PlanExtremes, PlanSamples
 from anser.scenario.schema_airspace import KeepOut
 from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.spatial.rotations import safe_hypot
 
 _PAIRS_MAX = 64  # pairs examined between the samples: the pairs nearest at the samples
 _SUBINTERVALS = 16  # parts of an interval between two samples; halved _HALVINGS times, down to rounding errors
@@ -309,7 +310,7 @@ def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) 
         "velocity_north": ground_velocity[0],
         "velocity_east": ground_velocity[1],
         "airspeed": through_air.V,
-        "ground_speed": over_ground.V,
+        "ground_speed": safe_hypot(ground_velocity[0], ground_velocity[1]),
         "course": through_air.chi,
         "ground_course": over_ground.chi,
         "path_angle": through_air.gamma,

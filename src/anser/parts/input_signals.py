@@ -208,7 +208,7 @@ def multisine(
     Parameters
     ----------
     amplitude
-        Greatest magnitude.
+        Greatest magnitude, to 0.1 percent.
     frequencies_hz
         Least and greatest frequency.
     duration_s

@@ -29,7 +29,7 @@ def build_wind_field(wind: Wind, earth: Earth | None) -> GriddedWind:
 
     Raises ScenarioError if the file is not a wind field, or the keys beside it do not fit it.
     """
-    field = field_of(wind)
+    field = field_of(wind, earth)
     if field.is_geographic and earth is None:
         arrived = "a field in latitude and longitude without an Earth"
         raise _error(wind, Problem("wind.field", arrived, "the origin's latitude_deg and longitude_deg in earth"))
@@ -37,7 +37,7 @@ def build_wind_field(wind: Wind, earth: Earth | None) -> GriddedWind:
     axes = [north, east] if times.size == 1 else [times, north, east]
     lowest, highest = field.altitude_bounds
     return GriddedWind(
-        columns=_device_columns(wind.field.path, wind.field.sha256),  # pyright: ignore[reportOptionalMemberAccess]
+        columns=_device_columns(*_file_and_longitude(wind, earth)),
         member=as_array(wind.member, np.int32),
         axes=make_axes(axes, clamp=True),
         level_tops=as_array(highest[1:-1]),
@@ -53,7 +53,7 @@ def build_wind_field(wind: Wind, earth: Earth | None) -> GriddedWind:
 def build_fitted_wind(scenario: ScenarioTables) -> FittedWind:
     """Fit layers to the wind field of a scenario along the way of its aircraft, for planning."""
     wind, earth = scenario.wind, scenario.earth
-    field = field_of(wind)
+    field = field_of(wind, earth)
     north, east = chart_axes(field, earth)
     samples = FieldSamples(
         times=_times_s(wind, field),
@@ -75,10 +75,12 @@ def build_fitted_wind(scenario: ScenarioTables) -> FittedWind:
     return fit_layers(samples, way)
 
 
-def field_of(wind: Wind) -> WindField:
-    """Read the wind field of a table; raises ScenarioError if its file has no such member, or too much wind."""
-    assert wind.field is not None
-    field = read_wind_field(wind.field.path, wind.field.sha256)
+def field_of(wind: Wind, earth: Earth | None) -> WindField:
+    """Read the wind field of a table, around the Earth's origin.
+
+    Raises ScenarioError if the file has no such member, or too much wind.
+    """
+    field = _field_around(*_file_and_longitude(wind, earth))
     count, fastest = field.columns.shape[0], math.sqrt(np.max(np.sum(field.columns[..., :3] ** 2, axis=-1)))
     if wind.member >= count:
         expected = "0, as the file has no ensemble" if count == 1 else f"from 0 to {count - 1}, the file's members"
@@ -87,6 +89,18 @@ def field_of(wind: Wind) -> WindField:
         arrived = f"a field with {fastest:.0f} m/s of wind"
         raise _error(wind, Problem("wind.field", arrived, f"at most {FIELD_SPEED_MAX_M_S:g} m/s"))
     return field
+
+
+def _file_and_longitude(wind: Wind, earth: Earth | None) -> tuple[str, str, float | None]:
+    """Return path and SHA-256 of the file of a wind field, and the longitude of the chart's origin, deg."""
+    assert wind.field is not None
+    return wind.field.path, wind.field.sha256, None if earth is None else earth.longitude_deg
+
+
+@functools.lru_cache(maxsize=4)
+def _field_around(path: str, digest: str, longitude_deg: float | None) -> WindField:
+    field = read_wind_field(path, digest)
+    return field if longitude_deg is None else field.around(longitude_deg)
 
 
 def _error(wind: Wind, problem: Problem) -> ScenarioError:
@@ -134,8 +148,8 @@ def chart_radii(earth: Earth) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=4)
-def _device_columns(path: str, digest: str) -> Array:
-    columns = read_wind_field(path, digest).columns
+def _device_columns(path: str, digest: str, longitude_deg: float | None) -> Array:
+    columns = _field_around(path, digest, longitude_deg).columns
     with jax.ensure_compile_time_eval():
         return as_array(columns.reshape(-1, *columns.shape[-2:]))
 
@@ -153,7 +167,7 @@ def check_wind_field(scenario: ScenarioTables) -> None:
     wind = scenario.wind
     if wind.field is None:
         return
-    field = field_of(wind)
+    field = field_of(wind, scenario.earth)
     times, duration_s = _times_s(wind, field), scenario.timing.duration_s
     if wind.outside == "hold":
         return

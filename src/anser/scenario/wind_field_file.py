@@ -72,6 +72,19 @@ class WindField:
         heights = self.columns[..., 3].reshape(-1, self.columns.shape[-2])
         return heights.min(axis=0), heights.max(axis=0)
 
+    def around(self, longitude_deg: float) -> "WindField":
+        """Return a field whose longitudes go around the globe with its seam opposite a longitude, deg; others as is."""
+        gap_deg = _GLOBE_DEG - (self.east[-1] - self.east[0])
+        if not self.is_geographic or gap_deg > 1.5 * np.max(np.diff(self.east)):
+            return self
+        meridians = self.east[:-1] if gap_deg < 1e-6 else self.east  # a last meridian may repeat the first
+        first_deg = longitude_deg - 0.5 * _GLOBE_DEG
+        east = first_deg + (meridians - first_deg) % _GLOBE_DEG
+        order = np.argsort(east)
+        closed = np.append(order, order[0])
+        east = np.append(east[order], east[order[0]] + _GLOBE_DEG)
+        return dataclasses.replace(self, east=east, columns=np.ascontiguousarray(self.columns[:, :, :, closed]))
+
 
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file, 64 hexadecimal digits; raises ScenarioError if the file cannot be read."""

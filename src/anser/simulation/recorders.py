@@ -22,7 +22,7 @@ from anser.parts.paths import polar
 from anser.parts.perception import Belief, GoalState, Instant, Truth, Uncertainty
 from anser.parts.planners import AircraftPlan, NetworkView
 from anser.shapes import Integer, Vector3
-from anser.spatial.rotations import euler_from_quaternion, rotate, rotate_back, safe_norm
+from anser.spatial.rotations import euler_from_quaternion, rotate, rotate_back, safe_hypot, safe_norm
 from anser.spatial.vectors import safe_sqrt
 from anser.spatial.wind_axes import bank_about_velocity, path_angles
 from anser.variables import ADAPTATION_KEYS, all_surface_names, surface_variables
@@ -93,7 +93,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         **_position("", state.position_n),
         **_vector("velocity", ("north", "east", "down"), velocity_n),
         **_vector("velocity", ("u", "v", "w"), state.velocity_b),
-        "ground_speed": safe_norm(velocity_n),
+        "ground_speed": safe_hypot(velocity_n[0], velocity_n[1]),
         "ground_course": ground_course,
         "airspeed": data.V,
         "alpha": data.alpha,

@@ -179,7 +179,7 @@ class StepMetrics(eqx.Module):
 
     stepped: Bool[Array, "3"]  # channels with a step. The next four metrics apply to these channels and are 0 otherwise
     rise_time: Vector3  # time from 10 to 90 percent of the step, s; infinite if 90 percent is not reached
-    # time from the step until the error stays within the band, s; infinite if the record ends before
+    # time from the step to the last sample at which the error is outside the band, s; infinite if that is the last one
     settling_time: Vector3
     overshoot: Vector3  # overshoot over the command, fraction of the step; 0 without overshoot
     final_error: Vector3  # command minus output, mean of the last tenth of the record, fraction of the step

@@ -161,7 +161,8 @@ class LinearFeedback(AbstractController):
         V, gamma, chi = (variables[name] for name in ("airspeed_m_s", "path_angle_deg", "course_deg"))
         gamma, chi = gamma * DEG_RAD, chi * DEG_RAD
         turn_rate = command.chi_dot + self.course_gain * wrap_angle(command.chi - chi)
-        bank = jnp.clip(V * turn_rate / belief.condition.earth.gravity, -self.bank_max, self.bank_max)
+        bank = jnp.arctan(V * turn_rate / belief.condition.earth.gravity)
+        bank = jnp.clip(bank, -self.bank_max, self.bank_max)
         reference = dict(zip(self.states, self.trim_state, strict=False)) | {"V": command.V, "phi": bank}
         if "theta" in self.states:
             reference["theta"] = reference["theta"] + command.gamma - self.trim_path_angle

@@ -420,7 +420,10 @@ def _recertify(
 
 
 def _is_acceptable(
-    plan: CertifiedPlan, in_force: CertifiedPlan, under_way: Bool[Array, " aircraft"], has_left: Bool[Array, " aircraft"]
+    plan: CertifiedPlan,
+    in_force: CertifiedPlan,
+    under_way: Bool[Array, " aircraft"],
+    has_left: Bool[Array, " aircraft"],
 ) -> Flag:
     """Whether a plan satisfies every constraint of the aircraft under way.
 
