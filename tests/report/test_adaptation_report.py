@@ -129,7 +129,10 @@ def test_the_figure_of_one_aircraft_has_rows_of_estimates(tmp_path):
     assert "Pitch effectiveness" in pitch.get_ylabel()
     np.testing.assert_allclose(pitch.lines[0].get_ydata()[[0, -1]], [1.0, 0.5])
     assert pitch.lines[-1].get_xdata()[0] == pytest.approx(6.0)
-    write_aircraft_report(dataset, tmp_path / "report.html", figure)
-    assert "elevator, 50 % of the effectiveness lost, found at 6.0 s" in (tmp_path / "report.html").read_text()
+    write_aircraft_report(dataset.assign_attrs(engine_lag="no"), tmp_path / "report.html", figure)
+    page = (tmp_path / "report.html").read_text()
+    assert "elevator, 50 % of the effectiveness lost, found at 6.0 s" in page
+    assert "<dt>engine lag</dt><dd>no</dd>" in page
+    assert "<dt>actuator lag</dt>" not in page
     keys = [name for name in dataset.data_vars if name.removesuffix("_deg") in ADAPTATION_KEYS]
     assert len(aircraft_flight_figure(dataset.drop_vars(keys)).axes) == 9
