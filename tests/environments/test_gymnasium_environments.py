@@ -198,6 +198,14 @@ def test_an_edited_file_makes_another_environment(environment, monkeypatch, tmp_
     assert len(calls) == 3
 
 
+def test_files_that_name_themselves_or_each_other_are_hashed_once(tmp_path):
+    study, scenario = tmp_path / "study.toml", tmp_path / "scenario.toml"
+    study.write_text('name = "study.toml"\nscenario = "scenario.toml"', encoding="utf-8")
+    scenario.write_text('parts = ["study.toml"]', encoding="utf-8")
+    hashes = wrapped._file_hashes({"study": str(study), "other": [scenario]}, set())
+    assert [path for path, _ in hashes] == [str(study.resolve()), str(scenario.resolve())]
+
+
 def test_the_tasks_of_one_aircraft_are_registered_and_their_specifications_are_text():
     for task in set(TASKS) - {"FleetArrival"}:
         spec = gymnasium.spec(f"anser/{task}-v0")

@@ -5,14 +5,17 @@ import functools
 import json
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import anser
+from anser.aircraft.f16 import F16_COEFFICIENTS
 from anser.identification.aircraft_file import slug
 from anser.identification.coefficients import airframe_derivatives
 from anser.identification.identify import _resolve
 from anser.identification.kinematics import with_specific_force
+from anser.identification.models import LATERAL
 from anser.identification.records import flight_record
 from anser.results.netcdf import read_netcdf
 from support.manoeuvres import NOISE, STEP_S, clean_record, f16, flight, noisy_record
@@ -366,7 +369,7 @@ def test_the_aircraft_of_a_recorded_flight_has_its_centre_of_gravity():
     assert float(_resolve(None, standard, None).airframe.x_cg) == float(plain.airframe.x_cg)
 
 
-def test_a_surface_that_rests_away_from_zero_has_its_effect_in_file_and_validation(tmp_path):
+def test_a_surface_that_rests_away_from_zero_has_its_effect_in_the_file(tmp_path):
     """Aileron and rudder alone: the elevator rests at its trim of -2.06 deg, with its noise or without."""
     record = noisy_record("lateral")
     condition = {"speed_m_s": 150.0, "altitude_m": 1000.0}
@@ -381,13 +384,40 @@ def test_a_surface_that_rests_away_from_zero_has_its_effect_in_file_and_validati
         )
         assert found["elevator"] == pytest.approx(true["elevator"], abs=0.1)
         assert found["angle of attack"] == pytest.approx(true["angle of attack"], abs=0.1)
-    rows = {
-        row["response"]: row
-        for row in anser.identify(noisy_record("multisine"), aircraft=f16(), validate=record).fit_rows()
-    }
-    # There is little pitch motion to explain; without the moment of the elevator at rest the figure is -14,000.
-    assert rows["Cm"]["validation_r_squared"] > -2.0
-    assert rows["Cl"]["validation_r_squared"] > 0.95
+
+
+def validations(manoeuvre, other, pitch_factor):
+    """Validation R^2 by response, with a prior aircraft whose pitch moments are multiplied by a factor."""
+    factors = jnp.where(jnp.asarray([name == "Cm0" for name in F16_COEFFICIENTS]), pitch_factor, 1.0)
+    prior = dataclasses.replace(f16(), airframe=f16().airframe.with_coefficients_scaled(factors))
+    result = anser.identify(noisy_record(manoeuvre, 1), aircraft=prior, validate=noisy_record(other, 2))
+    return {row["response"]: row["validation_r_squared"] for row in result.fit_rows()}
+
+
+@pytest.mark.parametrize(("pitch_factor", "Cm_min"), [(1.0, 0.97), (1.5, 0.75)])
+def test_a_surface_that_only_the_other_manoeuvre_moves_has_the_effect_of_the_prior_aircraft(pitch_factor, Cm_min):
+    r_squared = validations("lateral", "multisine", pitch_factor)
+    assert r_squared["CL"] > 0.95
+    assert r_squared["CD"] > 0.85
+    assert r_squared["Cm"] > Cm_min  # a Cm_elevator that is 1.5 times too large leaves 0.79
+    assert min(r_squared[name] for name in LATERAL) > 0.98
+
+
+@pytest.mark.parametrize("pitch_factor", [1.0, 1.5])
+def test_a_surface_that_the_other_manoeuvre_leaves_at_rest_has_its_estimated_effect(pitch_factor):
+    """Little pitch motion is to be explained; with the prior Cm_elevator of the elevator at rest, R^2 is -6,900."""
+    r_squared = validations("multisine", "lateral", pitch_factor)
+    assert r_squared["Cm"] > 0.5
+    assert min(r_squared[name] for name in ("CL", "CD")) > -0.1
+    assert min(r_squared[name] for name in LATERAL) > 0.98
+
+
+def test_a_validation_without_an_estimated_response_is_refused():
+    doublet, lateral = clean_record("doublet"), clean_record("lateral")
+    at_rest = {name: np.full_like(lateral[name], lateral[name][0]) for name in ("alpha", "pitch_rate")}
+    lateral = dataclasses.replace(lateral, channels={**lateral.channels, **at_rest})
+    with pytest.raises(ValueError, match="validate: arrived a manoeuvre that excites none of CD, CL, Cm"):
+        anser.identify(doublet, aircraft=f16(), validate=lateral, align=False)
 
 
 @pytest.mark.long

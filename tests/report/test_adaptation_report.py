@@ -103,8 +103,33 @@ def test_the_truth_is_that_of_deviations_and_changes():
     deviations = scenario_deviations(scenario, "anna")
     time = np.array([0.0, 3.9, 4.0, 9.0])
     np.testing.assert_allclose(true_effectiveness(time, "roll_effectiveness", deviations), [1.2, 1.2, 0.6, 0.6])
-    np.testing.assert_allclose(true_effectiveness(time, "yaw_effectiveness", deviations), 1.0)
+    # From the shift at 6 s on, the side force of the rudder has another lever.
+    np.testing.assert_allclose(true_effectiveness(time, "yaw_effectiveness", deviations), [1.0, 1.0, 1.0, np.nan])
     assert scenario_deviations({}, "anna") is None
+
+
+@pytest.mark.parametrize(
+    ("deviation", "unknown"),
+    [
+        ({"mass": 1.2, "thrust": 0.9, "second_moment_x": 1.0, "cg_shift": 0.0}, ()),
+        ({"second_moment_x": 2.0}, ("pitch", "yaw")),  # flown with test inputs: 0.56, 0.51
+        ({"second_moment_y": 2.0}, ("roll", "yaw")),
+        ({"second_moment_z": 2.0}, ("roll", "pitch")),
+        ({"cg_shift": 0.05}, ("pitch", "yaw")),  # flown with test inputs: 0.94, 0.96
+    ],
+)
+def test_the_truth_is_unknown_where_inertia_or_centre_of_gravity_deviate(deviation, unknown):
+    time = np.array([0.0, 1.0])
+    for axis in ("roll", "pitch", "yaw"):
+        truth = true_effectiveness(time, f"{axis}_effectiveness", [(1.0, deviation)])
+        np.testing.assert_allclose(truth, [1.0, np.nan if axis in unknown else 1.0])
+
+
+def test_an_unknown_truth_is_not_drawn():
+    change = json.dumps([{"time_s": 3.0, "second_moment_x": 2.0}])
+    figure = aircraft_flight_figure(aircraft_flight(change))
+    truth = figure.axes[10].lines[0]
+    assert np.isfinite(truth.get_ydata()).sum() == np.sum(truth.get_xdata() < 3.0)
 
 
 def aircraft_flight(change):
@@ -129,7 +154,10 @@ def test_the_figure_of_one_aircraft_has_rows_of_estimates(tmp_path):
     assert "Pitch effectiveness" in pitch.get_ylabel()
     np.testing.assert_allclose(pitch.lines[0].get_ydata()[[0, -1]], [1.0, 0.5])
     assert pitch.lines[-1].get_xdata()[0] == pytest.approx(6.0)
-    write_aircraft_report(dataset, tmp_path / "report.html", figure)
-    assert "elevator, 50 % of the effectiveness lost, found at 6.0 s" in (tmp_path / "report.html").read_text()
+    write_aircraft_report(dataset.assign_attrs(engine_lag="no"), tmp_path / "report.html", figure)
+    page = (tmp_path / "report.html").read_text()
+    assert "elevator, 50 % of the effectiveness lost, found at 6.0 s" in page
+    assert "<dt>engine lag</dt><dd>no</dd>" in page
+    assert "<dt>actuator lag</dt>" not in page
     keys = [name for name in dataset.data_vars if name.removesuffix("_deg") in ADAPTATION_KEYS]
     assert len(aircraft_flight_figure(dataset.drop_vars(keys)).axes) == 9

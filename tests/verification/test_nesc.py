@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anser.verification.checks import NOT_JUDGED
-from anser.verification.nesc import NESC_CHECKS, _comparison
+from anser.verification.nesc import NESC_CHECKS, _column_names, _comparison
 from anser.verification.nesc_cases import FREE_FLIGHTS, LAW_FLIGHTS
 from anser.verification.nesc_flight import fly_free
 
@@ -34,11 +34,31 @@ def test_a_case_passes(check):
         assert (check.tolerance_reason == NOT_JUDGED) == (settled == 0)
         assert len(listed) == len(comparisons) - settled
         return
-    # Every checkpoint with a tolerance, against both participants; unjudged checkpoints once.
-    columns = sum("tolerance" in column for column in published["columns"].values())
-    not_judged = published.get("not_judged_s", [])
-    assert len(comparisons) - len(listed) == columns * 2 * (len(published["times_s"]) - len(not_judged))
-    assert len(listed) == columns * len(not_judged)
+    # Every checkpoint with a tolerance above zero, against both participants; unjudged columns and checkpoints once.
+    columns, within_scatter = sum("tolerance" in c for c in published["columns"].values()), _column_names(published)[1]
+    times, not_judged = len(published["times_s"]), len(published.get("not_judged_s", []))
+    judged = columns - len(within_scatter)
+    assert len(comparisons) - len(listed) == judged * 2 * (times - not_judged)
+    assert len(listed) == judged * not_judged + len(within_scatter) * times
+
+
+def test_a_column_that_a_zero_would_meet_is_not_judged():
+    judged = 0
+    for key, published in CHECKPOINTS["cases"].items():
+        zero, within_scatter = _column_names(published)
+        for name, column in published["columns"].items():
+            if "tolerance" not in column:
+                continue
+            values = np.array([column["sim_04"], column["sim_05"]])
+            values = np.abs(values[:, ~np.isin(published["times_s"], published.get("not_judged_s", []))])
+            is_zero = values.max() <= 1e-6 * column["tolerance"]
+            meets = values.max() <= column["tolerance"]
+            assert (is_zero, meets and not is_zero) == (name in zero, name in within_scatter), (key, name)
+            judged += 0 if name in within_scatter else values.size
+    assert judged == 6798
+    (check,) = (check for check in NESC_CHECKS if check.key == "nesc-13.1")
+    assert "not judged: aero_bodyForce_lbf_Y, aero_bodyMoment_ftlbf_L, aero_bodyMoment_ftlbf_M" in check.explanation
+    assert "240 are zero up to rounding" in NESC_CHECKS[0].explanation
 
 
 def test_a_case_without_checkpoints_is_listed_every_five_seconds():

@@ -108,22 +108,27 @@ def _make_named(task: str, action: str, options: bytes, files: tuple[tuple[str, 
     return make(task, action, **dict(pickle.loads(options)))
 
 
-def _file_hashes(value: Any, folder: str = "") -> Iterator[tuple[str, str]]:
-    """Yield path and hash of every file that options name, and of the files that TOML files among them name."""
+def _file_hashes(value: Any, visited: set[Path], folder: str = "") -> Iterator[tuple[str, str]]:
+    """Yield path and hash of every file that options name, and of the files that TOML files among them name.
+
+    Files in `visited` are left out; the files that are yielded are added to it.
+    """
     if isinstance(value, Mapping):
         for part in value.values():
-            yield from _file_hashes(part, folder)
+            yield from _file_hashes(part, visited, folder)
     elif isinstance(value, list | tuple):
         for part in value:
-            yield from _file_hashes(part, folder)
+            yield from _file_hashes(part, visited, folder)
     elif isinstance(value, str | os.PathLike):
         path = Path(folder, value)
         with contextlib.suppress(OSError, ValueError):
-            if path.is_file():
+            resolved = path.resolve()
+            if path.is_file() and resolved not in visited:
+                visited.add(resolved)
                 content = path.read_bytes()
-                yield str(path.resolve()), hashlib.sha256(content).hexdigest()
+                yield str(resolved), hashlib.sha256(content).hexdigest()
                 if path.suffix == ".toml":
-                    yield from _file_hashes(tomllib.loads(content.decode()), str(path.parent))
+                    yield from _file_hashes(tomllib.loads(content.decode()), visited, str(path.parent))
 
 
 def compiled_environment(task: Any, action: str | None, options: Mapping[str, Any]) -> CompiledEnvironment:
@@ -134,7 +139,7 @@ def compiled_environment(task: Any, action: str | None, options: Mapping[str, An
     if isinstance(task, str | AbstractTask):
         level = default_level(task) if action is None else action
         if isinstance(task, str):
-            files = tuple(_file_hashes(options))
+            files = tuple(_file_hashes(options, set()))
             return _compile(_make_named(task, level, pickle.dumps(sorted(options.items())), files))
         return _compile(make(task, level, **options))
     if action is not None or options:

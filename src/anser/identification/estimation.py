@@ -199,11 +199,12 @@ def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Est
 def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
     """Return the fit of a model with `parameters` over a record: a linear model is integrated.
 
-    Start and constant terms of a linear model are fitted to the measured responses.
+    Start and constant terms of a linear model are fitted to the measured responses. For coefficients, `parameters`
+    contains the derivatives of all arguments, also of those that were not estimated; an absent one is zero.
     """
     responses, time_s = tuple(equation.response for equation in data.equations), data.record.time_s
     if not data.equations[0].is_rate:
-        measured = np.stack([equation.values for equation in data.equations], axis=1)
+        measured = np.stack([equation.values + equation.known for equation in data.equations], axis=1)
         fitted = np.stack([_coefficient(equation, parameters) for equation in data.equations], axis=1)
         return Fit(responses=responses, measured=measured, fitted=fitted, sample_points=time_s)
     linear = _linear_series(data)
@@ -226,7 +227,8 @@ def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
 def _coefficient(equation: Equation, parameters: Mapping[str, float]) -> Series:
     """Return a coefficient as the derivatives of an aircraft file give it: alpha squared is from zero."""
     values = np.full_like(equation.values, parameters.get(f"{equation.prefix}0", 0.0))
-    for name, x in equation.regressors.items():
-        squared = equation.regressors["alpha"] ** 2 if name == "alpha2" else x
+    arguments = {**equation.other_arguments, **equation.regressors}
+    for name, x in arguments.items():
+        squared = arguments["alpha"] ** 2 if name == "alpha2" else x
         values += parameters.get(f"{equation.prefix}_{name}", 0.0) * squared
     return values

@@ -183,20 +183,9 @@ class Identification(PrintedTable):
             self.aircraft.airframe,
             _file_of(str(self.aircraft.identity["aircraft"])),
             estimated,
-            self._assumed(self.aircraft.airframe),
+            _assumed(self.data, self.aircraft.airframe, self.parameters),
             f"anser.identify, from a flight of {self.title}",
         )
-
-    def _assumed(self, airframe: AbstractAirframe) -> dict[str, float]:
-        """Return the derivatives of the aircraft that the record did not tell: those of a symmetric aircraft."""
-        own, surfaces = airframe_derivatives(airframe, self.record), airframe.actuators.names
-        estimated = {equation.response for equation in self.data.equations}
-        keys = [
-            f"{row}{end}" for row in LONGITUDINAL for end in ("0", "_alpha", "_q") if row not in estimated or end != "0"
-        ]
-        keys += [f"{row}_{flow}" for row in LATERAL for flow in ("beta", "p", "r")]
-        keys += [f"{row}_{name}" for row in COEFFICIENTS for name in surfaces]
-        return {key: own[key] for key in keys if key not in self.parameters}
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write dataset, JSON document, page, figures, and for derivatives an aircraft file, into a new folder.
@@ -253,7 +242,8 @@ def identify(
         `output-error` and `filter-error`: maximum likelihood of the integrated responses, without or with noise in the
         rates.
     validate
-        Recording of another manoeuvre, whose responses are predicted with the estimated parameters.
+        Recording of another manoeuvre, whose responses are predicted with the estimated parameters, and with the
+        derivatives of the aircraft for arguments without an estimate.
     columns
         Columns of the recording by names of the catalogue, or the path of a TOML file with them.
     accelerometer_m
@@ -295,11 +285,32 @@ def identify(
     data = arranged(record)
     estimates = estimate(data, method, frequency_max_hz)
     parameters = {name: value for solution in estimates for name, value in solution.parameters.items()}
+    if model == "derivatives" and airframe is not None:
+        parameters |= _assumed(data, airframe, parameters)
     validation = None
     if validate is not None:
-        other = flight_record(validate, columns, aircraft_name=aircraft_name)
-        validation = fit_model(arranged(other), parameters)
+        other = arranged(flight_record(validate, columns, aircraft_name=aircraft_name))
+        estimated = {equation.response for equation in data.equations}
+        common = tuple(equation for equation in other.equations if equation.response in estimated)
+        if not common:
+            raise ValueError(
+                f"validate: arrived a manoeuvre that excites none of {', '.join(sorted(estimated))}; expected one that "
+                "excites an estimated response"
+            )
+        validation = fit_model(other._replace(equations=common), parameters)
     return Identification(model, method, estimates, fit_model(data, parameters), validation, data, vehicle)
+
+
+def _assumed(data: ModelData, airframe: AbstractAirframe, parameters: Mapping[str, float]) -> dict[str, float]:
+    """Return the derivatives of the aircraft that the record did not tell: those of a symmetric aircraft."""
+    own, surfaces = airframe_derivatives(airframe, data.record), airframe.actuators.names
+    estimated = {equation.response for equation in data.equations}
+    keys = [
+        f"{row}{end}" for row in LONGITUDINAL for end in ("0", "_alpha", "_q") if row not in estimated or end != "0"
+    ]
+    keys += [f"{row}_{flow}" for row in LATERAL for flow in ("beta", "p", "r")]
+    keys += [f"{row}_{name}" for row in COEFFICIENTS for name in surfaces]
+    return {key: own[key] for key in keys if key not in parameters}
 
 
 def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> AircraftModel | None:

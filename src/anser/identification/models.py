@@ -4,6 +4,7 @@ Each model is a set of linear equations, a response for each, whose parameters t
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +57,10 @@ class Equation(NamedTuple):
     regressors: dict[str, Series]
     noise: dict[str, float]  # standard deviations of the white noise of the regressors
     is_rate: bool  # whether the equation is for the time derivative of the response
+    # Arguments of a coefficient that are no regressors; a constant where they vary no more than their noise. `values`
+    # is the coefficient less the part of these arguments by the derivatives of the aircraft, `known`.
+    other_arguments: Mapping[str, Series | float] = MappingProxyType({})
+    known: Series | float = 0.0
 
 
 class ModelData(NamedTuple):
@@ -134,11 +139,12 @@ def _derivatives(
         notes += [f"{coefficient}_{name} is not estimated: {name} varies no more than its noise." for name in idle]
         regressors = {name: series[name] for name in names}
         levels = {name: float(noise.get(name, 0.0)) for name in names}
-        # What is not estimated is taken from the aircraft: also the part of the constant that belongs to it.
-        known = still | {name: float(np.mean(series[name])) for name in idle}
-        offset = sum(own.get(f"{coefficient}_{name}", 0.0) * mean for name, mean in known.items())
-        values = history.coefficients[coefficient] - offset
-        equations.append(Equation(coefficient, coefficient, values, regressors, levels, is_rate=False))
+        # The effects of other arguments are those of the aircraft, with their part of the coefficient's constant.
+        others: dict[str, Series | float] = {name: float(np.mean(series[name])) for name in idle}
+        others |= still | {name: series[name] for name in moved if name not in surfaces}
+        known = sum(own.get(f"{coefficient}_{name}", 0.0) * x for name, x in others.items())
+        values = history.coefficients[coefficient] - known
+        equations.append(Equation(coefficient, coefficient, values, regressors, levels, False, others, known))
     if not equations:
         raise ValueError("record: arrived without excitation of flow angles and rates; expected a manoeuvre")
     return ModelData(record, tuple(equations), airframe, bool(gusts), tuple(notes))

@@ -125,7 +125,11 @@ def write_aircraft_report(
         for values in dataset.data_vars.values()
         if values.dims == ("time",) and values.dtype.kind == "f" and np.all(np.isfinite(values.values))
     ]
-    keys = ("controls", "controller", "command", "excitation", "change", "air", "step_s", "end")
+    keys = (
+        *("controls", "controller", "command", "excitation", "change", "air"),
+        *("step_s", "actuator_lag", "engine_lag", "end"),
+    )
+    labels = {"step_s": "step (s)", "actuator_lag": "actuator lag", "engine_lag": "engine lag"}
     conditions = {key: dataset.attrs[key] for key in keys if key in dataset.attrs}
     fault = dataset_fault(dataset)
     if fault is not None:
@@ -140,7 +144,7 @@ def write_aircraft_report(
         title=_title(dataset),
         figure=svg_markup(figure or aircraft_flight_figure(dataset)),
         rows=rows,
-        conditions={key.replace("step_s", "step (s)"): str(value) for key, value in conditions.items() if value != ""},
+        conditions={labels.get(key, key): str(value) for key, value in conditions.items() if value != ""},
         versions=versions,
     )
     write_file(path, page, overwrite=overwrite)

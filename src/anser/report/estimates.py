@@ -18,6 +18,13 @@ _SURFACES = {
     "pitch_effectiveness": ("elevator", ("Cm0", "Cm_elevator", "Cm")),
     "yaw_effectiveness": ("rudder", ("Cndr", "Cn_rudder", "Cn")),
 }
+# Deviations that change the estimates by data of the aircraft, with their neutral values: the estimator divides by the
+# moments of inertia of the model, and the forces of the surfaces have levers about the centre of gravity.
+_UNKNOWN = {
+    "roll_effectiveness": {"second_moment_y": 1.0, "second_moment_z": 1.0},
+    "pitch_effectiveness": {"second_moment_x": 1.0, "second_moment_z": 1.0, "cg_shift": 0.0},
+    "yaw_effectiveness": {"second_moment_x": 1.0, "second_moment_y": 1.0, "cg_shift": 0.0},
+}
 
 Deviations = Sequence[tuple[float, Mapping[str, Any]]]
 """Deviations from the nominal aircraft, each with the time of its start, s; factors multiply."""
@@ -54,12 +61,19 @@ def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | 
 
 
 def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
-    """Return the ratio of true to modelled control effectiveness at times (s), for one of `EFFECTIVENESS`."""
+    """Return the ratio of true to modelled control effectiveness at times (s), for one of `EFFECTIVENESS`.
+
+    The ratio is that of the moments of the surface as the estimator sees them, with the inertia of the model. It is NaN
+    from a deviation of the axis' moment of inertia on and, in pitch and yaw, from a shift of the centre of gravity on:
+    their effect depends on data of the aircraft, which the record does not contain.
+    """
     surface, factors = _SURFACES[name]
     truth = np.ones(time.size)
     for time_s, deviation in deviations:
         coefficients = deviation.get("coefficients") or {}
         factor = (deviation.get("surface_effectiveness") or {}).get(surface, 1.0)
         factor *= np.prod([coefficients.get(key, 1.0) for key in factors])
+        if any(deviation.get(key, neutral) != neutral for key, neutral in _UNKNOWN[name].items()):
+            factor = np.nan
         truth = np.where(time >= time_s, factor * truth, truth)
     return truth

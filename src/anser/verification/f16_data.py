@@ -67,7 +67,10 @@ def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Floa
     """
 
     def thrust_of_shot(shot: Vector3) -> dict[str, Array]:
-        wrench = thrust_along_body_x(airframe.engine.thrust(shot[0], shot[1], shot[2]))
+        power, altitude, mach = shot
+        unused = jnp.zeros(())
+        data = AirData(unused, unused, unused, unused, unused, mach, altitude)
+        wrench = airframe.engine.propulsion(power, data)
         return dict(zip(ENGINE_OUTPUTS, (*wrench.force_b / LBF_N, *wrench.moment_b / FT_LBF_N_M), strict=True))
 
     return jax.vmap(thrust_of_shot)(shots)

@@ -30,6 +30,9 @@ _Case = FreeFlight | TrimmedFlight | LawFlight
 
 _DIGITS = 10
 """Significant digits of the checkpoints."""
+_SIMULATIONS = ("sim_04", "sim_05")
+_ZERO_SHARE = 1e-3
+"""Greatest value of a column of zeros, relative to its tolerance; of the published columns, 2e-7."""
 _SETTLED_TOLERANCE_KT = 4.0 * 0.06 + 0.005
 
 
@@ -66,6 +69,11 @@ def _explanation(case: _Case, published: dict[str, Any] | None) -> str:
         else:
             times = " and ".join(f"{t:g} s" for t in published["not_judged_s"])
             sentences = [*law, texts["law_reference"].format(times=times)]
+    if published is not None:
+        zero, within_scatter = _column_names(published)
+        figures = len(zero) * len(_SIMULATIONS) * len(_judged_indices(published))
+        sentences += [texts["zeros"].format(figures=figures)] if zero else []
+        sentences += [texts["within_scatter"].format(columns=", ".join(within_scatter))] if within_scatter else []
     if isinstance(case, TrimmedStart):
         speed_ft_s = math.hypot(*case.velocity_ft_s)
         altitude_m, speed_m_s = FOOT_M * case.altitude_ft, FOOT_M * speed_ft_s
@@ -92,17 +100,40 @@ def _measure(case: _Case) -> tuple[Comparison, ...]:
     if published is None:
         logged = (_comparison(name, log, time_s) for name in log for time_s in case.times_s)
         return (*logged, *(_compare_settled(log, case.times_s[-1], *airspeed) for airspeed in _settled(case)))
-    not_judged = published.get("not_judged_s", ())
+    judged, (_, within_scatter) = _judged_indices(published), _column_names(published)
     return tuple(
         _comparison(name, log, time_s, simulation, column[simulation][k], column["tolerance"])
-        if time_s not in not_judged
+        if simulation
         else _comparison(name, log, time_s)
-        for name, column in published["columns"].items()
-        if "tolerance" in column
-        for simulation in ("sim_04", "sim_05")
+        for name, column in _columns(published).items()
         for k, time_s in enumerate(published["times_s"])
-        if time_s not in not_judged or simulation == "sim_04"
+        for simulation in (_SIMULATIONS if k in judged and name not in within_scatter else ("",))
     )
+
+
+def _columns(published: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the columns with a tolerance."""
+    return {name: column for name, column in published["columns"].items() if "tolerance" in column}
+
+
+def _judged_indices(published: dict[str, Any]) -> list[int]:
+    return [k for k, time_s in enumerate(published["times_s"]) if time_s not in published.get("not_judged_s", ())]
+
+
+def _column_names(published: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the names of the columns that are zero up to rounding, and of those within their tolerance of zero.
+
+    A column of zeros is judged: its tolerance limits what appears in place of zero. The columns of the second list have
+    other values, which a zero would meet too, and are not judged.
+    """
+    zero, within_scatter = [], []
+    for name, column in _columns(published).items():
+        values = [abs(column[simulation][k]) for simulation in _SIMULATIONS for k in _judged_indices(published)]
+        if max(values) <= _ZERO_SHARE * column["tolerance"]:
+            zero.append(name)
+        elif max(values) <= column["tolerance"]:
+            within_scatter.append(name)
+    return zero, within_scatter
 
 
 def _comparison(

@@ -4,7 +4,7 @@ The aircraft has the constants of the textbook's program, with which its numbers
 the aircraft's data file. Each constant changes the last digits of a printed number.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,7 +18,7 @@ from anser.aircraft.air_data import AirData, Wrench
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls, MassProperties
 from anser.aircraft.engines import AbstractEngine, EnginePower
 from anser.aircraft.f16 import F16
-from anser.aircraft.motion import flat_earth_derivative, moment_for_acceleration
+from anser.aircraft.motion import air_data_and_forces, flat_earth_derivative, moment_for_acceleration
 from anser.aircraft_files.library import load_f16
 from anser.compiling.options import compiled_quickly
 from anser.environment.atmosphere import AbstractAtmosphere, Air
@@ -29,7 +29,7 @@ from anser.spatial.rotations import euler_from_quaternion, quaternion_from_euler
 from anser.spatial.wind_axes import flow_angles
 from anser.steady.trim import TrimPoint, solve_trim, trim_target
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
-from anser.verification.checks import Comparison, half_of_significant, load_published, make_check
+from anser.verification.checks import Comparison, half_of_last_digit, half_of_significant, load_published, make_check
 
 TextbookState = Float[Array, "13"]
 """State vector of the textbook: VT (ft/s), alpha, beta, phi, theta, psi (rad), P, Q, R (rad/s).
@@ -38,8 +38,9 @@ Then north, east, altitude (ft) and power (percent)."""
 TextbookControls = Float[Array, "4"]
 """Control vector of the textbook: throttle (0..1), elevator, aileron, rudder (deg)."""
 
-INERTIA_RATIOS = (-0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604, 1.759e-2, 1.792e-5, -0.7336, 1.587e-5)
-"""c1..c9 of the textbook's program, rounded to four digits; moments in ft lbf."""
+_PRINTED_RATIOS = ("-0.770", "0.02755", "1.055e-4", "1.642e-6", "0.9604", "1.759e-2", "1.792e-5", "-0.7336", "1.587e-5")
+INERTIA_RATIOS = tuple(map(float, _PRINTED_RATIOS))
+"""c1..c9 of the textbook's program, rounded to three or four digits; moments in ft lbf."""
 ENGINE_MOMENTUM_SLUG_FT2_S = 160.0
 
 
@@ -64,7 +65,7 @@ class TextbookF16(AbstractAirframe):
     """F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2) and its rounded inertia ratios.
 
     The rounded ratios act through the moment: with the exact inertia, the adapted moment gives the textbook's angular
-    acceleration.
+    acceleration. The inertia and spin momentum of the aircraft cancel; without the rounded ratios they count.
     """
 
     f16: F16
@@ -88,7 +89,7 @@ class TextbookF16(AbstractAirframe):
         )
         if not self.rounded_inertia:
             return wrench
-        acceleration = _textbook_acceleration(rates_b, wrench.moment_b)
+        acceleration = _textbook_acceleration(INERTIA_RATIOS, rates_b, wrench.moment_b)
         return Wrench(wrench.force_b, moment_for_acceleration(self.mass_properties, rates_b, acceleration))
 
     def outside_tables(self, air_data: AirData) -> Flag:
@@ -96,12 +97,12 @@ class TextbookF16(AbstractAirframe):
         return self.f16.outside_tables(air_data)
 
 
-def _textbook_acceleration(rates_b: Vector3, moment_b: Vector3) -> Vector3:
+def _textbook_acceleration(ratios: Iterable[ScalarLike], rates_b: Vector3, moment_b: Vector3) -> Vector3:
     """Compute the angular acceleration (rad/s^2) as the textbook's program does, with the engine's angular momentum HE.
 
-    Source: [SL] eq. (1.7-5).
+    `ratios` are c1 to c9. Source: [SL] eq. (1.7-5).
     """
-    c1, c2, c3, c4, c5, c6, c7, c8, c9 = INERTIA_RATIOS
+    c1, c2, c3, c4, c5, c6, c7, c8, c9 = ratios
     P, Q, R = rates_b
     L, M, N = moment_b / FT_LBF_N_M
     HE = ENGINE_MOMENTUM_SLUG_FT2_S
@@ -210,11 +211,35 @@ def _units() -> list[str]:
     return [unit.replace("/s/s", "/s^2") for unit in units]
 
 
+@compiled_quickly
+def _own_acceleration(
+    airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
+) -> tuple[Vector3, Vector3]:
+    """Return the angular acceleration by the aircraft's own inertia, and its greatest change by rounding the ratios."""
+    state, controls = textbook_state(x_and_u[:13], x_and_u[13:]), textbook_controls(x_and_u[13:])
+    rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
+    moment_b = air_data_and_forces(airframe, environment, 0.0, state).wrench.moment_b
+
+    def acceleration(ratios: Float[Array, "9"]) -> Vector3:
+        return _textbook_acceleration(ratios, state.rates_b, moment_b)
+
+    slopes = jax.jacfwd(acceleration)(jnp.asarray(INERTIA_RATIOS))
+    return rate.rates_b, jnp.abs(slopes) @ jnp.asarray([half_of_last_digit(printed) for printed in _PRINTED_RATIOS])
+
+
 def _measure_derivatives() -> Iterator[Comparison]:
     table = load_published("textbook_checks")["derivative_table_3_5_2"]
     rates, _ = _rates_of(table)
     for (name, printed), unit, rate in zip(table["rates"].items(), _units(), rates, strict=True):
         yield Comparison(name, "table 3.5-2", unit, printed, float(rate), SINGLE_PRECISION * abs(printed))
+    airframe = textbook_aircraft(table["xcg"], rounded_inertia=False)
+    inputs = jnp.asarray(state_and_controls(table))
+    accelerations, roundings = map(np.asarray, _own_acceleration(airframe, textbook_environment(), inputs))
+    for name, obtained, rounding in zip(("P_dot", "Q_dot", "R_dot"), accelerations, roundings, strict=True):
+        printed = table["rates"][name]
+        tolerance = float(rounding) + SINGLE_PRECISION * abs(printed)
+        figures, reason = (printed, float(obtained)), "half the last digit of each inertia ratio"
+        yield Comparison(f"{name}, own inertia", "table 3.5-2", "rad/s^2", *figures, tolerance, tolerance_reason=reason)
 
 
 def _measure_turn() -> Iterator[Comparison]:
