@@ -300,12 +300,6 @@ class _StepRecorder(AbstractRecorder):
 
     stride: int = eqx.field(static=True, default=1)
 
-    def init(self, aircraft: int) -> None:
-        """The recorder has no state."""
-
-    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """The recorder has no state."""
-
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return loop outputs, deflections, engine power and throttle of one sample by variable key; SI units, rad."""
         outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)

@@ -401,12 +401,6 @@ class _LogRecorder(AbstractRecorder):
 
     stride: int = eqx.field(static=True)
 
-    def init(self, aircraft: int) -> None:
-        """Return None: the recorder has no state."""
-
-    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Return None: there is no state to update."""
-
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return a row by the published column names."""
         truth, environment = sample.truth, instant.environment
