@@ -122,14 +122,18 @@ class F16Coefficients(eqx.Module):
 class AbstractF16(AbstractAirframe):
     """An F-16 with its engine; subclasses define the coefficients."""
 
-    engine: eqx.AbstractVar[F16Engine]  # pyright: ignore[reportIncompatibleVariableOverride]
+    mass_properties: MassProperties
+    actuators: AbstractActuators
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    engine: F16Engine  # pyright: ignore[reportIncompatibleVariableOverride]
     # reference lengths (m) and area (m^2)
-    span: eqx.AbstractVar[Scalar]
-    wing_area: eqx.AbstractVar[Scalar]
-    mean_chord: eqx.AbstractVar[Scalar]
+    span: Scalar
+    wing_area: Scalar
+    mean_chord: Scalar
     # centre of gravity and moment reference, fractions of the mean chord
-    x_cg: eqx.AbstractVar[Scalar]
-    x_cg_reference: eqx.AbstractVar[Scalar]
+    x_cg: Scalar
+    x_cg_reference: Scalar
 
     @abc.abstractmethod
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
@@ -176,16 +180,6 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 class F16(AbstractF16):
     """F-16 of Stevens & Lewis with the engine; `f16_from_data` builds the published variants."""
 
-    mass_properties: MassProperties
-    actuators: AbstractActuators
-    alpha_range: tuple[Scalar, Scalar]
-    beta_range: tuple[Scalar, Scalar]
-    engine: F16Engine
-    span: Scalar
-    wing_area: Scalar
-    mean_chord: Scalar
-    x_cg: Scalar
-    x_cg_reference: Scalar
     surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
     side_force: Vector3  #: CY per degree of sideslip, per unit aileron and per unit rudder deflection.
     normal_force_elevator: Scalar  #: CZ per unit elevator deflection.
