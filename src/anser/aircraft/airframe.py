@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from anser.aircraft.actuators import AbstractActuators
-from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.air_data import AirData, Wrench, is_outside
 from anser.aircraft.engines import AbstractEngine
 from anser.airframe_data import body_faults
 from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
@@ -89,9 +89,16 @@ class AbstractAirframe(eqx.Module):
         Inputs: air data, body rates relative to the air (rad/s) and deflections in the order of the surfaces (rad).
         """
 
-    @abc.abstractmethod
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition is outside the valid range of the airframe's or the engine's data."""
+        """Whether the flight condition is outside the valid range of the airframe's or the engine's data.
+
+        The airframe's data have the ranges of angle of attack and sideslip, unless a subclass defines others.
+        """
+        return (
+            is_outside(air_data.alpha, self.alpha_range)
+            | is_outside(air_data.beta, self.beta_range)
+            | self.engine.outside_tables(air_data)
+        )
 
 
 _LENGTHS = ("span", "wing_area", "mean_chord")

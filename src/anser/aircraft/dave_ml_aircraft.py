@@ -186,12 +186,7 @@ class DaveMlAircraft(AbstractAirframe):
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether alpha, beta, airspeed, altitude or Mach number is outside the aerodynamic or the engine data."""
-        return (
-            is_outside(air_data.alpha, self.alpha_range)
-            | is_outside(air_data.beta, self.beta_range)
-            | self.validity.excludes(air_data)
-            | self.engine.outside_tables(air_data)
-        )
+        return super().outside_tables(air_data) | self.validity.excludes(air_data)
 
 
 def dave_ml_airframe(

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
-from anser.aircraft.air_data import AirData, Wrench, is_outside
+from anser.aircraft.air_data import AirData, Wrench
 from anser.aircraft.airframe import AbstractAirframe, MassProperties
 from anser.aircraft.engines import AbstractEngine, EnginePower, thrust_along_body_x
 from anser.numerics.arrays import as_array
@@ -104,7 +104,7 @@ class F16Engine(AbstractEngine):
         return jnp.clip(jnp.where(power >= 50, command_with_afterburner, command_without), 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether altitude or Mach number is outside the thrust tables."""
+        """Whether altitude (0..50,000 ft) or Mach number (0..1) is outside the thrust tables."""
         return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))
 
 
@@ -152,18 +152,6 @@ class AbstractF16(AbstractAirframe):
             moment_b=scale * jnp.stack([self.span * c.Cl, self.mean_chord * c.Cm, self.span * c.Cn]),
         )
 
-    def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether alpha, beta, altitude (0..50,000 ft) or Mach number (0..1) is out of range.
-
-        The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: the last degree is part of the
-        published model and not reported.
-        """
-        return (
-            is_outside(air_data.alpha, self.alpha_range)
-            | is_outside(air_data.beta, self.beta_range)
-            | self.engine.outside_tables(air_data)
-        )
-
 
 TABLE_COEFFICIENTS = (
     ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp"),
@@ -178,7 +166,11 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
 class F16(AbstractF16):
-    """F-16 of Stevens & Lewis with the engine; `f16_from_data` builds the published variants."""
+    """F-16 of Stevens & Lewis with the engine; `f16_from_data` builds the published variants.
+
+    The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: the last degree is part of the
+    published model, and `outside_tables` does not report it.
+    """
 
     surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
     side_force: Vector3  #: CY per degree of sideslip, per unit aileron and per unit rudder deflection.
