@@ -14,6 +14,7 @@ from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData, Wrench, is_outside
 from anser.aircraft.engines import AbstractEngine
 from anser.airframe_data import body_faults
+from anser.numerics.arrays import as_array
 from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
@@ -61,6 +62,19 @@ class MassProperties(eqx.Module):
     inertia_b: Matrix33
     inertia_inverse_b: Matrix33
     spin_momentum_b: Vector3
+
+
+def rigid_body(mass: float, inertia_b: np.ndarray, spin: float = 0.0) -> MassProperties:
+    """Return the mass properties of a mass (kg) and an inertia matrix (kg m^2).
+
+    `spin` is the angular momentum of the engine about body x, kg m^2/s.
+    """
+    return MassProperties(
+        mass=as_array(mass),
+        inertia_b=as_array(inertia_b),
+        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
+        spin_momentum_b=as_array([spin, 0.0, 0.0]),
+    )
 
 
 class AbstractAirframe(eqx.Module):

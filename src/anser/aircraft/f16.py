@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
 from anser.aircraft.air_data import AirData, Wrench
-from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.airframe import AbstractAirframe, MassProperties, rigid_body
 from anser.aircraft.engines import AbstractEngine, EnginePower, thrust_along_body_x
 from anser.numerics.arrays import as_array
 from anser.numerics.tables import Tables, make_axes, make_tables
@@ -354,9 +354,4 @@ def f16_mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: b
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
     spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0
-    return MassProperties(
-        mass=as_array(mass),
-        inertia_b=as_array(inertia_b),
-        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
-        spin_momentum_b=as_array([spin, 0.0, 0.0]),
-    )
+    return rigid_body(mass, inertia_b, spin)
