@@ -42,7 +42,7 @@ bench: .venv/.installed-test
 verification: .venv/.installed-test
 	mkdir -p build
 	$(BIN)/anser verify --json > build/verification.json
-	$(BIN)/python -m anser.report.verification_page build/verification.json docs
+	$(BIN)/python docs/verification_page.py build/verification.json docs
 
 # Two thousand random scenarios, planned and judged: hours. Go on with an interrupted one by `make plan-trials TRIALS=--resume`.
 plan-trials: .venv/.installed-test

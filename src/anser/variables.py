@@ -14,25 +14,6 @@ from typing import Literal
 
 from anser.units import RAD_DEG
 
-__all__ = [
-    "ADAPTATION_KEYS",
-    "CATALOGUE",
-    "DERIVED_KEYS",
-    "MEASUREMENT_VARIABLES",
-    "OPTIONAL_KEYS",
-    "PLAN_VARIABLES",
-    "RECORDED_KEYS",
-    "SHAPE_VARIABLES",
-    "STANDARD_SURFACES",
-    "UNITS",
-    "Variable",
-    "all_surface_names",
-    "catalogue",
-    "recorded_keys",
-    "surface_label",
-    "surface_variables",
-]
-
 
 @dataclass(frozen=True)
 class Variable:

@@ -59,9 +59,6 @@ class Offset(AbstractAirframe):
         right = AIRFRAME.aerodynamics(air_data, rates_b, surfaces)
         return Wrench(right.force_b, right.moment_b + self.moment_b)
 
-    def outside_tables(self, air_data):
-        raise NotImplementedError
-
 
 @pytest.mark.long
 def test_surfaces_depend_only_on_the_measurement_and_the_slopes_of_the_model():

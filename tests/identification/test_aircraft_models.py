@@ -8,12 +8,12 @@ import pytest
 import anser
 from anser.aircraft.global_model import GLOBAL_TERMS
 from anser.airframe_data import derivative_index
-from anser.identification.aircraft_models import aircraft_model, lateral_model, record_manoeuvre, short_period_model
+from anser.identification.aircraft_models import aircraft_model, short_period_model
 from anser.identification.kinematics import with_specific_force
 from anser.identification.output_error import estimate_output_error
 from anser.identification.records import flight_record
 from anser.spatial.wind_axes import flow_angles
-from support.manoeuvres import NOISE, STEP_S, f16, noisy_record
+from support.manoeuvres import NOISE, STEP_S, f16, noisy_record, record_manoeuvre
 
 
 @pytest.mark.parametrize("name", [pytest.param("f16", marks=pytest.mark.long), "aerosonde"])
@@ -150,22 +150,6 @@ def test_short_period_equals_the_linear_model_of_the_aircraft():
     for name in ("Z_alpha", "M_q", "M_elevator"):
         assert estimate[name] == pytest.approx(truth[name], rel=0.1)
     assert estimate["M_alpha"] == pytest.approx(truth["M_alpha"], abs=0.1 * abs(truth["M_q"]))
-
-
-def test_lateral_model_equals_the_linear_model_of_the_aircraft():
-    trim = f16().trim(speed_m_s=150.0, altitude_m=1000.0)
-    linear = f16().linearize(trim).model
-    states = [linear.states.index(name) for name in ("beta", "P", "R", "phi")]
-    inputs = [linear.inputs.index(name) for name in ("aileron", "rudder")]
-    A, B = np.asarray(linear.A)[np.ix_(states, states)], np.asarray(linear.B)[np.ix_(states, inputs)]
-    alpha, theta = (float(linear.x[linear.states.index(name)]) for name in ("alpha", "theta"))
-    model = lateral_model(150.0, alpha, theta)
-    columns, rows = ("beta", "p", "r", "aileron", "rudder"), np.column_stack([A[:, :3], B])
-    parameters = {f"{axis}_{name}": rows[k, j] for k, axis in enumerate("YLN") for j, name in enumerate(columns)}
-    slopes = jax.jit(jax.jacfwd(lambda x, u: model.equations(x, u, parameters)[0], argnums=(0, 1)))
-    x_dot, by_input = slopes(jnp.zeros(4), jnp.zeros(2))
-    np.testing.assert_allclose(x_dot, A, atol=2e-3)  # gravity in alpha' and the flat Earth
-    np.testing.assert_allclose(by_input, B, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,18 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
 import anser
+from anser.compiling.options import compiled_quickly
 from anser.identification.coefficients import (
-    airframe_coefficients,
+    _air_of_row,
+    _air_rows,
     airframe_derivatives,
     compute_coefficients,
+    model_coefficients,
     reference_lengths,
 )
 from anser.identification.kinematics import RATES, SPECIFIC_FORCE, with_specific_force
@@ -20,13 +24,24 @@ from support.manoeuvres import clean_record, f16, flight
 AXES = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 
 
+@compiled_quickly
+def _own_coefficients(airframe, rows):
+    return jax.vmap(lambda row: model_coefficients(airframe, row[6:], _air_of_row(row[:6])))(rows)
+
+
+def own_coefficients(airframe, history):
+    """CL, CD, CY, Cl, Cm, Cn of an airframe's own aerodynamics along a record of all its surfaces."""
+    rows = np.vstack([_air_rows(history.record), *history.arguments.values()]).T
+    return np.asarray(_own_coefficients(airframe, rows)).T
+
+
 # Angular accelerations have kinks where an input steps (the F-16's actuators have a lag of 0.05 s): 50 Hz resolve them
 # to 2.5 per cent, and the smooth acceleration under multisines to half a thousandth.
 @pytest.mark.parametrize(("manoeuvre", "tolerance"), [("doublet", 0.025), ("lateral", 0.025), ("multisine", 0.0005)])
 def test_coefficients_are_those_of_the_airframe(manoeuvre, tolerance):
     airframe = f16().airframe
     history = compute_coefficients(clean_record(manoeuvre), airframe)
-    own = airframe_coefficients(airframe, history)
+    own = own_coefficients(airframe, history)
     inner = slice(25, -25)  # half a second at the ends, where the derivatives are less exact
     for name, values in zip(AXES, own, strict=True):
         error = np.std((history.coefficients[name] - values)[inner])
@@ -44,7 +59,7 @@ def test_an_aircraft_by_a_file_with_a_propeller_has_its_own_coefficients_too():
     }
     flown = anser.simulate(model, trim, controls, duration_s=8.0)
     history = compute_coefficients(flight_record(flown), model.airframe)
-    own = airframe_coefficients(model.airframe, history)
+    own = own_coefficients(model.airframe, history)
     inner = slice(50, -50)
     for name, values in zip(AXES, own, strict=True):
         error = np.std((history.coefficients[name] - values)[inner])

@@ -11,7 +11,7 @@ from anser.verification import missions
 pytestmark = pytest.mark.long
 
 
-THREE = (Path(__file__).parents[2] / "scenarios" / missions.MISSION).read_text()
+THREE = (Path(__file__).parents[2] / "scenarios" / f"{missions.MISSION}.toml").read_text()
 FLOWN_S = 75.0
 
 

@@ -54,10 +54,6 @@ class Altitude(AbstractRecorder):
 
     stride: int = 40
 
-    def init(self, aircraft: int) -> None: ...
-
-    def update(self, memory, sample, instant) -> None: ...
-
     def output(self, sample, instant) -> Array:
         return sample.truth.condition.air_data.altitude
 

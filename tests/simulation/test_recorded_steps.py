@@ -63,12 +63,6 @@ class Signals(AbstractRecorder):
 
     stride: int = eqx.field(static=True, default=1)
 
-    def init(self, aircraft):
-        return None
-
-    def update(self, recorder_state, sample, instant):
-        return None
-
     def output(self, sample, instant):
         numbers = jnp.arange(3, dtype=jnp.int32) + instant.number
         return {"speed": 0.5 * sample, "is_even": instant.number % 2 == 0, "numbers": numbers}

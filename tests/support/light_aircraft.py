@@ -27,15 +27,9 @@ _PROPELLER_SPEED_M_S = 20.0
 
 
 class LightEngine(AbstractEngine):
-    """Piston engine and propeller: power falls with density, thrust with speed, and the response has one lag.
+    """Piston engine and propeller: power falls with density, thrust with speed, and the response has one lag."""
 
-    Attributes
-    ----------
-    lag
-        Time constant, s.
-    """
-
-    lag: Scalar
+    lag: Scalar  #: Time constant, s.
 
     def _thrust_at_full_power(self, air_data: AirData) -> Scalar:
         sea = StandardAtmosphere().at(0.0)
@@ -72,19 +66,14 @@ class LightEngine(AbstractEngine):
 
 
 class LightAircraft(AbstractAirframe):
-    """Light propeller aircraft with aerodynamic coefficients linear in everything but the drag.
-
-    Attributes
-    ----------
-    span, wing_area, mean_chord
-        Reference lengths (m) and area (m^2).
-    """
+    """Light propeller aircraft with aerodynamic coefficients linear in everything but the drag."""
 
     mass_properties: MassProperties
     actuators: FirstOrderActuators
     engine: LightEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
+    #: Reference lengths (m) and area (m^2).
     span: Scalar
     wing_area: Scalar
     mean_chord: Scalar
@@ -111,15 +100,6 @@ class LightAircraft(AbstractAirframe):
             moment_b=scale * jnp.stack([self.span * Cl, self.mean_chord * Cm, self.span * Cn]),
         )
 
-    def outside_tables(self, air_data: AirData) -> Flag:
-        """Beyond the stall at 12 deg (CL about 1.35), alpha below -10 deg, or |beta| above 20 deg."""
-        return (
-            (air_data.alpha < self.alpha_range[0])
-            | (air_data.alpha > self.alpha_range[1])
-            | (air_data.beta < self.beta_range[0])
-            | (air_data.beta > self.beta_range[1])
-        )
-
 
 def light_aircraft() -> AbstractAirframe:
     """Build the Navion."""
@@ -136,6 +116,7 @@ def light_aircraft() -> AbstractAirframe:
             time_constant=jnp.full(3, 0.1), lower=-limit, upper=limit, rate_limit=jnp.full(3, 60.0 * DEG_RAD)
         ),
         engine=LightEngine(lag=jnp.asarray(0.8)),
+        # up to the stall, at a CL of about 1.35
         alpha_range=(jnp.asarray(-10.0 * DEG_RAD), jnp.asarray(12.0 * DEG_RAD)),
         beta_range=(jnp.asarray(-20.0 * DEG_RAD), jnp.asarray(20.0 * DEG_RAD)),
         span=jnp.asarray(33.4 * FOOT_M),

@@ -2,7 +2,10 @@
 
 import functools
 
+import numpy as np
+
 import anser
+from anser.identification.dynamic_models import make_manoeuvre
 from anser.identification.kinematics import with_specific_force
 from anser.identification.records import FlightRecord, flight_record
 
@@ -52,3 +55,10 @@ def clean_record(manoeuvre, **condition) -> FlightRecord:
 
 def noisy_record(manoeuvre, seed=0, **condition) -> FlightRecord:
     return clean_record(manoeuvre, **condition).with_noise(NOISE, seed)
+
+
+def record_manoeuvre(model, record):
+    """Manoeuvre of a record for a model whose names are keys of the catalogue; the initial state is measured."""
+    inputs, outputs = (record.stack(*keys).T for keys in (model.inputs, model.outputs))
+    start = np.array([record[key][0] for key in model.states])
+    return make_manoeuvre(model, record.time_s, inputs, outputs, start, held=False)

@@ -1,16 +1,10 @@
 """Published families of paths by their coefficients and lengths, and the figure of the families."""
 
-from importlib import resources
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from anser.report.plan_figures import draw_shapes
-from anser.verification.missions import SINGLE_AIRCRAFT
 from anser.verification.polynomial_paths import shape_families
-
-SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
 
 @pytest.fixture(scope="module")
@@ -53,8 +47,3 @@ def test_the_figure_names_every_path(families, family, tmp_path):
         assert label in text
     with pytest.raises(FileExistsError):
         draw_shapes(families[family], family, tmp_path)
-
-
-def test_the_copy_of_the_single_case_is_the_shipped_scenario():
-    copy = resources.files("anser.verification").joinpath(f"data/{SINGLE_AIRCRAFT}").read_text(encoding="utf-8")
-    assert copy == (SCENARIOS / SINGLE_AIRCRAFT).read_text(encoding="utf-8")

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array
 
 from anser.aircraft.actuators import AbstractActuators
-from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.air_data import AirData, Wrench, is_outside
 from anser.aircraft.engines import AbstractEngine
 from anser.airframe_data import body_faults
+from anser.numerics.arrays import as_array
 from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
@@ -63,6 +64,19 @@ class MassProperties(eqx.Module):
     spin_momentum_b: Vector3
 
 
+def rigid_body(mass: float, inertia_b: np.ndarray, spin: float = 0.0) -> MassProperties:
+    """Return the mass properties of a mass (kg) and an inertia matrix (kg m^2).
+
+    `spin` is the angular momentum of the engine about body x, kg m^2/s.
+    """
+    return MassProperties(
+        mass=as_array(mass),
+        inertia_b=as_array(inertia_b),
+        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
+        spin_momentum_b=as_array([spin, 0.0, 0.0]),
+    )
+
+
 class AbstractAirframe(eqx.Module):
     """Interface of an airframe: subclass this class directly; concrete airframes are not subclassed."""
 
@@ -89,9 +103,16 @@ class AbstractAirframe(eqx.Module):
         Inputs: air data, body rates relative to the air (rad/s) and deflections in the order of the surfaces (rad).
         """
 
-    @abc.abstractmethod
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition is outside the valid range of the airframe's or the engine's data."""
+        """Whether the flight condition is outside the valid range of the airframe's or the engine's data.
+
+        The airframe's data have the ranges of angle of attack and sideslip, unless a subclass defines others.
+        """
+        return (
+            is_outside(air_data.alpha, self.alpha_range)
+            | is_outside(air_data.beta, self.beta_range)
+            | self.engine.outside_tables(air_data)
+        )
 
 
 _LENGTHS = ("span", "wing_area", "mean_chord")

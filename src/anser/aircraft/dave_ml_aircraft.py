@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData, Validity, Wrench, is_outside, unlimited_validity
-from anser.aircraft.airframe import AbstractAirframe, MassProperties, refuse_impossible_body
+from anser.aircraft.airframe import AbstractAirframe, MassProperties, refuse_impossible_body, rigid_body
 from anser.aircraft.engines import AbstractEngine, AbstractLaggedEngine, NoEngine
 from anser.airframe_data import BodyFault, body_faults
 from anser.constants import STANDARD_GRAVITY_M_S2
@@ -186,12 +186,7 @@ class DaveMlAircraft(AbstractAirframe):
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether alpha, beta, airspeed, altitude or Mach number is outside the aerodynamic or the engine data."""
-        return (
-            is_outside(air_data.alpha, self.alpha_range)
-            | is_outside(air_data.beta, self.beta_range)
-            | self.validity.excludes(air_data)
-            | self.engine.outside_tables(air_data)
-        )
+        return super().outside_tables(air_data) | self.validity.excludes(air_data)
 
 
 def dave_ml_airframe(
@@ -387,14 +382,7 @@ def _read_mass_properties(inertia: Model, inputs: Mapping[str, float]) -> tuple[
     The centre of mass is relative to the moment reference centre, body axes, m.
     """
     si = _si(inertia, INERTIA_OUTPUTS, inputs)
-    inertia_b = _inertia_matrix(si)
-    properties = MassProperties(
-        mass=as_array(si["totalMass"]),
-        inertia_b=as_array(inertia_b),
-        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
-        spin_momentum_b=as_array(np.zeros(3)),
-    )
-    return properties, as_array([si[name] for name in _CENTRE])
+    return rigid_body(si["totalMass"], _inertia_matrix(si)), as_array([si[name] for name in _CENTRE])
 
 
 def _require(file_label: str, model: Model, names: Sequence[str]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
-from anser.aircraft.air_data import AirData, Validity, Wrench, is_outside
+from anser.aircraft.air_data import AirData, Validity, Wrench
 from anser.aircraft.airframe import AbstractAirframe, MassProperties
 from anser.aircraft.engines import AbstractEngine
 from anser.airframe_data import DERIVATIVE_ARGUMENTS, STATIC_ARGUMENTS
@@ -110,9 +110,4 @@ class DerivativeAircraft(AbstractAirframe):
 
         The valid range of the aerodynamic data limits alpha, beta, airspeed, altitude and Mach number.
         """
-        return (
-            is_outside(air_data.alpha, self.alpha_range)
-            | is_outside(air_data.beta, self.beta_range)
-            | self.validity.excludes(air_data)
-            | self.engine.outside_tables(air_data)
-        )
+        return super().outside_tables(air_data) | self.validity.excludes(air_data)

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
-from anser.aircraft.air_data import AirData, Wrench, is_outside
-from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.airframe import AbstractAirframe, MassProperties, rigid_body
 from anser.aircraft.engines import AbstractEngine, EnginePower, thrust_along_body_x
 from anser.numerics.arrays import as_array
 from anser.numerics.tables import Tables, make_axes, make_tables
@@ -104,7 +104,7 @@ class F16Engine(AbstractEngine):
         return jnp.clip(jnp.where(power >= 50, command_with_afterburner, command_without), 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether altitude or Mach number is outside the thrust tables."""
+        """Whether altitude (0..50,000 ft) or Mach number (0..1) is outside the thrust tables."""
         return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))
 
 
@@ -122,14 +122,18 @@ class F16Coefficients(eqx.Module):
 class AbstractF16(AbstractAirframe):
     """An F-16 with its engine; subclasses define the coefficients."""
 
-    engine: eqx.AbstractVar[F16Engine]  # pyright: ignore[reportIncompatibleVariableOverride]
+    mass_properties: MassProperties
+    actuators: AbstractActuators
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    engine: F16Engine  # pyright: ignore[reportIncompatibleVariableOverride]
     # reference lengths (m) and area (m^2)
-    span: eqx.AbstractVar[Scalar]
-    wing_area: eqx.AbstractVar[Scalar]
-    mean_chord: eqx.AbstractVar[Scalar]
+    span: Scalar
+    wing_area: Scalar
+    mean_chord: Scalar
     # centre of gravity and moment reference, fractions of the mean chord
-    x_cg: eqx.AbstractVar[Scalar]
-    x_cg_reference: eqx.AbstractVar[Scalar]
+    x_cg: Scalar
+    x_cg_reference: Scalar
 
     @abc.abstractmethod
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
@@ -148,18 +152,6 @@ class AbstractF16(AbstractAirframe):
             moment_b=scale * jnp.stack([self.span * c.Cl, self.mean_chord * c.Cm, self.span * c.Cn]),
         )
 
-    def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether alpha, beta, altitude (0..50,000 ft) or Mach number (0..1) is out of range.
-
-        The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: the last degree is part of the
-        published model and not reported.
-        """
-        return (
-            is_outside(air_data.alpha, self.alpha_range)
-            | is_outside(air_data.beta, self.beta_range)
-            | self.engine.outside_tables(air_data)
-        )
-
 
 TABLE_COEFFICIENTS = (
     ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp"),
@@ -174,18 +166,12 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
 class F16(AbstractF16):
-    """F-16 of Stevens & Lewis with the engine; `f16_from_data` builds the published variants."""
+    """F-16 of Stevens & Lewis with the engine; `f16_from_data` builds the published variants.
 
-    mass_properties: MassProperties
-    actuators: AbstractActuators
-    alpha_range: tuple[Scalar, Scalar]
-    beta_range: tuple[Scalar, Scalar]
-    engine: F16Engine
-    span: Scalar
-    wing_area: Scalar
-    mean_chord: Scalar
-    x_cg: Scalar
-    x_cg_reference: Scalar
+    The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: the last degree is part of the
+    published model, and `outside_tables` does not report it.
+    """
+
     surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
     side_force: Vector3  #: CY per degree of sideslip, per unit aileron and per unit rudder deflection.
     normal_force_elevator: Scalar  #: CZ per unit elevator deflection.
@@ -368,9 +354,4 @@ def f16_mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: b
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
     spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0
-    return MassProperties(
-        mass=as_array(mass),
-        inertia_b=as_array(inertia_b),
-        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
-        spin_momentum_b=as_array([spin, 0.0, 0.0]),
-    )
+    return rigid_body(mass, inertia_b, spin)

@@ -15,7 +15,6 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData
-from anser.aircraft.airframe import MassProperties
 from anser.aircraft.f16 import (
     F16_COEFFICIENTS,
     AbstractF16,
@@ -25,7 +24,7 @@ from anser.aircraft.f16 import (
     range_from_deg,
 )
 from anser.numerics.arrays import as_array, namespace
-from anser.shapes import Scalar, Vector, Vector3
+from anser.shapes import Vector, Vector3
 from anser.units import FOOT_M, POUND_KG
 
 GLOBAL_TERMS: dict[str, tuple[str, ...]] = {
@@ -90,16 +89,6 @@ _FACTOR_INDICES = np.array(
 class F16Global(AbstractF16):
     """F-16 with the global aerodynamic model, and with engine and actuators of the textbook's F-16."""
 
-    mass_properties: MassProperties
-    actuators: AbstractActuators
-    alpha_range: tuple[Scalar, Scalar]
-    beta_range: tuple[Scalar, Scalar]
-    engine: F16Engine
-    span: Scalar
-    wing_area: Scalar
-    mean_chord: Scalar
-    x_cg: Scalar
-    x_cg_reference: Scalar  #: Centre of gravity to which the parameters of the moments refer.
     parameters: Float[Array, "45"]  #: Parameters of all terms in the order of `GLOBAL_TERMS`.
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
 from anser.aircraft.air_data import AirData, Wrench
-from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.airframe import AbstractAirframe, MassProperties, rigid_body
 from anser.aircraft.engines import AbstractEngine, NoEngine
 from anser.shapes import Flag, Scalar, Vector, Vector3
 from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
@@ -57,12 +57,7 @@ def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
     body = data["bodies"][name]
     inertia_b = np.diag(np.asarray(body["inertia_slug_ft2"], dtype=float) * SLUG_FT2_KG_M2)
     built = SimpleBody(
-        mass_properties=MassProperties(
-            mass=body["mass_slug"] * SLUG_KG,
-            inertia_b=jnp.asarray(inertia_b),
-            inertia_inverse_b=jnp.asarray(np.linalg.inv(inertia_b)),
-            spin_momentum_b=jnp.zeros(3),
-        ),
+        mass_properties=rigid_body(body["mass_slug"] * SLUG_KG, inertia_b),
         # No surfaces: the stops are at zero.
         actuators=FirstOrderActuators(jnp.ones(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)),
         engine=NoEngine(),

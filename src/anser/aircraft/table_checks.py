@@ -1,6 +1,6 @@
 """Suspect entries in coefficient tables: outliers relative to neighbouring values and mirror images."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -214,9 +214,9 @@ def _median(values: np.ndarray) -> float:
     return float(np.median(finite)) if finite.size else 0.0
 
 
-def _last_digit(values: np.ndarray, digits: Sequence[int] = range(7)) -> float:
+def _last_digit(values: np.ndarray) -> float:
     """Return the unit of the last decimal digit to which nine tenths of the values are given."""
-    for count in digits:
+    for count in range(7):
         scaled = values * 10.0**count
         if np.mean(np.abs(scaled - np.round(scaled)) < 1e-6 * 10.0**count) >= 0.9:
             return 10.0**-count

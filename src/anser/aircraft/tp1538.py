@@ -14,7 +14,6 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData
-from anser.aircraft.airframe import MassProperties
 from anser.aircraft.f16 import (
     F16_COEFFICIENTS,
     AbstractF16,
@@ -125,16 +124,6 @@ zero elevator, Cm, Cl, Cn."""
 class F16TP1538(AbstractF16):
     """F-16 with the complete wind-tunnel tables of NASA TP-1538."""
 
-    mass_properties: MassProperties
-    actuators: AbstractActuators
-    alpha_range: tuple[Scalar, Scalar]
-    beta_range: tuple[Scalar, Scalar]
-    engine: F16Engine
-    span: Scalar
-    wing_area: Scalar
-    mean_chord: Scalar
-    x_cg: Scalar
-    x_cg_reference: Scalar
     surface_reference: Vector3  #: Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
     #: Tables over angle of attack, sideslip and elevator, degrees, constant beyond the ends: see `TP1538_FUNCTIONS`;
     #: the last group is the elevator effectiveness. Increments with the flap at 0 were measured up to 45 deg. Above,

@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators, SecondOrderActuators
 from anser.aircraft.air_data import Validity, air_data
-from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.airframe import AbstractAirframe, MassProperties, rigid_body
 from anser.aircraft.changes import AirframeChange, AirframeChanges, changed_airframe
 from anser.aircraft.dave_ml_aircraft import (
     AERO_LENGTHS,
@@ -76,13 +76,7 @@ def build_validity(valid: schema_tables.Validity) -> Validity:
 
 def build_mass(mass: schema_tables.Mass) -> MassProperties:
     """Build the mass properties from a table [mass]."""
-    inertia_b = np.asarray(mass.inertia)
-    return MassProperties(
-        mass=as_array(mass.mass_kg),
-        inertia_b=as_array(inertia_b),
-        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
-        spin_momentum_b=as_array([mass.spin_momentum_kg_m2_s, 0.0, 0.0]),
-    )
+    return rigid_body(mass.mass_kg, np.asarray(mass.inertia), mass.spin_momentum_kg_m2_s)
 
 
 def build_actuators(surface: Sequence[schema_tables.ActuatedSurface]) -> AbstractActuators:

@@ -234,9 +234,9 @@ def analyse_rows(
     return jax.vmap(analyse_row)(*rows)
 
 
-def frequencies(step: ScalarLike, count: int = FREQUENCY_COUNT) -> Float[Array, " frequency"]:
-    """Return `count` frequencies (rad/s) in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency."""
-    return jnp.exp(jnp.linspace(jnp.log(FREQUENCY_MIN), jnp.log(jnp.pi / step), count))
+def frequencies(step: ScalarLike) -> Float[Array, " frequency"]:
+    """Return the frequencies (rad/s), in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency."""
+    return jnp.exp(jnp.linspace(jnp.log(FREQUENCY_MIN), jnp.log(jnp.pi / step), FREQUENCY_COUNT))
 
 
 def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " frequency"]) -> LoopResponse:

@@ -7,7 +7,6 @@ import dataclasses
 import math
 import tomllib
 from collections.abc import Callable, Sequence
-from importlib import resources
 from typing import Any
 
 import equinox as eqx
@@ -44,6 +43,7 @@ from anser.analysis.trim_points import (
     steady_trim,
 )
 from anser.compiling.options import compiled
+from anser.config.shipped_files import shipped_files
 from anser.control.allocation import deflection_for_moment, surface_moments
 from anser.control.gains import AutopilotGains
 from anser.control.inversion_autopilot import Loop
@@ -300,12 +300,6 @@ class _StepRecorder(AbstractRecorder):
 
     stride: int = eqx.field(static=True, default=1)
 
-    def init(self, aircraft: int) -> None:
-        """The recorder has no state."""
-
-    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """The recorder has no state."""
-
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return loop outputs, deflections, engine power and throttle of one sample by variable key; SI units, rad."""
         outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)
@@ -398,8 +392,8 @@ def _flight(
     return StepTestResult(test, dataset, metrics)
 
 
-CLIMB_AND_TURN = "climb-and-turn.toml"
-"""Copy of the shipped scenario; a test keeps both equal."""
+CLIMB_AND_TURN = "climb-and-turn"
+"""Shipped scenario of the climb-and-turn."""
 _CLIMB_SHARE = 0.4
 """Mean climb rate of the climb-and-turn, as a fraction of the aircraft's greatest.
 
@@ -427,8 +421,7 @@ def climb_and_turn(
     start_point
         Airspeed (m/s) and altitude (m) of the start for another aircraft than the F-16; None: `default_flight_point`.
     """
-    text = resources.files("anser.analysis").joinpath(f"data/{CLIMB_AND_TURN}").read_text(encoding="utf-8")
-    values = tomllib.loads(text)
+    values = tomllib.loads(shipped_files()[CLIMB_AND_TURN].read_text(encoding="utf-8"))
     aircraft_table = values["aircraft"][0]
     aircraft_table["gains"] = {"inversion": inversion}
     if aircraft in VARIANTS:
@@ -438,7 +431,7 @@ def climb_and_turn(
         airframe = resolve_airframe(aircraft, variant)[0]
         speed_m_s, altitude_m = default_flight_point(airframe) if start_point is None else start_point
         _scale_case(values, step_case(airframe, speed_m_s, altitude_m, inversion), speed_m_s, altitude_m)
-    return validate(values, CLIMB_AND_TURN)
+    return validate(values, f"{CLIMB_AND_TURN}.toml")
 
 
 def _scale_case(values: dict[str, Any], case: StepCase, speed_m_s: float, altitude_m: float) -> None:

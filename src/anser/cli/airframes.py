@@ -1,5 +1,6 @@
 """Commands about airframes: list, show, check, new."""
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,23 +42,7 @@ def list_() -> None:
     from anser.analysis.airframes import list_airframes
 
     listed = list_airframes()
-    print_document(
-        lambda: {
-            "format_version": 1,
-            "aircraft": [
-                {
-                    "name": airframe.name,
-                    "origin": airframe.origin,
-                    "mass_kg": airframe.mass_kg,
-                    "span_m": airframe.span_m,
-                    "airspeed_m_s": airframe.airspeed_m_s and list(airframe.airspeed_m_s),
-                    "surfaces": list(airframe.surfaces),
-                    "problem": airframe.problem,
-                }
-                for airframe in listed
-            ],
-        }
-    )
+    print_document(lambda: {"format_version": 1, "aircraft": [dataclasses.asdict(airframe) for airframe in listed]})
     headings = [
         *columns("name"),
         *columns("mass kg", justify="right", digits=1),

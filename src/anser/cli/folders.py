@@ -11,7 +11,7 @@ from anser.cli.console import InputError, print_note, refuse_on
 from anser.config.errors import os_error_reason
 from anser.files import new_file, new_folder, remove_empty_folders, staged_folder
 from anser.missions import saved_flights
-from anser.missions.saved_flights import FLIGHT, PLAN, RUN_FILES, SUMMARY, RunFolderError, load_flight
+from anser.missions.saved_flights import FLIGHT, SUMMARY, RunFolderError, load_flight
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -129,18 +129,6 @@ def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"{option}: arrived {path}; expected {expected} ({os_error_reason(error)})") from None
-
-
-__all__ = [
-    "FLIGHT",
-    "PLAN",
-    "RUN_FILES",
-    "SUMMARY",
-    "check_run_folder",
-    "read_aircraft_flight",
-    "read_flight",
-    "read_run",
-]
 
 
 def check_run_folder(folder: Path, argument: str = "RUN") -> None:

@@ -120,10 +120,8 @@ def make_shots(
     evaluator: Evaluator,
     inputs: Mapping[str, Mapping[str, float]],
     tolerance: float,
-    *,
-    internal: bool = True,
 ) -> tuple[Shot, ...]:
-    """Compute check shots for a model: its outputs at given inputs.
+    """Compute check shots for a model: its outputs, and the variables between inputs and outputs, at given inputs.
 
     Parameters
     ----------
@@ -131,16 +129,13 @@ def make_shots(
         For each shot, by name: input values by varID or name, in the file's units. Every shot sets the same inputs.
     tolerance
         Tolerance of the outputs, relative to max(1, |value|).
-    internal
-        Whether the shots also list the values of the variables between inputs and outputs.
     """
     structure = evaluator.structure
     inputs_by_id = [{structure.find(name): value for name, value in values.items()} for values in inputs.values()]
     input_ids = tuple(dict.fromkeys(identifier for values in inputs_by_id for identifier in values))
     input_values = np.array([[values[identifier] for identifier in input_ids] for values in inputs_by_id])
     internal_ids = [v for v in definition.variables if v not in structure.outputs and v not in structure.inputs]
-    computed_ids = (*structure.outputs, *(internal_ids if internal else ()))
-    columns = _evaluate_rows(evaluator, as_array(input_values), input_ids, computed_ids)
+    columns = _evaluate_rows(evaluator, as_array(input_values), input_ids, (*structure.outputs, *internal_ids))
     computed = {name: np.asarray(column) for name, column in columns.items()}
 
     def signal(identifier: str, value: float, relative_tolerance: float | None = None) -> Signal:
@@ -152,7 +147,7 @@ def make_shots(
             name=name,
             inputs=tuple(signal(identifier, float(input_values[k, j])) for j, identifier in enumerate(input_ids)),
             outputs=tuple(signal(v, float(computed[v][k]), tolerance) for v in structure.outputs),
-            internal=tuple(signal(v, float(computed[v][k])) for v in internal_ids) if internal else (),
+            internal=tuple(signal(v, float(computed[v][k])) for v in internal_ids),
         )
         for k, name in enumerate(inputs)
     )

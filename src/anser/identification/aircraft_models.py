@@ -1,4 +1,4 @@
-"""Models of aircraft with unknown derivatives: short period, lateral motion, and the nonlinear equations of motion.
+"""Models of aircraft with unknown derivatives: short period, linear along a record, and the equations of motion.
 
 States, inputs and outputs have the keys of the catalogue, so that a record gives the manoeuvre.
 """
@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import air_data
@@ -19,9 +18,8 @@ from anser.aircraft.motion import angular_acceleration
 from anser.airframe_data import COEFFICIENTS, derivative_columns, derivative_index
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.environment.atmosphere import StandardAtmosphere
-from anser.identification.dynamic_models import DynamicModel, Manoeuvre, Parameters, make_manoeuvre
+from anser.identification.dynamic_models import DynamicModel, Parameters
 from anser.identification.kinematics import RATES, SPECIFIC_FORCE, attitude_rates, flow_rates, gravity_in_body
-from anser.identification.records import FlightRecord
 from anser.shapes import Scalar
 from anser.spatial.wind_axes import air_direction_b
 
@@ -63,44 +61,6 @@ def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)
     equations = ShortPeriod(jnp.asarray(float(speed_m_s)), tuple(surfaces))
     outputs = ("alpha", "pitch_rate", "specific_force_z")
     return DynamicModel(equations, outputs[:2], tuple(surfaces), outputs)
-
-
-class LateralMotion(eqx.Module):
-    """Equations of the lateral motion about straight flight at constant airspeed, for `lateral_model`."""
-
-    speed: Scalar
-    alpha: Scalar  # of the straight flight, rad
-    pitch: Scalar  # of the straight flight, rad
-    surfaces: tuple[str, ...] = eqx.field(static=True)
-
-    def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of sideslip, roll rate, yaw rate and roll, and the outputs."""
-        beta, p, r, roll = x
-        arguments = {"beta": beta, "p": p, "r": r, **dict(zip(self.surfaces, u, strict=True))}
-        along, across = jnp.cos(self.alpha), jnp.sin(self.alpha)
-        beta_dot, *moments = linear_rates("YLN", arguments, {"Y_p": across, "Y_r": -along, **theta})
-        force = self.speed * (beta_dot - p * across + r * along)
-        gravity = STANDARD_GRAVITY_M_S2 / self.speed * jnp.cos(self.pitch) * jnp.sin(roll)
-        roll_dot = p + jnp.tan(self.pitch) * r * jnp.cos(roll)
-        return jnp.stack([beta_dot + gravity, *moments, roll_dot]), jnp.stack([beta, p, r, roll, force])
-
-
-def lateral_model(
-    speed_m_s: float,
-    alpha_rad: float = 0.0,
-    pitch_rad: float = 0.0,
-    surfaces: Sequence[str] = ("aileron", "rudder"),
-) -> DynamicModel:
-    """Return the model of sideslip, roll rate, yaw rate and roll about straight flight, and side force.
-
-    beta' = Y + (g/V) cos(pitch) sin(roll), p' = L, r' = N, f_y = V (Y - p sin(alpha) + r cos(alpha)). Y = Y_beta beta +
-    Y_p p + Y_r r + Y_aileron u + ... + Y0, rad/s, and L and N likewise, rad/s^2, with derivatives per rad; L and N
-    contain the product of inertia. Where neither estimated nor fixed, `Y_p` is sin(alpha), `Y_r` -cos(alpha), and
-    another parameter zero. Angle of attack and pitch of the straight flight are constant.
-    """
-    speed, alpha, pitch = (jnp.asarray(float(value)) for value in (speed_m_s, alpha_rad, pitch_rad))
-    outputs = ("beta", "roll_rate", "yaw_rate", "roll", "specific_force_y")
-    return DynamicModel(LateralMotion(speed, alpha, pitch, tuple(surfaces)), outputs[:4], tuple(surfaces), outputs)
 
 
 class RecordedMotion(eqx.Module):
@@ -223,16 +183,3 @@ def aircraft_model(airframe: AbstractAirframe, names: Sequence[str], outputs: Se
         raise ValueError(f"outputs: arrived {list(outputs)}; expected some of {', '.join(_OUTPUTS)}")
     equations = AircraftMotion(airframe, reference_lengths(airframe), tuple(outputs))
     return DynamicModel(equations, _MOTION, (*surfaces, "power", "altitude"), tuple(outputs))
-
-
-def record_manoeuvre(model: DynamicModel, record: FlightRecord, *, held: bool = False) -> Manoeuvre:
-    """Return the manoeuvre of a record for a model whose names are keys of the catalogue.
-
-    The initial state is measured; for a noisy record it is estimated as `initial_states`. Inputs follow straight lines
-    between the samples, as positions of surfaces do, unless `held`.
-
-    Raises ValueError if the record lacks a channel of the model.
-    """
-    inputs, outputs = (record.stack(*keys).T for keys in (model.inputs, model.outputs))
-    start = np.array([record[key][0] for key in model.states])
-    return make_manoeuvre(model, record.time_s, inputs, outputs, start, held=held)

@@ -1,7 +1,6 @@
 """Aerodynamic coefficients along a record, from specific forces, body rates, mass properties and thrust."""
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -43,15 +42,12 @@ class CoefficientHistory:
     arguments
         Values by the endings of derivatives: `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V), and the
         surfaces (rad).
-    air
-        Air data, in the order of the fields of `AirData`.
     record
         Record with the specific force at the centre of gravity.
     """
 
     coefficients: dict[str, Float[np.ndarray, " sample"]]
     arguments: dict[str, Float[np.ndarray, " sample"]]
-    air: Float[np.ndarray, "7 sample"]
     record: FlightRecord
 
     @property
@@ -108,31 +104,25 @@ def compute_coefficients(
     missing = np.full_like(rates.values[0], np.nan)
     engine = [record.channels.get(key, missing) for key in ("power", "thrust")]
     rows = np.stack([*_air_rows(record), *engine, *rates.values, *rates.rate, *record.stack(*SPECIFIC_FORCE)]).T
-    measured, air = _by_row(_measured_coefficients, airframe, as_array(np.asarray(reference_m, dtype=float)), rows)
-    coefficients = dict(zip(COEFFICIENT_NAMES, measured, strict=True))
+    padded = as_array(pad_to_multiple(rows, bucket_size(len(rows), _ROWS)))
+    measured = _measured_coefficients(airframe, as_array(np.asarray(reference_m, dtype=float)), padded)
+    coefficients = dict(zip(COEFFICIENT_NAMES, np.asarray(measured)[: len(rows)].T, strict=True))
     arguments = _arguments_of(airframe, record)
     present = {name: x for name, x in arguments.items() if name in record or name not in airframe.actuators.names}
-    return CoefficientHistory(coefficients, present, air, record)
-
-
-def _by_row(program: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the results, with the samples last, of a compiled program whose last argument has a row per sample."""
-    rows = arguments[-1]
-    padded = as_array(pad_to_multiple(rows, bucket_size(len(rows), _ROWS)))
-    return jax.tree.map(lambda values: np.asarray(values)[: len(rows)].T, program(*arguments[:-1], padded))
+    return CoefficientHistory(coefficients, present, record)
 
 
 @compiled_quickly
 def _measured_coefficients(
     airframe: AbstractAirframe, reference_b: Vector3, rows: Float[Array, "row 17"]
-) -> tuple[Float[Array, "row 8"], Float[Array, "row 7"]]:
-    """Return, for each row, the coefficients of `COEFFICIENT_NAMES`, and the air data in the order of `AirData`.
+) -> Float[Array, "row 8"]:
+    """Return, for each row, the coefficients of `COEFFICIENT_NAMES`.
 
     Columns of the rows: those of `_air_of_row`, power, thrust, body rates, angular acceleration, specific force. Where
     the power is NaN, the thrust acts along x at the engine's point.
     """
 
-    def evaluate(row: Float[Array, "17"]) -> tuple[Float[Array, "8"], Float[Array, "7"]]:
+    def evaluate(row: Float[Array, "17"]) -> Float[Array, "8"]:
         data, power, thrust = _air_of_row(row[:6]), row[6], jnp.nan_to_num(row[7])
         propulsion = airframe.engine.propulsion(jnp.nan_to_num(power), data)
         thrust_b = jnp.stack([thrust, jnp.zeros_like(thrust), jnp.zeros_like(thrust)])
@@ -144,7 +134,7 @@ def _measured_coefficients(
         moment_b = moment_b - jnp.where(is_measured, cross(point_b, thrust_b), propulsion.moment_b)
         wrench = Wrench(force_b, moment_b - cross(reference_b, force_b))
         body = reference_lengths(airframe).coefficients(data.qbar, wrench)
-        return jnp.concatenate([_in_lift_axes(body, data.alpha), body[::2][:2]]), jnp.stack(jax.tree.leaves(data))
+        return jnp.concatenate([_in_lift_axes(body, data.alpha), body[::2][:2]])
 
     return jax.vmap(evaluate)(rows)
 
@@ -199,11 +189,6 @@ def model_coefficients(
 
 
 @compiled_quickly
-def _own_coefficients(airframe: AbstractAirframe, rows: Float[Array, "row column"]) -> Float[Array, "row 6"]:
-    return jax.vmap(lambda row: model_coefficients(airframe, row[7:], AirData(*row[:7])))(rows)
-
-
-@compiled_quickly
 def _own_derivatives(
     airframe: AbstractAirframe, arguments: Float[Array, " argument"], air: Float[Array, "6"]
 ) -> tuple[Float[Array, "6"], Float[Array, "6 argument"]]:
@@ -211,12 +196,6 @@ def _own_derivatives(
         return model_coefficients(airframe, row, _air_of_row(air))
 
     return coefficients(arguments), jax.jacfwd(coefficients)(arguments)
-
-
-def airframe_coefficients(airframe: AbstractAirframe, history: CoefficientHistory) -> Float[np.ndarray, "6 sample"]:
-    """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's own aerodynamics along a record."""
-    arguments = _arguments_of(airframe, history.record).values()
-    return _by_row(_own_coefficients, airframe, np.vstack([history.air, *arguments]).T)
 
 
 def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, float]:

@@ -244,18 +244,15 @@ class Collinearity(NamedTuple):
 
 
 def collinearity(
-    information: Float[np.ndarray, "parameter parameter"],
-    names: Sequence[str],
-    subject: str = "regressors",
-    condition_max: float = COLLINEARITY_MAX,
+    information: Float[np.ndarray, "parameter parameter"], names: Sequence[str], subject: str = "regressors"
 ) -> Collinearity:
     """Compute the collinearity from an information matrix, such as X^T X of regressors X.
 
     Raises
     ------
     ValueError
-        An entry of the diagonal is zero (no excitation), or the condition number exceeds `condition_max`; the message
-        names the parameters in the combination without information.
+        An entry of the diagonal is zero (no excitation), or the condition number exceeds `COLLINEARITY_MAX`; the
+        message names the parameters in the combination without information.
     """
     lengths = np.sqrt(np.diag(information))
     if not np.all(np.isfinite(information)):
@@ -266,11 +263,11 @@ def collinearity(
     scaled = information / np.outer(lengths, lengths)
     eigenvalues, vectors = np.linalg.eigh(scaled)
     condition_number = float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], 1e-16)))
-    if condition_number > condition_max:
+    if condition_number > COLLINEARITY_MAX:
         involved = ", ".join(names[int(k)] for k in np.argsort(-np.abs(vectors[:, 0])) if abs(vectors[k, 0]) > 0.1)
         raise ValueError(
             f"{subject}: {involved} are collinear (condition number {condition_number:.3g}); expected at most "
-            f"{condition_max:g}: a manoeuvre that moves them apart, fewer parameters, or prior values"
+            f"{COLLINEARITY_MAX:g}: a manoeuvre that moves them apart, fewer parameters, or prior values"
         )
     inverse = (vectors / eigenvalues) @ vectors.T
     return Collinearity(condition_number, np.diag(inverse))

@@ -1,7 +1,6 @@
 """Style of figures and pages: colours, line styles of aircraft, and reproducible figure files."""
 
 import functools
-import importlib
 import io
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -85,11 +84,6 @@ PRINT_STYLE: dict[str, Any] = {
 }
 MAP_STYLE: dict[str, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.titlesize": 9}
 """Style of maps over the envelope and of studies."""
-_CANVASES = {
-    ".svg": ("backend_svg", "FigureCanvasSVG", "print_svg"),
-    ".png": ("backend_agg", "FigureCanvasAgg", "print_png"),
-    ".pdf": ("backend_pdf", "FigureCanvasPdf", "print_pdf"),
-}
 _METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {"Software": None},
@@ -158,13 +152,14 @@ def figure_content(figure: "Figure", suffix: str, dpi: float | None = None) -> b
 
     The content is that of `figure.savefig`, which draws each figure twice: the first time for its layout alone.
     """
-    module, canvas_class, method = _CANVASES[suffix]
+    from matplotlib.backend_bases import get_registered_canvas_class
+
     canvas, resolution, content = figure.canvas, figure.dpi, io.BytesIO()
     try:
         if dpi is not None:
             figure.dpi = dpi
-        printer = getattr(importlib.import_module(f"matplotlib.backends.{module}"), canvas_class)(figure)
-        getattr(printer, method)(content, metadata=_METADATA[suffix])
+        printer = get_registered_canvas_class(suffix[1:])(figure)
+        getattr(printer, f"print_{suffix[1:]}")(content, metadata=_METADATA[suffix])
     finally:
         figure.set_canvas(canvas)
         figure.dpi = resolution

@@ -282,13 +282,16 @@ class AbstractRecorder(eqx.Module):
 
     stride: eqx.AbstractVar[int]  #: Number of samples between two rows.
 
-    @abc.abstractmethod
     def init(self, aircraft: int) -> Any:
-        """Return the recorder's state before the first sample; `aircraft` is the number of aircraft."""
+        """Return the recorder's state before the first sample; `aircraft` is the number of aircraft.
 
-    @abc.abstractmethod
+        The recorder has no state unless a subclass defines one.
+        """
+        return None
+
     def update(self, recorder_state: Any, sample: Any, instant: Instant) -> Any:
-        """Return the recorder's state after one more sample."""
+        """Return the recorder's state after one more sample; the same state unless a subclass defines the change."""
+        return recorder_state
 
     @abc.abstractmethod
     def output(self, sample: Any, instant: Instant) -> Any:
@@ -301,12 +304,6 @@ class History(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)  #: Number of samples between two rows.
     #: Keys of `anser.variables.catalogue`; None: every recorded variable.
     keys: tuple[str, ...] | None = eqx.field(static=True, default=None)
-
-    def init(self, aircraft: int) -> None:
-        """The recorder has no state."""
-
-    def update(self, recorder_state: None, sample: Any, instant: Instant) -> None:
-        """Do nothing: the history consists of the rows that `output` returns, and needs no state between samples."""
 
     def output(self, sample: FleetSample | AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return the selected variables by name, leading axis aircraft, SI units and radians.

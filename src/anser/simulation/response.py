@@ -99,12 +99,6 @@ class ResponseRecorder(AbstractRecorder):
     loop: Loop = eqx.field(static=True)
     stride: int = eqx.field(static=True, default=1)
 
-    def init(self, aircraft: int) -> None:
-        """The recorder has no state."""
-
-    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """The recorder has no state."""
-
     def output(self, sample: AircraftSample, instant: Instant) -> Response:
         """Return the outputs, surfaces, throttle and power at one sample."""
         state = sample.truth.state

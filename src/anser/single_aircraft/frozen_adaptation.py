@@ -29,12 +29,6 @@ class AdaptationHistory(AbstractRecorder):
 
     stride: int = eqx.field(static=True, default=1)
 
-    def init(self, aircraft: int) -> None:
-        """The recorder has no state."""
-
-    def update(self, recorder_state: None, sample: Any, instant: Instant) -> None:
-        """Do nothing: `output` returns all that is stored."""
-
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return the variables by key, and the arrays of the corrected airframe."""
         corrected: Any = sample.belief.airframe

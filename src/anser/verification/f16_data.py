@@ -209,15 +209,15 @@ def f16_of_files() -> DaveMlAircraft:
     return dataclasses.replace(of_files, engine=engine, actuators=built_in.actuators)
 
 
-def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "state 13"]:
-    """Return random states within and beyond the tables, shape (count, 13).
+def random_states() -> Float[np.ndarray, "state 13"]:
+    """Return the `STATES` random states within and beyond the tables, shape (STATES, 13).
 
     Columns: V, alpha, beta, body rates, surfaces, power, altitude, Mach number.
     """
     deflections = np.array([25.0, 21.5, 30.0]) * DEG_RAD
     lower = [5.0, -15 * DEG_RAD, -35 * DEG_RAD, *[-2.0] * 3, *-deflections, 0.0, -500.0, 0.0]
     upper = [400.0, 50 * DEG_RAD, 35 * DEG_RAD, *[2.0] * 3, *deflections, 100.0, 16e3, 1.2]
-    return np.random.default_rng(seed).uniform(lower, upper, (count, len(lower)))
+    return np.random.default_rng(24).uniform(lower, upper, (STATES, len(lower)))
 
 
 @compiled_quickly

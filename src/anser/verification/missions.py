@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from anser.analysis.step_flights import fly_climb_and_turn
+from anser.config.shipped_files import shipped_files
 from anser.constants import EARTH_ROTATION_RAD_S, STANDARD_GRAVITY_M_S2
 from anser.missions.runs import FlightResult, run
 from anser.scenario.files import loads
@@ -13,13 +14,13 @@ from anser.scenario.schema import Scenario
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 from anser.spatial.wgs84 import radii_of_curvature
 from anser.units import DEG_RAD, RAD_DEG
-from anser.verification.checks import Check, Comparison, make_check, read_data_file
+from anser.verification.checks import Check, Comparison, make_check
 
-MISSION = "three-aircraft.toml"
-"""Reference mission of three aircraft: a copy of the shipped scenario; a test keeps both equal."""
+MISSION = "three-aircraft"
+"""Shipped scenario of the reference mission of three aircraft."""
 
-SINGLE_AIRCRAFT = "single-aircraft.toml"
-"""Single-aircraft case of the founding work: a copy of the shipped scenario; a test keeps both equal."""
+SINGLE_AIRCRAFT = "single-aircraft"
+"""Shipped scenario of the founding work's case of a single aircraft."""
 
 STEPS_S = (0.02, 0.01, 0.005, 0.0025)
 """Integration steps of 50, 100, 200 and 400 Hz; the second is the default."""
@@ -41,7 +42,9 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
     arrival_s = max(aircraft["planned_arrival_s"] for aircraft in flight.summary["aircraft"])
     required_duration_s = arrival_s + ARRIVAL_MARGIN_S
     if required_duration_s > _DURATION_S:
-        raise RuntimeError(f"{MISSION}: flown for {_DURATION_S:g} s, its arrival needs {required_duration_s:.1f} s")
+        raise RuntimeError(
+            f"{MISSION}.toml: flown for {_DURATION_S:g} s, its arrival needs {required_duration_s:.1f} s"
+        )
     return flight
 
 
@@ -56,7 +59,7 @@ def published_flights() -> dict[str, FlightResult]:
 
 
 def _scenario(name: str) -> Scenario:
-    return loads(read_data_file(name), name)
+    return loads(shipped_files()[name].read_text(encoding="utf-8"), f"{name}.toml")
 
 
 def flat_and_round() -> Iterator[Comparison]:

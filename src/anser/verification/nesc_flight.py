@@ -42,6 +42,7 @@ from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
+from anser.simulation.open_loop import start_point
 from anser.simulation.recorders import AbstractRecorder, AircraftSample
 from anser.simulation.vehicle import Vehicle, advance
 from anser.spatial.frames import eci_from_ecef, velocity_eci_from_ecef
@@ -53,7 +54,6 @@ from anser.spatial.rotations import (
     rotation_from_quaternion,
     safe_norm,
 )
-from anser.steady.trim import TrimPoint
 from anser.units import (
     DEG_RAD,
     FOOT_M,
@@ -401,12 +401,6 @@ class _LogRecorder(AbstractRecorder):
 
     stride: int = eqx.field(static=True)
 
-    def init(self, aircraft: int) -> None:
-        """Return None: the recorder has no state."""
-
-    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Return None: there is no state to update."""
-
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return a row by the published column names."""
         truth, environment = sample.truth, instant.environment
@@ -476,17 +470,7 @@ def _fly_law(
         vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), guidance, law)
         local_start = local_state(require_round_earth(environment), start)
         instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
-        trimmed = trimmed_vehicle(vehicle, instant, _trim_point(airframe, environment, local_start, trim_controls))
+        trimmed = trimmed_vehicle(vehicle, instant, start_point(airframe, environment, local_start, trim_controls))
         return fly_alone(vehicle, environment, trimmed, step, (periods + 1) * steps, _LogRecorder(stride=steps))[2]
 
     return jax.vmap(fly)(*starts, commands)
-
-
-def _trim_point(
-    airframe: F16, environment: Environment, local_start: AircraftState, trim_controls: Controls
-) -> TrimPoint:
-    data = air_data_and_forces(airframe, environment, 0.0, local_start).air_data
-    zero = jnp.zeros(())
-    return TrimPoint(
-        local_start, trim_controls, zero, data.alpha, data.beta, local_start.power, jnp.asarray(True), zero, zero
-    )

@@ -1,12 +1,15 @@
 """Verification page: content, plots, and refused documents."""
 
 import json
+import runpy
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from anser.report.verification_page import write_verification_page
+SCRIPT = Path(__file__).parents[2] / "docs" / "verification_page.py"
+write_verification_page = runpy.run_path(str(SCRIPT))["write_verification_page"]
 
 
 def _comparison(group, obtained, expected=None, tolerance=None, time_s=None, reference=""):
@@ -102,7 +105,7 @@ def test_plots_show_only_published_histories_and_are_reproducible(document, tmp_
 def test_the_command_line_writes_the_page_or_refuses(document, tmp_path):
     source = tmp_path / "document.json"
     source.write_text(json.dumps(document))
-    run = [sys.executable, "-m", "anser.report.verification_page"]
+    run = [sys.executable, SCRIPT]
     completed = subprocess.run([*run, source, tmp_path], capture_output=True, text=True, check=False)
     assert (completed.returncode, completed.stderr) == (0, "")
     assert (tmp_path / "verification.md").exists()

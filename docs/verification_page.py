@@ -1,6 +1,6 @@
 """Verification page: a Markdown file with plots of the errors, made from the output of `anser verify --json`.
 
-`python -m anser.report.verification_page DOCUMENT.json FOLDER` writes FOLDER/verification.md and a plot of each check
+`python docs/verification_page.py DOCUMENT.json FOLDER` writes FOLDER/verification.md and a plot of each check
 with a time history into FOLDER/verification/, replacing earlier files.
 """
 
