@@ -169,6 +169,7 @@ def test_stored_series_are_drawn_as_bands(tmp_path):
     assert "the band from 5 to 95 % of them" in page
     plotted = data_of(page)["series"]
     assert [item["name"] for item in plotted] == ["position_error_m", "course_deg"]  # a phase has no quantiles
+    assert [item["unit"] for item in plotted] == ["m", "°"]
     assert plotted[0]["time"] == series["time"].values.tolist()
     began = data["reason"].values == ""
     assert 0 < began.sum() < FLIGHTS
@@ -246,6 +247,17 @@ def test_a_saltelli_campaign_reports_its_independent_flights(tmp_path):
     assert "from the 32 flights that are independent of each other" in page
     assert "first index (narrow), total index (wide)" in page
     assert "one in its place would be made up" in page
+
+
+@pytest.mark.usefixtures("undrawn_figures")
+def test_a_partial_campaign_without_an_independent_flight_has_no_share(tmp_path, monkeypatch):
+    monkeypatch.setattr(flying, "BATCH", 1)
+    store = new_store(tmp_path / "out", sampling={"method": "saltelli", "flights": 16})
+    flying.fly_chunk(store.folder, 1)  # of two workers, the second was faster
+    assert Campaign(store).estimates().probability is None
+    write_campaign(store, worst=0)
+    assert "of 1 flights met every requirement" in page_of(store)
+    assert "of the flights; " not in page_of(store)
 
 
 @pytest.mark.usefixtures("undrawn_figures")

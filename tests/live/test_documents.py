@@ -34,6 +34,38 @@ def test_comments_stay_where_values_change():
     assert all(comment in merged for comment in comments)
 
 
+COMMENTED = """
+[[event]]
+time_s = 5.0 # first
+kind = "goal-stops"
+
+[[event]]
+time_s = 10.0 # second
+kind = "goal-stops"
+
+[[event]]
+time_s = 20.0 # third
+kind = "goal-stops"
+"""
+
+
+@pytest.mark.parametrize(
+    ("times_s", "comments"),
+    [
+        ((5, 11, 20), ["first", "second", "third"]),  # one is changed; the page writes 5.0 as 5
+        ((5, 20), ["first", "third"]),
+        ((10, 20), ["second", "third"]),
+        ((5, 7, 10, 20, 30), ["first", "second", "third"]),
+        ((6, 11, 21), ["first", "second", "third"]),
+    ],
+)
+def test_tables_without_a_name_keep_their_comments(times_s, comments):
+    values = {"event": [{"time_s": time_s, "kind": "goal-stops"} for time_s in times_s]}
+    merged = merge_into_toml(COMMENTED, values)
+    assert tomllib.loads(merged) == values
+    assert [line.rpartition("# ")[2] for line in merged.splitlines() if "#" in line] == comments
+
+
 numbers = st.floats(-1e6, 1e6, allow_nan=False) | st.integers(-(10**6), 10**6)
 
 
@@ -56,7 +88,7 @@ def test_any_edit_is_read_back(data):
 
 
 def test_a_value_without_a_form_in_toml_is_refused():
-    with pytest.raises(ValueError, match="no form in a scenario file"):
+    with pytest.raises(ValueError, match="seed is None, which has no form in a scenario file"):
         merge_into_toml(TEXT, document() | {"seed": None})
 
 
@@ -114,3 +146,18 @@ def test_code_and_files_from_elsewhere_are_refused(tmp_path):
     values = document() | {"wind": {"field": "../winds.nc"}}
     with pytest.raises(ScenarioError, match=r"wind\.field.*a file in the folder"):
         folder.scenario(values)
+    values["wind"]["field"] = {"path": "/etc/hostname", "sha256": "0" * 64}
+    with pytest.raises(ScenarioError, match=r"wind\.field\.path.*a file in the folder"):
+        folder.scenario(values)
+    for begun in ({"path": "/etc/passwd", "sha256": "0" * 64}, None):
+        with pytest.raises(ScenarioError, match=r"wind\.field\.path.*a file in the folder"):
+            DocumentFolder(tmp_path, wind_field=begun).scenario(values)
+    values["wind"].pop("speed_m_s", None)
+    DocumentFolder(tmp_path, wind_field=values["wind"]["field"]).scenario(values)
+
+
+@pytest.mark.parametrize("value", ["inf", "nan", "2026-11-26", "[1, {a = 12:30:00}]"])
+def test_a_file_with_a_value_of_no_key_is_not_opened(tmp_path, value):
+    (tmp_path / "odd.toml").write_text(f"{TEXT}\n[extra]\nvalue = {value}\n")
+    with pytest.raises(ScenarioError, match=r"extra\.value.*expected a text, a finite number"):
+        DocumentFolder(tmp_path).read("odd.toml")

@@ -5,10 +5,14 @@ import time
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import anser
 from anser.config.shipped_files import shipped_files
+from anser.scenario.build import _motion, motion_after_events
+from anser.scenario.schema_aircraft import Goal
+from anser.scenario.schema_airspace import Event
 from support.chromium import Chromium, skip_without_chromium
 
 skip_without_chromium()
@@ -31,7 +35,7 @@ def page(tmp_path_factory):
     server = LiveServer(DOCUMENT, folder)
     try:
         with Chromium(tmp_path_factory.mktemp("browser"), software=True) as browser:
-            browser.folder = folder
+            browser.folder, browser.url = folder, server.url
             browser._ask("Page.navigate", url=server.url)
             wait_for(browser, "location.protocol === 'http:' && window.live?.answer?.status === 'planned'")
             yield browser
@@ -207,16 +211,181 @@ def test_a_prescribed_arrival_time_begins_with_that_of_the_plan(page):
     answered(page)
 
 
+def test_the_reason_of_an_invalid_first_answer_is_shown(page):
+    answered(page)
+    nameless = json.loads(json.dumps(DOCUMENT))
+    nameless["aircraft"][1]["name"] = ""
+    study = tomllib.loads(shipped_files()["how-surely"].read_text(encoding="utf-8"))
+    assert "vary" in study
+    for document in (
+        nameless,
+        study,
+        DOCUMENT | {"goal": [{"name": "a", "kind": "surface", "waypoints": []}]},
+        {"aircraft": 3},
+    ):
+        page.run(f"live.opened({json.dumps(document)}, null)")
+        answered(page)
+        shown = "[live.invalid, live.answer, document.querySelector('#answer .head').textContent]"
+        assert page.run(shown) == [True, None, "Not a valid scenario"]
+        assert len(page.run("document.querySelector('#answer .problem').textContent")) > 20
+        assert page.faults == []
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+    assert page.run("live.answer.status") == "planned"
+
+
+def flown(goal, events, times_s):
+    """Positions of a goal in a flight with events: north, east and altitude, m."""
+    goal, events = Goal(**goal), [Event(**event) for event in events]
+    motion = motion_after_events(goal, _motion(goal), events)
+    return [[north, east, -down] for north, east, down in (motion.position_n(time_s).tolist() for time_s in times_s)]
+
+
+def test_goals_move_on_the_page_as_in_flight(page):
+    straight = {"name": "a", "kind": "airborne", "north_m": 100.0, "east_m": -50.0, "altitude_m": 900.0}
+    straight |= {"speed_m_s": 12.0, "course_deg": 30.0, "climb_rate_m_s": 1.5}
+    legs = [(0.0, 0.0, 0.0, 500.0), (40.0, 400.0, 100.0, 620.0), (90.0, 300.0, 700.0, 620.0)]
+    route = {
+        "name": "a",
+        "kind": "airborne",
+        "waypoints": [dict(zip(("time_s", "north_m", "east_m", "altitude_m"), leg, strict=True)) for leg in legs],
+    }
+    turn, stop = {"kind": "goal-turns", "goal": "a"}, {"kind": "goal-stops", "goal": "a"}
+    first, second = (
+        turn | {"time_s": 20.0, "course_deg": 90.0, "speed_m_s": 5.0},
+        turn | {"time_s": 50.0, "course_deg": -200.0},
+    )
+    cases = [
+        (first, second),
+        (second, first),
+        (stop | {"time_s": 30.0}, second),
+        (turn | {"time_s": 40.0, "course_deg": 10.0},),
+        (),
+        (second,),
+        (turn | {"time_s": 95.0, "course_deg": 10.0},),
+    ]
+    times_s = [0.0, 19.0, 20.0, 45.0, 50.0, 80.0, 120.0]
+    for goal in (straight, route):
+        for events in cases:
+            places = page.run(
+                f"{json.dumps(times_s)}.map((time) => motionAt({json.dumps(goal)}, time, {json.dumps(events)})).map((one) => [one.north_m, one.east_m, one.altitude_m])"
+            )
+            np.testing.assert_allclose(places, flown(goal, events, times_s), atol=1e-3)
+    # "turns right by 90°" starts from the course at the played time
+    offered = page.run(
+        "(() => { const { flights, scenario } = live, { table } = scenario;"
+        f" scenario.table = {{ goal: [{json.dumps(straight)}], event: {json.dumps([first, stop | {'time_s': 60.0}])} }};"
+        " const courses = [10, 30, 70].map((time) => { flights.time = time; return flights._offers()[0][1].course_deg; });"
+        " scenario.table = table; flights.time = null; return courses; })()"
+    )
+    assert offered == [120, 180, 180]
+
+
+def test_the_steps_of_the_history_and_the_removal_of_a_table(page):
+    answered(page)
+    page.run("window.ask = live.requests.ask; live.requests.ask = () => {}")
+    events = [
+        {
+            "time_s": 9.0 + k,
+            "kind": "keep-out-appears",
+            "keep_out": {
+                "name": f"cell-{k}",
+                "north_m": 900.0 * k,
+                "east_m": 0.0,
+                "radius_m": 300.0,
+                "speed_m_s": 10.0,
+            },
+        }
+        for k in range(3)
+    ]
+    table = DOCUMENT | {"event": events, "gust": [{"time_s": 3.0}], "excitation": [{"begin_s": 1.0}]}
+    page.run(f"live.opened({json.dumps(table)}, null); live.drawNow()")
+    count = page.run("live.scenario.list('goal').length")
+    # Delete without a handle or a summary in focus, then with one
+    page.run("document.querySelector('[data-key=\"goal[0]\"]').focus(); document.activeElement.blur()")
+    press(page, "Delete")
+    assert page.run("live.scenario.list('goal').length") == count
+    page.run("document.querySelector('[data-key=\"event[1].keep_out\"]').focus()")
+    press(page, "Delete")
+    assert page.run("live.scenario.list('event').map((one) => one.time_s)") == [9.0, 11.0]
+    assert page.run("['gust', 'excitation'].map((key) => live.scenario.list(key).length)") == [1, 1]
+    page.run("document.querySelector('#inputs summary[data-path=\"goal[2]\"]').focus()")
+    press(page, "Delete")
+    assert page.run("live.scenario.list('goal').length") == count - 1
+    # the keep-out of an event begins where it appears
+    radius = "document.querySelector('#map .ground circle.keep-out')"
+    assert page.run(
+        "(() => { live.flights.rows = new FlightRows('x'); live.flights.rows.time_s = [0, 40]; live.flights.time = 19;"
+        f" live.drawNow(); const y = Number({radius}.getAttribute('cy'));"
+        " Object.assign(live.flights, { rows: null, time: null }); return live.map.position(0, y).north_m; })()"
+    ) == pytest.approx(100.0, abs=1.0 + 0.1 / page.run("live.map.view.scale"))
+    # a name that another aircraft has
+    names = page.run("live.scenario.list('aircraft').map((one) => one.name)")
+    field = "live.inputs.fields.get('aircraft[1].name').input"
+    page.run(f"{field}.value = {json.dumps(names[0])}; {field}.dispatchEvent(new Event('change'))")
+    assert page.run("live.scenario.list('aircraft').map((one) => one.name)") == names
+    assert page.run(f"{field}.value") == names[1]
+    assert f"another aircraft has the name {names[0]}" in page.run("live.status.textContent")
+    # several changes are one step, also of a full history
+    page.run("for (let k = 0; k < 120; k++) live.scenario.edit((table) => { table.seed = k; })")
+    before = page.run("JSON.stringify(live.scenario.table)")
+    page.run("live.add('pair'); live.scenario.undo()")
+    assert page.run("JSON.stringify(live.scenario.table)") == before
+    # an edit while a save is on its way
+    page.run("live.scenario.saved('a.toml', JSON.stringify(live.scenario.table))")
+    assert page.run("live.scenario.changed") is False
+    page.run("live.scenario.saved('a.toml', 'another text')")
+    assert page.run(
+        "[live.scenario.changed, JSON.parse(sessionStorage.getItem(live.scenario.storageKey)).changed]"
+    ) == [True, True]
+    page.run("live.requests.ask = ask")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
+def test_another_arrival_rule_leaves_no_key_of_the_former(page):
+    answered(page)
+    page.run("window.ask = live.requests.ask; live.requests.ask = () => {}")  # another rule has other programs
+    names = [aircraft["name"] for aircraft in DOCUMENT["aircraft"]]
+    full = DOCUMENT | {"arrival": {"rule": "sequence", "spacing_s": 9.0, "order": names, "time_s": 70.0}}
+    full["aircraft"] = [
+        aircraft | {"arrive_s": 70.0, "arrive_from_s": 60.0, "arrive_to_s": 80.0} for aircraft in full["aircraft"]
+    ]
+    page.run(f"live.opened({json.dumps(full)}, null); live.drawNow()")
+    keys = {
+        "at": {"time_s"},
+        "sequence": {"spacing_s", "order"},
+        "times": {"arrive_s"},
+        "windows": {"arrive_from_s", "arrive_to_s"},
+    }
+    for rule in ("earliest", "together", *keys):
+        kept = page.run(
+            "(() => { const { input } = live.inputs.fields.get('arrival.rule'), { scenario } = live;"
+            f" input.value = '{rule}'; input.dispatchEvent(new Event('change'));"
+            " const kept = [...Object.keys(scenario.table.arrival), ...scenario.list('aircraft').flatMap(Object.keys)];"
+            " const steps = scenario.done.length; scenario.undo(); return [kept, steps]; })()"
+        )
+        assert kept[1] == 1
+        assert {key for key in kept[0] if key.startswith("arrive_") or key in full["arrival"]} == {"rule"} | keys.get(
+            rule, set()
+        )
+        assert page.run("JSON.stringify(live.scenario.table)") == page.run(f"JSON.stringify({json.dumps(full)})")
+    page.run("live.requests.ask = ask")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
 def test_flown_tracks_vanish_when_the_scenario_changes_and_fade_while_it_is_flown(page):
     answered(page)
     page.run(
-        "live.flights.flownText = JSON.stringify(live.scenario.table);"
-        "live.flights.rows = Object.assign(new FlightRows(), { names: ['one'], time_s: [0, 9],"
+        "live.flights.rows = Object.assign(new FlightRows(JSON.stringify(live.scenario.table)),"
+        " { names: ['one'], time_s: [0, 9],"
         " north_m: [[0, 500]], east_m: [[0, 90]], altitude_m: [[300, 300]] });"
         "live.flights.time = 9; live.drawNow()"
     )
     assert page.run("document.querySelectorAll('#map .flown[stroke]').length") >= 1
-    page.run("live.flights.number = 7; live.scenario.set('wind.speed_m_s', 2); live.drawNow()")
+    page.run("live.flights.number = 7; live.flights.incoming = live.flights.rows")
+    page.run("live.scenario.set('wind.speed_m_s', 2); live.drawNow()")
     assert "the scenario before the change" in page.run("document.querySelector('.legend').textContent")
     assert page.run("document.querySelector('#map .of-flight').classList.contains('outdated')")
     page.run("live.flights.number = 0; live.scenario.set('wind.speed_m_s', 3); live.drawNow()")
@@ -381,10 +550,10 @@ def test_an_attempt_beyond_its_limits_is_not_drawn(page):
 def test_after_a_flight_the_header_has_two_rows_and_the_scene_moves(page):
     answered(page)
     page.run(
-        "live.flights.flownText = JSON.stringify(live.scenario.table);"
         "live.flights.known = [{ id: 'a', report: 'report/a', name: '✓ ' + 'met at '.repeat(12) }];"
         "live.flights._choose(live.flights.known[0]); live.say('met at '.repeat(12));"
-        "live.flights.rows = Object.assign(new FlightRows(), { names: live.answer.aircraft.map((one) => one.name),"
+        "live.flights.rows = Object.assign(new FlightRows(JSON.stringify(live.scenario.table)),"
+        " { names: live.answer.aircraft.map((one) => one.name),"
         " time_s: [0, 40, 80], ...Object.fromEntries(['north_m', 'east_m', 'altitude_m'].map((axis) =>"
         " [axis, live.answer.aircraft.map(({ track }) => [0, 0.5, 1].map((part) =>"
         " track[axis][Math.round(part * (track[axis].length - 1))]))])) });"

@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 
 import anser
 from anser.config.shipped_files import shipped_files
+from anser.live.documents import DocumentFolder
 from anser.live.messages import SIZE_MAX
 from anser.live.server import LiveServer
 
@@ -120,6 +121,22 @@ def send_mutations(server, count, seed):
                 page.send('{"type":"files","number":99}')
                 while receive(page, "files")["number"] != 99:
                     pass
+
+
+def test_a_file_with_a_date_or_a_message_without_json_is_told_and_the_socket_lives(server, monkeypatch):
+    file = server.workbench.folder.path / "odd.toml"
+    file.write_text("[extra]\nday = 2026-11-26\n")
+    with open_socket(server) as page:
+        receive(page, "welcome")
+        page.send('{"type":"open","number":1,"name":"odd.toml"}')
+        assert "extra.day: given 2026-11-26 (date)" in receive(page, "failed")["problems"][0]["text"]
+        monkeypatch.setattr(DocumentFolder, "names", lambda folder: [float("nan")])
+        page.send('{"type":"files","number":2}')
+        assert receive(page, "failed")["number"] == 2
+        monkeypatch.undo()
+        file.unlink()
+        page.send('{"type":"files","number":3}')
+        assert receive(page, "files")["number"] == 3
 
 
 def test_malformed_messages_are_refused_and_the_server_lives(server):

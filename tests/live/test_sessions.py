@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from anser.config.shipped_files import shipped_files
-from anser.live import messages, sessions
+from anser.live import answers, messages, sessions
 from anser.live.documents import DocumentFolder
 
 DOCUMENT = tomllib.loads(shipped_files()["storm-sampling"].read_text(encoding="utf-8"))
@@ -121,6 +121,47 @@ def test_a_page_that_was_loaded_anew_gets_no_answer_to_a_request_of_the_old_one(
     wait_for(lambda: new)
     assert [message["number"] for message in new if message["type"] == "plan"] == [1]
     assert not [message for message in old if message["type"] == "plan"]
+
+
+def document_at(rule, time_s):
+    return DOCUMENT | {"arrival": {"rule": rule} | ({} if time_s is None else {"time_s": time_s})}
+
+
+def test_arrival_times_that_are_too_early_come_with_the_earliest(bench, monkeypatch):
+    monkeypatch.setattr(answers, "build_flight", lambda scenario, pad_fleet: None)
+    # the times at which each aircraft can arrive, as the planner finds them
+    monkeypatch.setattr(answers, "possible_arrivals", lambda scenario, flight: [((90.04, 300.0),)] * 4)
+    answer, _ = bench.new_session()._planned(document_at("at", 20.0), lambda text: None)
+    (problem,) = answer["problems"]
+    expected = "expected at least 90.1 s, the earliest time at which all can arrive, each by itself"
+    assert problem["text"].endswith(f"given 20; {expected}")
+    late_s = DOCUMENT["timing"]["duration_s"] - 1.0
+    aircraft = [dict(table, arrive_s=5.0 if k == 1 else late_s) for k, table in enumerate(DOCUMENT["aircraft"])]
+    document = DOCUMENT | {"arrival": {"rule": "times"}, "aircraft": aircraft}
+    answer, _ = bench.new_session()._planned(document, lambda text: None)
+    (problem,) = answer["problems"]
+    assert problem["keys"] == ["aircraft[1].arrive_s"]
+    assert problem["text"].endswith(f'the earliest time at which "{aircraft[1]["name"]}" can arrive by itself')
+    # a time that is not too early keeps its reason
+    monkeypatch.setattr(answers, "possible_arrivals", lambda scenario, flight: [((10.0, 300.0),)] * 4)
+    answer, _ = bench.new_session()._planned(document_at("at", 20.0), lambda text: None)
+    assert "no sooner, straight at limits.speed_max_m_s" in answer["problems"][0]["text"]
+
+
+@pytest.mark.parametrize(
+    ("rule", "time_s", "reason"),
+    [
+        ("earliest", 80.0, 'rule = "at", or no time_s'),
+        ("at", 5999.0, "duration_s"),
+        ("at", "x", "a number"),
+        ("at", None, "needs"),
+    ],
+)
+def test_other_problems_of_arrival_times_keep_their_reasons(bench, monkeypatch, rule, time_s, reason):
+    monkeypatch.setattr(sessions, "advised_answer", None)  # not called
+    answer, _ = bench.new_session()._planned(document_at(rule, time_s), lambda text: None)
+    assert answer["status"] == "invalid"
+    assert reason in answer["problems"][0]["text"]
 
 
 def test_a_new_flight_stops_the_one_before(bench, monkeypatch):

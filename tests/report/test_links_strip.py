@@ -46,6 +46,17 @@ def test_the_strip_has_a_bar_for_each_link(dataset):
         pytest.fail(invalid_number)
 
 
+def test_the_strip_of_a_large_fleet_says_that_pairs_are_left_out(dataset):
+    assert "pairs" not in links_strip(dataset)
+    names = [f"uav-{k}" for k in range(11)]
+    time = np.linspace(0.0, 10.0, 3)
+    large = xr.Dataset(
+        {"heard_from": (("time", "aircraft"), np.zeros((3, 11), dtype=np.int32))},
+        coords={"time": time, "aircraft": names},
+    )
+    assert "first 45 of 55 pairs" in links_strip(large)
+
+
 def test_a_fleet_with_a_centre_has_no_strip(dataset):
     assert links_strip(dataset.drop_vars("heard_from")) == ""
 

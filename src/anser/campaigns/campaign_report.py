@@ -22,6 +22,7 @@ from anser.report.campaign_data import CampaignReport, ReplayedFlight, SeriesBan
 from anser.report.campaign_figures import draw_campaign
 from anser.report.campaign_page import write_campaign_report
 from anser.report.exports.tables import has_parquet, write_campaign_tables
+from anser.report.labels import printed_unit
 from anser.results.checksums import DamagedFileError
 from anser.results.flight_rows import FlightRow
 from anser.results.netcdf import read_netcdf
@@ -54,9 +55,9 @@ def series_bands(
             continue
         values = data[variable.name].sel(flight=flights).isel(aircraft=slice(len(names)), time=time_indices).values
         bands = quantiles_over(values, circular=variable.unit == "degree")
-        label = "" if variable.unit == "1" else variable.unit
+        unit = printed_unit(variable.unit)
         bands_by_variable.append(
-            SeriesBands(variable.name, variable.long_name, label, times[time_indices], tuple(names), bands)
+            SeriesBands(variable.name, variable.long_name, unit, times[time_indices], tuple(names), bands)
         )
     return tuple(bands_by_variable)
 

@@ -7,6 +7,7 @@ import difflib
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -110,7 +111,7 @@ def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) ->
     if not loc:
         return problem
     path = f"{_path(loc)}.{problem.path}" if problem.path else _path(loc)
-    return Problem(path, problem.arrived, problem.expected, problem.subject or _subject(loc, raw))
+    return replace(problem, path=path, subject=problem.subject or _subject(loc, raw))
 
 
 def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> tuple[Problem, str]:

@@ -25,13 +25,14 @@ from anser.results.documents import finite_or_none
 from anser.results.plan_record import ClosestApproach, PlanSamples, limit_columns
 from anser.scenario.build import build_flight
 from anser.scenario.schema import Scenario
+from anser.scenario.schema_reach import EarlyArrival
 
 _SAMPLES_MAX = 160  # samples of a track on the page
 _HOLD_SAMPLES = 60
 _COORDINATES = {"north_m": "north", "east_m": "east", "altitude_m": "altitude"}
 
 _ARRIVAL_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
-_ARRIVAL_PATHS = re.compile(r"arrival\.time_s|aircraft\[(?P<index>\d+)\]\.arrive_(?:s|from_s|to_s)")
+_AIRCRAFT_PATH = re.compile(r"aircraft\[(\d+)\]")
 
 Position = dict[str, float]
 Answer = dict[str, Any]
@@ -84,9 +85,9 @@ def invalid_answer(error: ScenarioError) -> Answer:
 def without_arrival_times(values: dict[str, Any], error: ScenarioError) -> dict[str, Any] | None:
     """Return a copy of a document with earliest arrivals in place of prescribed arrival times.
 
-    None if a problem concerns anything other than the prescribed arrival times.
+    None if a problem is another one than an arrival time that is too early.
     """
-    if not all(_ARRIVAL_PATHS.fullmatch(problem.path) for problem in error.problems):
+    if not all(isinstance(problem, EarlyArrival) for problem in error.problems):
         return None
     aircraft = [
         {key: entry for key, entry in table.items() if key not in _ARRIVAL_KEYS} for table in values["aircraft"]
@@ -102,10 +103,11 @@ def advised_answer(error: ScenarioError, scenario: Scenario) -> Answer:
     arrivals = possible_arrivals(scenario, build_flight(scenario, pad_fleet=True))
     answer = invalid_answer(error)
     for k, problem in enumerate(error.problems):
-        row = _ARRIVAL_PATHS.fullmatch(problem.path)
-        index = None if row is None or row["index"] is None else int(row["index"])
+        assert isinstance(problem, EarlyArrival)
+        row = _AIRCRAFT_PATH.match(problem.path)
+        index = None if row is None else int(row[1])
         earliest_s = earliest_common_time(arrivals if index is None else arrivals[index : index + 1], 0.0)
-        if earliest_s is not None:
+        if earliest_s is not None and problem.given_s < earliest_s:
             subject = "all can arrive, each" if index is None else f'"{scenario.aircraft[index].name}" can arrive'
             expected = f"at least {earliest_s:.1f} s, the earliest time at which {subject} by itself"
             answer["problems"][k] = invalid_problem(dataclasses.replace(problem, expected=expected))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -21,11 +22,13 @@ _SUFFIX = ".toml"
 class DocumentFolder:
     """The folder in which the page reads and writes scenarios.
 
-    `parts` is the table `[parts]` of the scenario that the server was started with: no other code is imported.
+    `parts` and `wind_field` are the table `[parts]` and the entry `wind.field` of the scenario that the server was
+    started with: no other code is imported, and no other file from outside the folder is read.
     """
 
     path: Path
     parts: Mapping[str, Any] | None = None
+    wind_field: Any = None
 
     def names(self) -> list[str]:
         """Return the names of the scenario files in the folder, sorted."""
@@ -34,11 +37,17 @@ class DocumentFolder:
     def read(self, name: str) -> tuple[str, dict[str, Any]]:
         """Return text and values of a scenario file.
 
-        Raises ScenarioError if the name is not that of a scenario file in the folder, or if the text is not TOML.
+        Raises ScenarioError if the name is not that of a scenario file in the folder, if the text is not TOML, or if it
+        has a value that no key of a scenario takes.
         """
         path = self._file(name)
         text = read_text(path)
-        return text, parse_scenario(text, name)
+        values = parse_scenario(text, name)
+        expected = "a text, a finite number, true, false, a list or a table"
+        problems = [Problem(key_path, describe_value(value), expected) for key_path, value in _foreign_values(values)]
+        if problems:
+            raise ScenarioError(name, problems)
+        return text, values
 
     def scenario(self, values: dict[str, Any]) -> Scenario:
         """Validate a document. Raises ScenarioError, also for a file outside the folder and for foreign code."""
@@ -86,49 +95,52 @@ class DocumentFolder:
         fleet = values.get("aircraft")
         if isinstance(fleet, list) and len(fleet) > AIRCRAFT_MAX:
             yield Problem("aircraft", f"{len(fleet)} aircraft", f"at most {AIRCRAFT_MAX} on the live page")
-        for key_path, text in _file_paths(values):
-            if not self._is_inside(self.path / text):
+        wind = values.get("wind")
+        field = wind.get("field") if isinstance(wind, dict) else None
+        for key_path, text in _entries(values):
+            is_file = key_path.rpartition(".")[2] in ("airframe", "sounding", "field") or key_path == "wind.field.path"
+            is_first_field = key_path.startswith("wind.field") and field == self.wind_field
+            if isinstance(text, str) and is_file and not is_first_field and not self._is_inside(self.path / text):
                 yield Problem(key_path, describe_value(text), f"a file in the folder {self.path.name}")
 
 
-def _file_paths(value: Any, key_path: str = "") -> Iterator[tuple[str, str]]:
-    """Yield key path and text of each entry that names an aircraft file, a sounding or a wind field."""
+def _entries(value: Any, key_path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield key path and value of each entry of a document, tables and lists included."""
+    if key_path:
+        yield key_path, value
     if isinstance(value, dict):
         for key, entry in value.items():
-            entry_path = f"{key_path}.{key}".removeprefix(".")
-            if key in ("airframe", "sounding", "field") and isinstance(entry, str):
-                yield entry_path, entry
-            yield from _file_paths(entry, entry_path)
+            yield from _entries(entry, f"{key_path}.{key}".removeprefix("."))
     elif isinstance(value, list):
         for k, entry in enumerate(value):
-            yield from _file_paths(entry, f"{key_path}[{k}]")
+            yield from _entries(entry, f"{key_path}[{k}]")
+
+
+def _foreign_values(values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield key path and value of each entry that no key of a scenario takes: dates, infinite numbers, nothing."""
+    for key_path, value in _entries(values):
+        if not isinstance(value, dict | list | str | int | float) or (
+            isinstance(value, float) and not math.isfinite(value)
+        ):
+            yield key_path, value
 
 
 def merge_into_toml(text: str, values: dict[str, Any]) -> str:
     """Return TOML with the values of a document; comments, order and number formats of `text` stay where values stay.
 
-    Entries of a list of tables are matched by name. Raises ValueError if a value has no form in TOML.
+    Tables of a list are matched by name, those without a name by value, else by position. Raises ValueError if a value
+    has no form in TOML.
     """
     import tomlkit
 
-    _must_be_plain(values)
+    for key_path, value in _foreign_values(values):
+        raise ValueError(f"{key_path} is {value}, which has no form in a scenario file; expected the key left out")
     document = tomlkit.parse(text)
     _update_table(document, values)
     merged = tomlkit.dumps(document)
     if parse_scenario(merged, "the merged text") != values:
         raise ValueError("the document could not be written into the text of the file that was opened")
     return merged
-
-
-def _must_be_plain(value: Any) -> None:
-    if isinstance(value, dict):
-        for entry in value.values():
-            _must_be_plain(entry)
-    elif isinstance(value, list):
-        for entry in value:
-            _must_be_plain(entry)
-    elif value is None or (isinstance(value, float) and not math.isfinite(value)):
-        raise ValueError(f"a document holds {value}, which has no form in a scenario file; expected the key left out")
 
 
 def _is_table_list(value: Any) -> TypeGuard[list[dict[str, Any]]]:
@@ -166,22 +178,30 @@ def _is_same(present: Any, value: Any) -> bool:
 
 
 def _update_table_list(tables: Any, values: list[dict[str, Any]]) -> None:
-    """Change a list of tables in place: tables with a name that stays keep their comments."""
-    names = [value.get("name") for value in values]
-    for k in reversed(range(len(tables))):
-        if tables[k].get("name") not in names:
-            del tables[k]
-    present = {table.get("name"): k for k, table in enumerate(tables)}
-    is_in_order = [present[name] for name in names if name in present] == sorted(present.values())
-    if not is_in_order or len(present) != len(tables) or len(set(names)) != len(names):
-        while len(tables):
-            del tables[0]
-        present = {}
-    for k, value in enumerate(values):
-        if value.get("name") in present:
-            _update_table(tables[k], value)
-        else:
-            tables.insert(k, _new_table(value))
+    """Change a list of tables in place: tables that stay keep their comments."""
+    former, present = ([_identity(table) for table in rows] for rows in (tables.unwrap(), values))
+    changes = SequenceMatcher(None, former, present, autojunk=False).get_opcodes()
+    for kind, begin, end, value_begin, value_end in reversed(changes):  # from the end: the numbers before it stay
+        for n in reversed(range(max(end - begin, value_end - value_begin))):
+            k, j = begin + n, value_begin + n
+            is_named = k >= end or j >= value_end or isinstance(former[k], str) or isinstance(present[j], str)
+            if kind == "equal" or not is_named:
+                _update_table(tables[k], values[j])
+                continue
+            if k < end:
+                del tables[k]
+            if j < value_end:
+                tables.insert(min(k, end), _new_table(values[j]))
+
+
+def _identity(value: Any) -> Any:
+    """Return the name of a table, otherwise its content in a form that can be compared and hashed."""
+    if isinstance(value, dict):
+        name = value.get("name")
+        if isinstance(name, str):
+            return name
+        return frozenset((key, _identity(entry)) for key, entry in value.items())
+    return tuple(map(_identity, value)) if isinstance(value, list) else value
 
 
 def _new_table(values: Mapping[str, Any]) -> Any:

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import hmac
-import json
 import secrets
 import socket
 import threading
@@ -116,7 +115,7 @@ def make_app(workbench: Workbench, port: int, token: str, ancestors: str = "") -
 
 async def _answer_messages(workbench: Workbench, websocket: WebSocket) -> None:
     """Answer the messages of a page until its socket closes."""
-    queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+    queue: asyncio.Queue[str] = asyncio.Queue()
     send = queue_sender(asyncio.get_running_loop(), queue)
     session = workbench.new_session()
     session.attach(send)
@@ -124,8 +123,7 @@ async def _answer_messages(workbench: Workbench, websocket: WebSocket) -> None:
     async def write() -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the socket closes while a message is sent
             while True:
-                message = await queue.get()
-                await websocket.send_text(json.dumps(message, allow_nan=False, separators=(",", ":")))
+                await websocket.send_text(await queue.get())
 
     writer = asyncio.create_task(write())
     try:
@@ -190,7 +188,7 @@ class LiveServer:
         in_notebook: bool = False,
         prepares: bool = False,
     ) -> None:
-        documents = DocumentFolder(folder, document.get("parts"))
+        documents = DocumentFolder(folder, document.get("parts"), dict(document.get("wind") or {}).get("field"))
         documents.scenario(dict(document))  # raises ScenarioError before anything is served
         self.workbench = Workbench(documents, name, dict(document))
         if prepares:

@@ -1,6 +1,7 @@
 """One page's session: requests are answered by worker threads, the newest plan first, without blocking other pages."""
 
 import asyncio
+import json
 import secrets
 import threading
 import time
@@ -345,7 +346,7 @@ class Session:
 
 
 def _finite(values: np.ndarray) -> list[float | None]:
-    """Return values for the page, to a millimetre; None for an aircraft that has left the fleet."""
+    """Return values for the page, to a millimetre; None for a value that is not finite."""
     return [round(float(value), 3) if np.isfinite(value) else None for value in values]
 
 
@@ -439,11 +440,15 @@ class _Progress:
                 self._tell({"type": "preliminary", "number": self._number, "answer": preliminary})
 
 
-def queue_sender(loop: asyncio.AbstractEventLoop, queue: "asyncio.Queue[dict[str, Any]]") -> Send:
-    """Return a callback that puts messages into a queue of an event loop, from any thread."""
+def queue_sender(loop: asyncio.AbstractEventLoop, queue: "asyncio.Queue[str]") -> Send:
+    """Return a callback that puts messages as JSON into a queue of an event loop, from any thread.
+
+    The callback raises ValueError or TypeError for a value without a form in JSON.
+    """
 
     def send(message: dict[str, Any]) -> None:
+        text = json.dumps(message, allow_nan=False, separators=(",", ":"))
         if not loop.is_closed():
-            loop.call_soon_threadsafe(queue.put_nowait, message)
+            loop.call_soon_threadsafe(queue.put_nowait, text)
 
     return send

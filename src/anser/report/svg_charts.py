@@ -161,7 +161,8 @@ def links_strip(dataset: xr.Dataset) -> "Markup | str":
     """Return a chart of links and quality of service over time; empty for a fleet with a central planner."""
     if "heard_from" not in dataset:
         return ""
-    time, pairs = dataset["time"].values, list(pair_links(dataset).items())[:_PAIRS_MAX]
+    time, pairs = dataset["time"].values, list(pair_links(dataset).items())
+    count, pairs = len(pairs), pairs[:_PAIRS_MAX]
     end, rows_height = float(time[-1]) or 1.0, _LINKS_ROW * len(pairs)
     x = _scale(0.0, end, _LINKS_NAMES_WIDTH, _LINKS_WIDTH - _LINKS_RIGHT)
     return render(
@@ -182,6 +183,7 @@ def links_strip(dataset: xr.Dataset) -> "Markup | str":
         quality=_quality(recorded_table(dataset, "network").get("series"), rows_height + 10, x),
         ticks=[{"x": x(t), "label": f"{t:.0f}"} for t in np.linspace(0.0, end, 7)],
         title_x=x(0.5 * end),
+        left_out=f"first {len(pairs)} of {count} pairs" if count > len(pairs) else "",
     )
 
 

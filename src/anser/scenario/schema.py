@@ -176,7 +176,7 @@ class Scenario(ScenarioTables):
         problems = [*naming_problems, *(problem for check in applicable for problem in check(self))]
         if problems or self.wind.field is not None:  # the wind of a field is not known here: the planner refuses
             return problems
-        return reach_problems(self) or arrival_time_problems(self)
+        return reach_problems(self) or [*arrival_time_problems(self)]
 
     def __eq__(self, other: object) -> bool:
         """Whether another scenario is the same: a written value in place of one that follows from the aircraft counts.

@@ -98,12 +98,19 @@ def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[P
     return problems
 
 
-def arrival_time_problems(scenario: ScenarioTables) -> list[Problem]:
+@dataclass(frozen=True)
+class EarlyArrival(Problem):
+    """An arrival time that is too early for any flight within the limits."""
+
+    given_s: float = 0.0  #: The arrival time, s.
+
+
+def arrival_time_problems(scenario: ScenarioTables) -> list[EarlyArrival]:
     """List arrival times that are too early even for a straight flight at the greatest airspeed and tail wind.
 
     For a window the end counts. `reach_problems` has found no problem, so every goal is reached within the flight.
     """
-    worst: dict[str, tuple[float, Problem]] = {}
+    worst: dict[str, tuple[float, EarlyArrival]] = {}
     arrival = scenario.arrival
     for index, aircraft in enumerate(scenario.aircraft):
         key = "arrive_s" if arrival.rule == "times" else "arrive_to_s"
@@ -119,7 +126,10 @@ def arrival_time_problems(scenario: ScenarioTables) -> list[Problem]:
                 f'at least {math.ceil(10.0 * earliest_s) / 10.0:.1f} s: "{aircraft.name}" gets to goal '
                 f'"{aircraft.goal}" no sooner, straight at {fastest}, in this wind'
             )
-            worst[path] = earliest_s, Problem(path, format_number(required_s), expected, aircraft.label)
+            worst[path] = (
+                earliest_s,
+                EarlyArrival(path, format_number(required_s), expected, aircraft.label, given_s=required_s),
+            )
     return [problem for _, problem in worst.values()]
 
 

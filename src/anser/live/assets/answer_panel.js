@@ -2,6 +2,8 @@
 "use strict";
 
 const BARS_SHOWN = 10;
+/** Utilization of a limit, 1 at the limit; NaN without a value, infinite (null in an answer) beyond a limit of the other sign. */
+const utilizationOf = ({ utilization, bound }) => utilization ?? (bound === null ? NaN : Infinity);
 const HEADS = { planned: "Certified plan", refused: "No certified plan", invalid: "Not a valid scenario", searching: "No certified plan so far" };
 
 class AnswerPanel {
@@ -79,11 +81,11 @@ class AnswerPanel {
 
   /** Bars of the limits, the fullest first. */
   _margins(aircraft) {
-    const rows = aircraft.flatMap((one) => one.limits.map((limit) => ({ one, limit }))).filter(({ limit }) => Number.isFinite(limit.utilization));
-    rows.sort((a, b) => b.limit.utilization - a.limit.utilization);
+    const rows = aircraft.flatMap((one) => one.limits.map((limit) => ({ one, limit }))).map((row) => ({ ...row, share: utilizationOf(row.limit) })).filter(({ share }) => !Number.isNaN(share));
+    rows.sort((a, b) => (a.share === b.share ? 0 : b.share - a.share));
     const shown = this.all ? rows : rows.slice(0, BARS_SHOWN), list = element("ul", "bars");
-    for (const { one, limit } of shown) {
-      const share = limit.utilization, row = element("li", share > 1 + 1e-6 ? "over" : share > 0.9 ? "near" : ""), bar = element("span", "bar"), fill = element("i");
+    for (const { one, limit, share } of shown) {
+      const row = element("li", share > 1 + 1e-6 ? "over" : share > 0.9 ? "near" : ""), bar = element("span", "bar"), fill = element("i");
       fill.style.width = `${Math.min(100, Math.max(0, 100 * share))}%`;
       bar.append(fill);
       const swatch = element("span", "swatch"), name = element("span", "name");

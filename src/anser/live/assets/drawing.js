@@ -59,14 +59,14 @@ function roundUp(value) {
 }
 
 const roundTo = (value, step) => Number((Math.round(value / step) * step).toFixed(6));
-const radians = (degrees) => (degrees * Math.PI) / 180;
+const radians = (angle_deg) => (angle_deg * Math.PI) / 180, degrees = (angle) => (angle * 180) / Math.PI;
 const compassOf = (north, east) => (Math.round((Math.atan2(east, north) * 180) / Math.PI) + 360) % 360;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 /**
  * Handles of a picture. A handle has a key, a label, a position (x, y; pixels), a shape, and the functions `drag(x, y)`
  * and `nudge(right, up)`; `slider` holds least, greatest and present value of a handle with one degree of freedom, `area`
- * the radius (pixels) of a disc that is dragged as a whole.
+ * the radius (pixels) of a disc that is dragged as a whole, `select` list and index of the table that the key Delete removes.
  */
 class Handles {
   constructor(svg, page) {
@@ -80,7 +80,6 @@ class Handles {
     root.addEventListener("pointerrawupdate", (event) => { if (event.timeStamp - this.moved >= RAW_MS) this._move(event); });
     for (const type of ["pointerup", "pointercancel", "lostpointercapture"]) root.addEventListener(type, (event) => this._release(event));
     root.addEventListener("keydown", (event) => this._key(event));
-    root.addEventListener("focusin", (event) => this.page.select(this._of(event)?.select ?? null));
   }
 
   show(definitions) {
@@ -140,6 +139,7 @@ class Handles {
 
   _key(event) {
     const one = this._of(event), arrow = ARROWS[event.key];
+    if (event.key === "Delete" && one && !event.repeat) this.page.remove(one.select);
     if (!one || !arrow || this.page.fixed || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     const factor = event.shiftKey ? 10 : 1;

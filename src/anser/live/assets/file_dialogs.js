@@ -63,8 +63,7 @@ class FileDialogs {
         return;
       }
       this.written.add(message.name);
-      scenario.saved(message.name);
-      if (JSON.stringify(scenario.table) !== text) scenario.changed = true;
+      scenario.saved(message.name, text);
       page.say(`Saved as ${message.name}.`);
     });
   }

@@ -6,10 +6,10 @@ const ROWS_MAX = 20000, FLIGHTS_MAX = 30, EVENT_NAMES = {
   "keep-out-appears": (event) => `keep-out ${event.keep_out?.name} appears`, "thrust-lost": (event) => `${event.aircraft} has ${Math.round(100 * (event.thrust_left ?? 1))} % of the thrust`,
 };
 
-/** Rows of a flight: time, and north, east, altitude of each aircraft. */
+/** Rows of a flight: time, and north, east, altitude of each aircraft; `text` is the scenario that is flown. */
 class FlightRows {
-  constructor() {
-    Object.assign(this, { names: [], time_s: [], north_m: [], east_m: [], altitude_m: [] });
+  constructor(text) {
+    Object.assign(this, { text, names: [], time_s: [], north_m: [], east_m: [], altitude_m: [] });
   }
 
   get end() {
@@ -25,7 +25,7 @@ class FlightRows {
     const first = time_s.findIndex((time) => time > (this.time_s.at(-1) ?? -1));
     if (first < 0) return;
     this.time_s.push(...time_s.slice(first));
-    for (const axis of ["north_m", "east_m", "altitude_m"]) aircraft.forEach((one, k) => this[axis][k].push(...one[axis].slice(first)));
+    for (const axis of ["north_m", "east_m", "altitude_m"]) aircraft.forEach((one, k) => this[axis][k].push(...one[axis].slice(first).map((value) => value ?? NaN)));
   }
 
   /** Rows of an aircraft up to a time: its coordinates, their number, and the position and course at that time. */
@@ -75,7 +75,7 @@ class Flights {
     const number = connection.send("fly", { scenario: scenario.table, compare: this.known.at(-1)?.id ?? null }, (message) => this._ended(message, number));
     this.number = number;
     if (!number) return;
-    Object.assign(this, { incoming: new FlightRows(), from, waits: true, outdated: false, flownText: JSON.stringify(scenario.table) });
+    Object.assign(this, { incoming: new FlightRows(JSON.stringify(scenario.table)), from, waits: true, outdated: false });
     if (!this.rows) this.rows = this.incoming;
     this.time ??= 0;
     this.show("plan");
@@ -86,7 +86,7 @@ class Flights {
   /** The scenario has changed: tracks of the former one vanish, or fade as long as it is being flown. */
   changed() {
     if (!this.rows || this.adding) return;
-    const other = JSON.stringify(this.page.scenario.table) !== this.flownText;
+    const flown = this.number ? this.incoming : this.rows, other = flown.text !== JSON.stringify(this.page.scenario.table);
     if (other && !this.number) this.leave();
     else this.outdated = other;
   }
@@ -119,7 +119,7 @@ class Flights {
       this._choose(entry);
       this.page.say(message.verdict);
     } else if (message.type === "failed") this.page.fail(message.problems);
-    if (this.outdated) this.leave();
+    this.changed();
     if (!this.rows?.time_s.length) Object.assign(this, { rows: null, time: null });
     this.page.draw();
     this.draw();
@@ -129,6 +129,7 @@ class Flights {
   /** The connection is cut: the flight in progress may be lost. */
   cut() {
     this.number = 0;
+    this.changed();
     this.draw();
   }
 
@@ -225,7 +226,7 @@ class Flights {
       offers.push([`keep-out appears before ${name}`, { kind: "keep-out-appears", keep_out: { before: name } }]);
     }
     for (const goal of scenario.list("goal")) {
-      const turned = (Math.round((goal.course_deg || 0) + 90) + 360) % 360;
+      const turned = (Math.round(motionAt(goal, this.time, scenario.list("event")).course_deg + 90) + 360) % 360;
       offers.push([`${goal.name} turns right by 90°`, { kind: "goal-turns", goal: goal.name, course_deg: turned }], [`${goal.name} stops`, { kind: "goal-stops", goal: goal.name }]);
     }
     return offers;
@@ -256,10 +257,7 @@ class Flights {
       remove.type = "button";
       remove.setAttribute("aria-label", `Remove the event: ${item.textContent}`);
       remove.disabled = page.fixed;
-      remove.addEventListener("click", () => page.scenario.edit((table) => {
-        table.event.splice(k, 1);
-        if (!table.event.length) delete table.event;
-      }));
+      remove.addEventListener("click", () => page.remove({ key: "event", k }));
       item.append(remove);
       return item;
     }));

@@ -68,9 +68,9 @@ class Inputs {
     summary.dataset.path = path;
     box.open = this.opened.has(path);
     box.addEventListener("toggle", () => { if (box.open) this.opened.add(path); else this.opened.delete(path); });
-    summary.addEventListener("focus", () => page.select({ key, k }));
+    summary.addEventListener("keydown", (event) => { if (event.key === "Delete" && !event.repeat) page.remove({ key, k }); });
     const body = element("div", "fields");
-    body.append(this._name(key, table, k));
+    body.append(this._name(key, table, k, noun));
     if (key === "aircraft") body.append(this._choice(`${path}.goal`, "Goal", () => page.scenario.list("goal").map((goal) => [goal.name, goal.name])));
     if (key === "goal" && page.welcome) body.append(this._choice(`${path}.kind`, "Kind", () => page.welcome.goal_kinds.map((kind) => [kind, kind])));
     const extra = ARRIVAL_FIELDS[page.scenario.get("arrival.rule")] || [];
@@ -94,10 +94,15 @@ class Inputs {
     return label;
   }
 
-  _name(key, table, k) {
+  _name(key, table, k, noun) {
     const input = element("input"), path = `${key}[${k}].name`;
     Object.assign(input, { type: "text", value: table.name, maxLength: 60, autocomplete: "off" });
-    input.addEventListener("change", () => this.page.scenario.rename(key, k, input.value.trim()));
+    input.addEventListener("change", () => {
+      const name = input.value.trim(), { scenario } = this.page;
+      if (scenario.rename(key, k, name)) return;
+      input.value = scenario.get(path);
+      this.page.say(`${input.value} keeps its name: another ${noun} has the name ${name}.`);
+    });
     this.fields.set(path, { input, typed: true, show: () => { input.value = this.page.scenario.get(path) ?? ""; } });
     return this._label("Name", "", input, path, table.name);
   }
@@ -132,10 +137,17 @@ class Inputs {
 
   _rule(rules) {
     const group = element("section"), fields = element("div", "fields"), now = this.page.scenario.get("arrival.rule") ?? rules[0].value;
-    const change = (rule, event) => {  // a prescribed time begins with that of the plan, which exists
+    const change = (rule, event) => {
       const { scenario, answer } = this.page, last_s = answer?.status === "planned" ? answer.last_s : null;
-      if (rule === "at" && last_s && scenario.get("arrival.time_s") === undefined) scenario.set("arrival", { ...scenario.get("arrival"), rule, time_s: Math.ceil(10 * last_s) / 10 }, event);
-      else scenario.set("arrival.rule", rule, event);
+      const needed = rules.find((one) => one.value === rule).keys, others = rules.flatMap((one) => one.keys).filter((key) => !needed.includes(key));
+      scenario.edit((table) => {
+        const arrival = (table.arrival ??= {});
+        arrival.rule = rule;
+        for (const [owner, key] of others.map((path) => path.split("."))) {
+          for (const one of owner === "arrival" ? [arrival] : scenario.list("aircraft")) delete one[key];
+        }
+        if (rule === "at" && last_s) arrival.time_s ??= Math.ceil(10 * last_s) / 10; // of the plan, which exists
+      }, { merge: "arrival.rule", ...event });
     };
     fields.append(this._choice("arrival.rule", "Rule", () => rules.map(({ value, label }) => [value, label]), rules[0].value, change));
     fields.firstChild.className = "wide";

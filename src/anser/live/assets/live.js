@@ -6,9 +6,9 @@ const STATUS_MS = 500, SESSION = "anser live session";
 class LivePage {
   constructor({ colors, recording }) {
     const at = (id) => document.getElementById(id);
-    Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, searching: false, told: false, refit: false, welcome: null, selection: null, progress: null, message: "", frame: 0 });
+    Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, searching: false, told: false, refit: false, welcome: null, progress: null, message: "", frame: 0 });
     this.scenario = new Scenario();
-    this.session = recording ? null : sessionStorage.getItem(SESSION); // known to the server after a reload or a cut
+    this.session = recording ? null : TabStorage.get(SESSION); // known to the server after a reload or a cut
     this.latencies = new Latencies();
     this.connection = new Connection();
     this.requests = new PlanRequests(this.connection, this.scenario);
@@ -89,7 +89,7 @@ class LivePage {
     } else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "s") {
       event.preventDefault();
       this.files.save();
-    } else if (event.key === "Delete" && !typed && this.selection) this.remove(this.selection);
+    }
   }
 
   _connect() {
@@ -124,7 +124,7 @@ class LivePage {
   _welcome(message) {
     const before = this.scenario.table !== null;
     this.welcome = message;
-    if (!this.session) sessionStorage.setItem(SESSION, (this.session = message.session));
+    if (!this.session) TabStorage.set(SESSION, (this.session = message.session));
     if (before || this.scenario.restore()) this.scenario._tell(performance.now());
     else this.scenario.open(message.scenario, message.name);
     if (!this.map.fitted) this.map.fit();
@@ -158,7 +158,7 @@ class LivePage {
     Object.assign(this, { problems: answer.problems || [], searching: false, told: false });
     answer.drawn = (answer.aircraft || []).filter((one) => one.drawn !== false);
     this.invalid = answer.status === "invalid";
-    if (this.invalid && this.answer) return; // the last answer stays, in grey
+    if (this.invalid) return; // the last answer stays, in grey
     this.answer = answer;
     if (this.welcome && answer.sliders) Object.assign(this.welcome, { sliders: answer.sliders, templates: answer.templates });
     if (answer.status === "planned") this.certified = answer;
@@ -203,10 +203,6 @@ class LivePage {
     this.draw();
   }
 
-  select(selection) {
-    if (selection) this.selection = selection;
-  }
-
   /** Add an aircraft, a goal or a keep-out, or an aircraft together with a goal of its own ("pair"). */
   add(key) {
     const { scenario } = this, list = key === "pair" ? "aircraft" : key;
@@ -218,7 +214,6 @@ class LivePage {
     });
     const path = `${list}[${k}]`;
     this.inputs.opened.add(path);
-    this.select({ key: list, k });
     this.refit = true;
     if (!this.map.showsAll()) this.map.fit();
     this.drawNow();
@@ -263,9 +258,7 @@ class LivePage {
   }
 
   remove({ key, k }) {
-    if (!this.scenario.list(key)[k]) return;
-    this.selection = null;
-    this.scenario.remove(key, k);
+    if (this.scenario.list(key)[k]) this.scenario.remove(key, k);
   }
 
   nameOfKey(key) {
@@ -350,7 +343,8 @@ class LivePage {
       at("previous").disabled = k === 0;
       at("next").disabled = k === recording.length - 1;
       this.scenario.table = entry.scenario;
-      this._take(entry.answer);
+      Object.assign(this, { answer: null, certified: null });
+      recording.slice(0, k + 1).forEach((one) => this._take(one.answer)); // the last certified plan is that of an entry before
       this.drawNow();
     };
     slider.addEventListener("input", () => show(Number(slider.value)));

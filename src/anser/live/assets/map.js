@@ -160,7 +160,7 @@ class LiveMap {
   _keepOuts() {
     const { page } = this, time = page.playedTime;
     for (const { path, table, from } of page.keepOuts()) {
-      const at = positionAt(table, time ?? 0), radius = table.radius_m * this.view.scale, waits = from > (time ?? -1) && from > 0;
+      const at = motionAt(table, Math.max(0, (time ?? 0) - from)), radius = table.radius_m * this.view.scale, waits = from > (time ?? -1) && from > 0;
       this.ground.part(`keep-out ${path}`, "circle", { class: `keep-out${waits ? " later" : ""}`, cx: pixel(this.x(at.east_m)), cy: pixel(this.y(at.north_m)), r: pixel(Math.max(0, radius)) });
     }
   }
@@ -230,7 +230,7 @@ class LiveMap {
     });
     const events = page.scenario.list("event");
     for (const goal of page.scenario.list("goal")) {
-      const at = positionAt(goal, time, events);
+      const at = motionAt(goal, time, events);
       flown.part(`goal ${goal.name}`, "path", { class: "played-goal", d: SHAPES.square, transform: `translate(${pixel(this.x(at.east_m))} ${pixel(this.y(at.north_m))})` });
     }
   }
@@ -335,7 +335,7 @@ class LiveMap {
       const index = page.flight && page.playedTime !== null ? page.flight.names.indexOf(one.name) : -1, at = index >= 0 ? page.flight.until(index, time).here : one.start;
       if (at) write(`aircraft ${k}`, one.name, at.east_m, at.north_m, "of-aircraft", page.colorOf(one.name));
     });
-    page.scenario.list("goal").forEach((goal, k) => { const at = positionAt(goal, time, page.scenario.list("event")); write(`goal ${k}`, goal.name, at.east_m, at.north_m, "of-goal", "var(--goal)"); });
+    page.scenario.list("goal").forEach((goal, k) => { const at = motionAt(goal, time, page.scenario.list("event")); write(`goal ${k}`, goal.name, at.east_m, at.north_m, "of-goal", "var(--goal)"); });
     for (const { path, table } of page.keepOuts()) write(path, table.name, table.east_m, table.north_m, "of-goal", "var(--limit)");
     for (const one of this.texts) place({ ...one, className: `${one.className}${page.isStale ? " stale" : ""}` });
   }

@@ -106,7 +106,7 @@ class Profile {
       const planned = answer?.aircraft.find((row) => row.name === one.name), arrival = planned?.arrival_s ?? planned?.track.time_s.at(-1) ?? this.last;
       const found = [this._handle(`aircraft[${k}].start.altitude_m`, `Altitude of ${one.name} at the start`, 0, one.start?.altitude_m ?? 0, 0, { select, color, shape: "dot" })];
       if (!goal) return found;
-      const ground = positionAt(goal, arrival).altitude_m || 0, up = one.rendezvous?.stand_off_up_m ?? 300;
+      const ground = motionAt(goal, arrival).altitude_m, up = one.rendezvous?.stand_off_up_m ?? 300;
       found.push(this._handle(`aircraft[${k}].rendezvous.stand_off_up_m`, `Rendezvous altitude of ${one.name}`, arrival, ground + up, ground, { select, color, shape: "diamond" }));
       return found;
     });

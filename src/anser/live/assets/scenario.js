@@ -8,6 +8,16 @@ function keyParts(path) {
   return (path.match(/[^.[\]]+/g) || []).map((part) => (/^\d+$/.test(part) ? Number(part) : part));
 }
 
+/** The tab's storage. A full or forbidden storage keeps nothing, and the page works without. */
+const TabStorage = {
+  get(key) {
+    try { return sessionStorage.getItem(key); } catch { return null; }
+  },
+  set(key, text) {
+    try { sessionStorage.setItem(key, text); } catch { /* nothing is kept */ }
+  },
+};
+
 /** Value at a key path, or undefined. */
 function valueAt(table, path) {
   return keyParts(path).reduce((value, part) => value?.[part], table);
@@ -49,9 +59,9 @@ class Scenario {
     this._tell(performance.now());
   }
 
-  /** The scenario has been written to a file of this name. */
-  saved(name) {
-    Object.assign(this, { name, changed: false });
+  /** A scenario has been written, as this text, to a file of this name; the present one may have changed since. */
+  saved(name, text) {
+    Object.assign(this, { name, changed: JSON.stringify(this.table) !== text });
     this.store();
     this._tell(performance.now());
   }
@@ -76,9 +86,10 @@ class Scenario {
 
   /** Make several changes a single step of the history. */
   together(changes) {
-    const before = this.done.length;
+    const done = [...this.done], before = JSON.stringify(this.table);
     changes();
-    this.done.splice(before + 1);
+    this.done = [...done, before].slice(-HISTORY_MAX);
+    this.store();
   }
 
   /** Set the value at a key path; undefined removes the key. */
@@ -144,7 +155,7 @@ class Scenario {
       const otherwise = scenario.goal?.[0]?.name;
       if (key === "goal" && otherwise) (scenario.aircraft || []).filter((one) => one.goal === name).forEach((one) => { one.goal = otherwise; });
       if (key === "aircraft" && scenario.arrival?.order) scenario.arrival.order = scenario.arrival.order.filter((one) => one !== name);
-      const about = (table) => table[key] === name;
+      const about = (table) => name !== undefined && table[key] === name; // an event has no name
       for (const list of ["event", "gust", "excitation"]) {
         if (!scenario[list]) continue;
         scenario[list] = scenario[list].filter((table) => !about(table));
@@ -153,10 +164,11 @@ class Scenario {
     });
   }
 
-  /** Rename an aircraft, a goal or a keep-out, and every mention of its name. */
+  /** Rename an aircraft, a goal or a keep-out, and every mention of its name. Returns whether no other one has the name. */
   rename(key, k, name) {
     const before = this.list(key)[k].name;
-    if (name === before) return;
+    if (name === before) return true;
+    if (this.list(key).some((table) => table.name === name)) return false;
     this.edit((scenario) => {
       scenario[key][k].name = name;
       const mention = key === "keep_out" ? null : key;
@@ -165,51 +177,53 @@ class Scenario {
       }
       if (key === "aircraft" && scenario.arrival?.order) scenario.arrival.order = scenario.arrival.order.map((one) => (one === before ? name : one));
     });
+    return true;
   }
 
   /** Copy the document into the tab's storage, so that a reload loses nothing. */
   store() {
     if (!this.table) return;
     const { table, name, changed } = this;
-    try {
-      sessionStorage.setItem(this.storageKey, JSON.stringify({ table, name, changed, done: this.done.slice(-STORED_MAX), undone: this.undone.slice(-STORED_MAX) }));
-    } catch {
-      // a full or forbidden storage: the page works without the copy
-    }
+    TabStorage.set(this.storageKey, JSON.stringify({ table, name, changed, done: this.done.slice(-STORED_MAX), undone: this.undone.slice(-STORED_MAX) }));
   }
 
   /** Return to the document that the tab's storage holds. Returns whether there is one. */
   restore() {
-    try {
-      const stored = JSON.parse(sessionStorage.getItem(this.storageKey));
-      if (!stored?.table) return false;
-      Object.assign(this, stored);
-      return true;
-    } catch {
-      return false;
-    }
+    const stored = JSON.parse(TabStorage.get(this.storageKey));
+    if (!stored?.table) return false;
+    Object.assign(this, stored);
+    return true;
   }
 }
 
-/** Position of a goal or keep-out at a time by its tables, with the events that turn or stop a goal; north, east, altitude, m. */
-function positionAt(table, time, events = []) {
+/**
+ * Motion of a goal or keep-out at a time by its table, with the events that turn or stop a goal: north, east and altitude (m),
+ * speed over the ground (m/s), course (deg) and climb rate (m/s).
+ */
+function motionAt(table, time, events = []) {
+  const turns = events.filter((event) => event.goal === table.name && ["goal-turns", "goal-stops"].includes(event.kind) && event.time_s <= time);
+  turns.sort((a, b) => a.time_s - b.time_s);
+  let motion = ownMotion(table, turns[0]?.time_s ?? time);
+  turns.forEach((event, k) => {
+    if (event.kind === "goal-stops") Object.assign(motion, { speed_m_s: 0, climb_rate_m_s: 0 });
+    else Object.assign(motion, { speed_m_s: event.speed_m_s ?? motion.speed_m_s, course_deg: event.course_deg || 0 });
+    motion = ahead(motion, (turns[k + 1]?.time_s ?? time) - event.time_s);
+  });
+  return motion;
+}
+
+/** Motion at a time by the table alone: straight, or from waypoint to waypoint, at rest after the last one. */
+function ownMotion(table, time) {
   const { waypoints } = table;
-  const turns = events.filter((event) => event.goal === table.name && ["goal-turns", "goal-stops"].includes(event.kind) && event.time_s < time);
-  if (turns.length) {
-    const event = turns.reduce((late, one) => (one.time_s >= late.time_s ? one : late)), before = events.filter((one) => one !== event && one.time_s <= event.time_s);
-    const from = positionAt(table, event.time_s, before);
-    if (event.kind === "goal-stops") return from;
-    const earlier = positionAt(table, Math.max(0, event.time_s - 1), before), speed = Math.hypot(from.north_m - earlier.north_m, from.east_m - earlier.east_m);
-    return ahead(from, (waypoints ? speed : table.speed_m_s) || 0, event.course_deg || 0, time - event.time_s, (waypoints ? 0 : table.climb_rate_m_s) || 0);
-  }
-  if (!waypoints) return ahead({ altitude_m: 0, ...table }, table.speed_m_s || 0, table.course_deg || 0, time, table.climb_rate_m_s || 0);
-  const k = waypoints.findLastIndex((point) => point.time_s <= time), here = waypoints[Math.max(0, k)], next = waypoints[k + 1];
-  const part = k >= 0 && next ? (time - here.time_s) / (next.time_s - here.time_s) : 0;
-  const value = (axis) => (here[axis] || 0) + part * ((next || here)[axis] - here[axis] || 0);
-  return { north_m: value("north_m"), east_m: value("east_m"), altitude_m: value("altitude_m") };
+  if (!waypoints?.length) return ahead({ north_m: table.north_m, east_m: table.east_m, altitude_m: table.altitude_m || 0, speed_m_s: table.speed_m_s || 0, course_deg: table.course_deg || 0, climb_rate_m_s: table.climb_rate_m_s || 0 }, time);
+  const k = Math.max(0, waypoints.findLastIndex((point) => point.time_s <= time)), here = waypoints[k], next = waypoints[k + 1] ?? here, span = next.time_s - here.time_s;
+  const rate = (axis) => (span > 0 ? ((next[axis] || 0) - (here[axis] || 0)) / span : 0), north = rate("north_m"), east = rate("east_m");
+  const motion = { north_m: here.north_m, east_m: here.east_m, altitude_m: here.altitude_m || 0, speed_m_s: Math.hypot(north, east), course_deg: degrees(Math.atan2(east, north)), climb_rate_m_s: rate("altitude_m") };
+  return ahead(motion, Math.max(0, time - here.time_s));
 }
 
-function ahead({ north_m, east_m, altitude_m }, speed, course_deg, time, climb) {
-  const course = (course_deg * Math.PI) / 180;
-  return { north_m: north_m + speed * time * Math.cos(course), east_m: east_m + speed * time * Math.sin(course), altitude_m: (altitude_m || 0) + climb * time };
+/** A straight motion after a duration, s. */
+function ahead(motion, duration) {
+  const course = radians(motion.course_deg), way = motion.speed_m_s * duration;
+  return { ...motion, north_m: motion.north_m + way * Math.cos(course), east_m: motion.east_m + way * Math.sin(course), altitude_m: motion.altitude_m + motion.climb_rate_m_s * duration };
 }

@@ -8,7 +8,8 @@ function interpolated(times, values, time) {
   if (time >= times.at(-1)) return values.at(-1);
   let j = 1;
   while (times[j] < time) j++;
-  return values[j - 1] + ((time - times[j - 1]) / (times[j] - times[j - 1])) * (values[j] - values[j - 1]) || values[j - 1];
+  const value = values[j - 1] + ((time - times[j - 1]) / (times[j] - times[j - 1])) * (values[j] - values[j - 1]);
+  return Number.isFinite(value) ? value : values[j - 1];
 }
 
 /** Attitude quaternion (north, east, down to body) of Euler angles, rad. */
@@ -17,8 +18,12 @@ function quaternionOf(roll, pitch, yaw) {
   return [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy];
 }
 
-/** A run, as the report's scene draws it, of the tracks of an answer. */
-function plannedRun(fleet, scenario, hueOf) {
+/**
+ * A run, as the report's scene draws it, of the tracks of a fleet. The rendezvous moves with its goal, by which it was planned
+ * without the events; `rendezvous_s` is its time where the track goes on after it.
+ */
+function runOf(fleet, page, events) {
+  const { scenario } = page;
   const answer = { aircraft: fleet };
   const end = Math.max(1, ...answer.aircraft.map((one) => one.track.time_s.at(-1) ?? 0)), goals = new Map(scenario.list("goal").map((goal) => [goal.name, goal]));
   const time = Float64Array.from({ length: SCENE_TIMES }, (_, j) => (end * j) / (SCENE_TIMES - 1));
@@ -26,8 +31,9 @@ function plannedRun(fleet, scenario, hueOf) {
   const cache = new Map(names.map((name) => [name, answer.aircraft.map(() => new Float64Array(SCENE_TIMES).fill(NaN))]));
   answer.aircraft.forEach((one, k) => {
     const put = (name, value, j) => { cache.get(name)[k][j] = value; }, { track, rendezvous } = one, goal = goals.get(one.goal), last = track.time_s.at(-1) ?? 0;
+    const then = goal && motionAt(goal, one.rendezvous_s ?? last);
     for (let j = 0; j < SCENE_TIMES; j++) {
-      const at = goal && positionAt(goal, time[j]), then = goal && positionAt(goal, last);
+      const at = goal && motionAt(goal, time[j], events);
       for (const axis of ["north_m", "east_m", "altitude_m"]) {
         if (time[j] <= last + end / SCENE_TIMES) put(axis, interpolated(track.time_s, track[axis], time[j]), j);
         if (at) {
@@ -42,9 +48,9 @@ function plannedRun(fleet, scenario, hueOf) {
   });
   const form = ({ kind, speed_m_s: speed = 0 } = {}) => (kind === "surface" ? (speed > 1 ? "ship" : "buoy") : kind === "airborne" ? (speed > 30 ? "flying" : "drifting") : "goal");
   const aircraft = answer.aircraft.map((one, index) => ({
-    name: one.name, goal: one.goal, index, form: form(goals.get(one.goal)), arrival_s: one.arrival_s ?? null, planned_arrival_s: one.arrival_s ?? null, before: null, get color() { return Theme.ink(hueOf(one.name)); },
+    name: one.name, goal: one.goal, index, form: form(goals.get(one.goal)), arrival_s: one.arrival_s ?? null, planned_arrival_s: one.arrival_s ?? null, before: null, get color() { return Theme.ink(page.hueOf(one.name)); },
   }));
-  const keepOuts = scenario.list("keep_out").map((one) => ({ bottom_m: 0, top_m: 15240, speed_m_s: 0, course_deg: 0, ...one }));
+  const keepOuts = page.keepOuts().map(({ table, from }) => ({ bottom_m: 0, top_m: 15240, speed_m_s: 0, course_deg: 0, from_s: from, ...table }));
   const variables = Object.fromEntries(names.map((name) => [name, { unit: "m" }]));
   return Object.assign(Object.create(Run.prototype), { aircraft, variables, cache, time, times: SCENE_TIMES, end, keepOuts, events: aircraft.map(() => NO_EVENTS) });
 }
@@ -54,7 +60,7 @@ function flownFleet(fleet, flight) {
   return fleet.filter(({ name }) => flight.names.includes(name)).map((one) => {
     const k = flight.names.indexOf(one.name), left = flight.north_m[k].findIndex((value) => !Number.isFinite(value)), count = left < 0 ? flight.time_s.length : left, time_s = flight.time_s.slice(0, count);
     const axes = Object.fromEntries(["north_m", "east_m", "altitude_m"].map((axis) => [axis, flight[axis][k].slice(0, count)]));
-    return { ...one, track: { ...axes, time_s, bank_deg: time_s.map((time) => (time > one.track.time_s.at(-1) ? 0 : interpolated(one.track.time_s, one.track.bank_deg, time))) } };
+    return { ...one, rendezvous_s: one.track.time_s.at(-1), track: { ...axes, time_s, bank_deg: time_s.map((time) => (time > one.track.time_s.at(-1) ? 0 : interpolated(one.track.time_s, one.track.bank_deg, time))) } };
   }).filter(({ track }) => track.time_s.length > 1);
 }
 
@@ -84,7 +90,7 @@ class SceneView {
     if (!answer?.drawn.length || !this.place.clientHeight || this.broken) return;
     if (answer !== this.shown || whole !== this.flown) {
       Object.assign(this, { shown: answer, flown: whole });
-      const run = plannedRun(whole ? flownFleet(answer.drawn, whole) : answer.drawn, scenario, (name) => this.page.hueOf(name)), frame = frameOf([run]), lift = liftOf(frame.box);
+      const run = whole ? runOf(flownFleet(answer.drawn, whole), this.page, scenario.list("event")) : runOf(answer.drawn, this.page, []), frame = frameOf([run]), lift = liftOf(frame.box);
       if (this.scene) this._replace(run, frame, lift);
       else this._make(run, frame, lift);
     }
