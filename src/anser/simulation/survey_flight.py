@@ -17,7 +17,7 @@ from anser.parts.controllers import AbstractGuidance
 from anser.parts.paths import PathCommand
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
 from anser.parts.planners import AircraftPlan
-from anser.sensing.estimators import DirectEstimator
+from anser.sensing.estimators import TrackingEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
@@ -288,7 +288,7 @@ def survey_flight(
     vehicle = Vehicle(
         airframe=airframe,
         sensors=IdealSensors() if sensors is None else sensors,
-        estimator=DirectEstimator() if estimator is None else estimator,
+        estimator=TrackingEstimator() if estimator is None else estimator,
         guidance=SteppedPath(target, size),
         controller=InversionAutopilot(gains, limits),
     )
