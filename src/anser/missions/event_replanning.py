@@ -128,10 +128,8 @@ def plan_exit(
         path = exit_path(start, time, end_time, turn, airspace.wind, airspace.gravity, knot_count)
         paths = jax.tree.map(lambda fleet_leaf, exit_leaf: fleet_leaf.at[aircraft].set(exit_leaf), plan.paths, path)
         certificate = certify(paths, tasks, airspace, interval_count(paths), time)
-        exit_plan = eqx.tree_at(
-            lambda p: (p.paths, p.arrival_times, p.certificate),
-            plan,
-            (paths, plan.arrival_times.at[aircraft].set(end_time), certificate),
+        exit_plan = dataclasses.replace(
+            plan, paths=paths, arrival_times=plan.arrival_times.at[aircraft].set(end_time), certificate=certificate
         )
         from_paths, from_holds = certificate.clearance_ratio[aircraft], hold_ratios(path)
         from_flown = jnp.where(plan.arrival_times <= time, from_holds, jnp.inf)

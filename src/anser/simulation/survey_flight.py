@@ -1,5 +1,7 @@
 """Survey flights: a step command to one aircraft in trim, of which only extremes and metrics are kept."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -130,14 +132,11 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
     """Convert the running summary into the final one: mean of the late errors, and settling time."""
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]))
     end_time = (count - 1) * step
-    return eqx.tree_at(
-        lambda s: (s.final_error, s.settling_time, s.finite),
+    return dataclasses.replace(
         summary,
-        (
-            summary.final_error / (count - final_part_start(count)),
-            jnp.where(summary.settling_time >= end_time, jnp.inf, summary.settling_time),
-            finite,
-        ),
+        final_error=summary.final_error / (count - final_part_start(count)),
+        settling_time=jnp.where(summary.settling_time >= end_time, jnp.inf, summary.settling_time),
+        finite=finite,
     )
 
 

@@ -4,6 +4,7 @@ The compiled loop corrects plans by `correct_plan`; new plans are made between t
 after an event by `anser.missions.event_replanning`. Velocity and acceleration stay continuous throughout.
 """
 
+import dataclasses
 from collections.abc import Callable, Iterator
 
 import equinox as eqx
@@ -129,11 +130,7 @@ def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> Air
     Velocity and acceleration of a new path thus continue without a jump.
     """
     air, drift = path.states_n(time)
-    return eqx.tree_at(
-        lambda t: (t.position_n, t.air_velocity_n, t.air_acceleration_n),
-        task,
-        (air[0] + drift[0], air[1], air[2]),
-    )
+    return dataclasses.replace(task, position_n=air[0] + drift[0], air_velocity_n=air[1], air_acceleration_n=air[2])
 
 
 def tasks_from_plan(plan: CertifiedPlan, tasks: AircraftTask, time: ScalarLike) -> AircraftTask:
@@ -402,16 +399,13 @@ def _recertify(
     certified_tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way | has_left, 1.0, 0.0))
     certificate = certify(paths, certified_tasks, airspace, interval_count(paths), time, bounds)
     remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
-    return eqx.tree_at(
-        lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),
+    return dataclasses.replace(
         plan,
-        (
-            paths,
-            arrivals,
-            certificate,
-            jnp.ones_like(plan.valid),
-            jnp.where(under_way, remaining_lengths, plan.lengths),
-        ),
+        paths=paths,
+        arrival_times=arrivals,
+        certificate=certificate,
+        valid=jnp.ones_like(plan.valid),
+        lengths=jnp.where(under_way, remaining_lengths, plan.lengths),
     )
 
 
