@@ -13,7 +13,7 @@ from anser.missions.runs import needs_single_flight
 from anser.scenario import build_flight, loads
 from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets, goal_sigma_m
 from anser.scenario.schema_settings import Fleet, Timing
-from anser.sensing import DirectEstimator, IdealSensors, NoisySensors, TrackingEstimator
+from anser.sensing import IdealSensors, NoisySensors, TrackingEstimator
 from anser.simulation.start import trimmed_fleet
 from anser.steady import solve_trim
 
@@ -192,7 +192,7 @@ def parts(text):
 def test_a_perfect_world_is_the_default():
     vehicle = parts(TEXT)
     assert isinstance(vehicle.sensors, IdealSensors)
-    assert isinstance(vehicle.estimator, DirectEstimator)
+    assert vehicle.estimator == TrackingEstimator()
     assert isinstance(vehicle.gusts, NoGusts)
     assert np.isinf(vehicle.faults.leaving_time)
 

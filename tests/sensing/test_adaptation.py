@@ -16,7 +16,7 @@ from anser.control.inversion_autopilot import InversionAutopilot
 from anser.control.probing import probing_controller
 from anser.environment.environment import standard_environment
 from anser.sensing.adaptation import adaptive_estimator, least_squares_step, model_derivatives
-from anser.sensing.estimators import DirectEstimator
+from anser.sensing.estimators import TrackingEstimator
 from anser.single_aircraft.starts import resolve_start
 
 
@@ -185,7 +185,7 @@ def test_an_aircraft_that_knows_no_aerodynamics_learns_and_turns():
         controller=probing_controller(
             InversionAutopilot(case.gains, case.limits), 3, np.radians(1.0), learning_time=6.0
         ),
-        estimator=adaptive_estimator(DirectEstimator(blank), blank, aerodynamics_known=False),
+        estimator=adaptive_estimator(TrackingEstimator(model=blank), blank, aerodynamics_known=False),
         command={"course_deg": np.where(TIME_S > 10.0, 20.0, 0.0)},
         duration_s=25.0,
         record_period_s=0.1,
@@ -213,7 +213,7 @@ def test_gradient_steps_follow_the_effectiveness():
         f16,
         f16.trim(speed_m_s=150.0, altitude_m=1000.0),
         controller=InversionAutopilot(case.gains, case.limits),
-        estimator=adaptive_estimator(DirectEstimator(f16.airframe), f16.airframe, method="gradient"),
+        estimator=adaptive_estimator(TrackingEstimator(model=f16.airframe), f16.airframe, method="gradient"),
         command=command,
         duration_s=60.0,
         change={"time_s": 20.0, "surface_effectiveness": {"elevator": 0.5}},

@@ -9,7 +9,7 @@ from jaxtyping import Array
 from anser.control import NamedCommands, dave_ml_law
 from anser.environment import standard_environment
 from anser.parts import Instant
-from anser.sensing import DirectEstimator, IdealSensors
+from anser.sensing import IdealSensors, TrackingEstimator
 from anser.simulation import AbstractRecorder, Vehicle
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.steady import solve_trim, trim_target
@@ -44,7 +44,7 @@ def flown(law, airframe, altitude):
     trim = solve_trim(airframe, environment, trim_target(172.4, altitude))
     density_ratio = environment.atmosphere.at(altitude).density / environment.atmosphere.at(0.0).density
     guidance = level(trim, 172.4 * jnp.sqrt(density_ratio), altitude)
-    vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), guidance, law)
+    vehicle = Vehicle(airframe, IdealSensors(), TrackingEstimator(), guidance, law)
     start = trimmed_vehicle(vehicle, Instant(environment, jnp.asarray(0), jnp.asarray(STEP_S)), trim)
     return fly_alone(vehicle, environment, start, STEP_S, 8000, Altitude())[2]
 

@@ -13,7 +13,7 @@ from anser.numerics.arrays import tree_signature
 from anser.parts import make_rendezvous
 from anser.planning import straight_goal
 from anser.planning.holds.hold_around_goal import HoldAroundGoal
-from anser.sensing import DirectEstimator, IdealSensors
+from anser.sensing import IdealSensors, TrackingEstimator
 from anser.simulation import Mission, SummaryRecorder, Vehicle, assemble, fly, start_flight
 from anser.steady import trim_target
 from support.light_aircraft import light_aircraft
@@ -35,7 +35,7 @@ def vehicle(airframe, speed, speed_min, goal_n, radius):
     return Vehicle(
         airframe=airframe,
         sensors=IdealSensors(),
-        estimator=DirectEstimator(),
+        estimator=TrackingEstimator(),
         guidance=FollowPlan(settings),
         controller=InversionAutopilot(gains, limits),
         mission=Mission(

@@ -10,7 +10,7 @@ from anser.aircraft.dispersions import dispersed_f16, no_dispersion
 from anser.aircraft_files import load_airframe
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
-from anser.sensing import DelayedSensors, DirectEstimator
+from anser.sensing import DelayedSensors, TrackingEstimator
 from anser.simulation.survey_flight import survey_flight
 from anser.steady import solve_trim, trim_target
 
@@ -61,7 +61,7 @@ def flown():
             STEP,
             COUNT,
             DelayedSensors(delay, DELAY_MAX, STEP),
-            DirectEstimator(NOMINAL),
+            TrackingEstimator(model=NOMINAL),
         )
 
     def surveyed(gains, trim):

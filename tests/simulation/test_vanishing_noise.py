@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from anser.scenario import build_flight, loads
-from anser.sensing import DirectEstimator, TrackingEstimator
+from anser.sensing import TrackingEstimator
 from anser.simulation import assemble, fly, start_flight
 
 pytestmark = pytest.mark.long
@@ -100,9 +100,8 @@ def largest_deviation(history, reference):
     return max(float(np.max(np.abs(history[key] - reference[key]))) / scale for key, scale in SCALES.items())
 
 
-@pytest.mark.parametrize("estimator", [DirectEstimator(), TrackingEstimator()], ids=["none", "no filters"])
-def test_error_free_sensors_equal_perfect_knowledge(perfect, estimator):
-    flight = with_estimator(build_flight(loads(TEXT + noisy(0.0)[0])), estimator)
+def test_error_free_sensors_equal_perfect_knowledge(perfect):
+    flight = with_estimator(build_flight(loads(TEXT + noisy(0.0)[0])), TrackingEstimator())
     noisy_history = jax.tree.map(np.asarray, flown(flight))
     assert largest_deviation(noisy_history, perfect) < 1e-9
 

@@ -11,7 +11,7 @@ from anser.parts import make_rendezvous
 from anser.planning import straight_goal
 from anser.planning.holds.hold_around_goal import HoldAroundGoal
 from anser.results import summarize, to_dataset
-from anser.sensing import DirectEstimator, IdealSensors
+from anser.sensing import IdealSensors, TrackingEstimator
 from anser.simulation import Mission, Vehicle, assemble, fly, start_flight
 from anser.steady import trim_target
 from support.made_scenario import made_scenario
@@ -31,7 +31,7 @@ def _vehicle(airframe, speed, goal_n):
     return Vehicle(
         airframe=airframe,
         sensors=IdealSensors(),
-        estimator=DirectEstimator(),
+        estimator=TrackingEstimator(),
         guidance=FollowPlan(settings),
         controller=InversionAutopilot(gains, limits),
         mission=Mission(

@@ -7,7 +7,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -224,11 +223,8 @@ def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike
         return limits
     speeds = np.asarray(airspeeds, dtype=float)
     slowest, fastest = jnp.asarray(0.5 * speeds.min()), jnp.asarray(2.0 * speeds.max())
-    return eqx.tree_at(
-        lambda bounds: (bounds.speed_min, bounds.speed_max, bounds.alpha_min, bounds.alpha_max),
-        limits,
-        (slowest, fastest, *airframe.alpha_range),
-    )
+    alpha_min, alpha_max = airframe.alpha_range
+    return dataclasses.replace(limits, speed_min=slowest, speed_max=fastest, alpha_min=alpha_min, alpha_max=alpha_max)
 
 
 def _steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float) -> TrimTarget:

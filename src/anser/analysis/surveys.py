@@ -28,7 +28,7 @@ from anser.missions.batches import BATCH, Progress, no_progress
 from anser.results.documents import version_attributes
 from anser.results.variable_labels import flag_attributes, unit_attributes
 from anser.sensing.adaptation import adaptive_estimator
-from anser.sensing.estimators import DirectEstimator
+from anser.sensing.estimators import TrackingEstimator
 from anser.sensing.ideal_sensors import DelayedSensors
 from anser.simulation.survey_flight import (
     AUTOPILOT_LIMITS,
@@ -177,9 +177,9 @@ def _fly(
 
     def fly_row(flight: FlightRows) -> SurveySummary:
         flown = dispersed_airframe(airframe, flight.dispersion)
-        estimator = None if flight.dispersion is None else DirectEstimator(airframe)
+        estimator = None if flight.dispersion is None else TrackingEstimator(model=airframe)
         if flight.is_adaptive:
-            estimator = adaptive_estimator(DirectEstimator(airframe), airframe)
+            estimator = adaptive_estimator(TrackingEstimator(model=airframe), airframe)
         gains = common_gains if flight.gains is None else flight.gains
         command = (flight.trim, flight.target, flight.size, flight.tolerance, step, count)
         return survey_flight(flown, environment, gains, limits, *command, flight.sensors, estimator)

@@ -45,10 +45,7 @@ class Dispersion(Table):
     sigma: float | None = number(
         "standard deviation; of a log-normal distribution that of the natural logarithm, of a truncated distribution "
         "the value before truncation",
-        0,
-        _LARGEST,
-        "",
-        None,
+        *(0, _LARGEST, "", None),
         exclusive_minimum=True,
     )
     low: float | None = _bound("least value")

@@ -207,9 +207,7 @@ class Sampling(Table):
     flights: int | None = whole_number(
         "number of flights; with saltelli the number of blocks, each with one flight per varied parameter "
         "and two more; not with a grid or a table, which determine the number",
-        1,
-        FLIGHTS_MAX,
-        None,
+        *(1, FLIGHTS_MAX, None),
     )
     levels: int | None = whole_number(
         "number of grid values per parameter: midpoints of intervals of equal probability", 1, 1000, None

@@ -5,6 +5,8 @@ loop, and `velocity_control` closes the velocity loop around both. Every loop ca
 test inputs. The loops are sampled once per step; commands are constant over the step.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -142,9 +144,7 @@ def attitude_control(
     )
     demand, controller_state = rate_control(model, gains, controller_state, excited_rates, rates_dot)
     rates_filter = controller_state.rates_filter.advance(excited_rates, gains.rates_command_bandwidth, model.step)
-    controller_state = eqx.tree_at(
-        lambda m: (m.attitude_integral, m.rates_filter), controller_state, (integral, rates_filter)
-    )
+    controller_state = dataclasses.replace(controller_state, attitude_integral=integral, rates_filter=rates_filter)
     return rates_command, demand, controller_state
 
 

@@ -1,5 +1,7 @@
 """Velocity loop: airspeed, path angle and course to thrust, angle of attack and bank (theory section 5, item 3)."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -181,10 +183,8 @@ def limit_bank_rate(
     unlimited_bank, change_max = demand.angles[0], limits.bank_rate_max * step
     bank = jnp.clip(previous_bank, -limits.bank_max, limits.bank_max)
     bank = bank + jnp.clip(unlimited_bank - bank, -change_max, change_max)
-    limited = eqx.tree_at(
-        lambda d: (d.angles, d.bank_saturated),
-        demand,
-        (demand.angles.at[0].set(bank), demand.bank_saturated | (bank != unlimited_bank)),
+    limited = dataclasses.replace(
+        demand, angles=demand.angles.at[0].set(bank), bank_saturated=demand.bank_saturated | (bank != unlimited_bank)
     )
     return limited, bank
 

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import aircraft_planner
 from anser.missions.segments import sense_fleet
-from anser.numerics.arrays import as_array, select_if_any
+from anser.numerics.arrays import as_array, select_if_any, with_rows
 from anser.parts.planners import AircraftReport, Performance
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify
 from anser.planning.certified.clearance import Track, bounded_track, pair_clearance_ratio
@@ -128,10 +128,8 @@ def plan_exit(
         path = exit_path(start, time, end_time, turn, airspace.wind, airspace.gravity, knot_count)
         paths = jax.tree.map(lambda fleet_leaf, exit_leaf: fleet_leaf.at[aircraft].set(exit_leaf), plan.paths, path)
         certificate = certify(paths, tasks, airspace, interval_count(paths), time)
-        exit_plan = eqx.tree_at(
-            lambda p: (p.paths, p.arrival_times, p.certificate),
-            plan,
-            (paths, plan.arrival_times.at[aircraft].set(end_time), certificate),
+        exit_plan = dataclasses.replace(
+            plan, paths=paths, arrival_times=plan.arrival_times.at[aircraft].set(end_time), certificate=certificate
         )
         from_paths, from_holds = certificate.clearance_ratio[aircraft], hold_ratios(path)
         from_flown = jnp.where(plan.arrival_times <= time, from_holds, jnp.inf)
@@ -253,16 +251,9 @@ def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
     earlier = [keep_out_event for keep_out_event in scenario.event if keep_out_event.kind == event.kind]
     index = len(scenario.keep_out) + earlier.index(event)
     north, east, _ = appeared.velocity_m_s()
-    origin = np.array([appeared.north_m - event.time_s * north, appeared.east_m - event.time_s * east])
-    values = (origin, np.array([north, east]), appeared.radius_m, appeared.bottom_m, appeared.top_m)
-    tables = []
-    for stored, value in zip(
-        (volumes.position_n, volumes.velocity_n, volumes.radius, volumes.bottom, volumes.top), values, strict=True
-    ):
-        table = np.array(stored)
-        table[index] = value
-        tables.append(as_array(table))
-    return eqx.tree_at(lambda f: f.planner.airspace.keep_outs, flight, KeepOuts(*tables))
+    origin = [appeared.north_m - event.time_s * north, appeared.east_m - event.time_s * east]
+    row = KeepOuts(*map(as_array, (origin, [north, east], appeared.radius_m, appeared.bottom_m, appeared.top_m)))
+    return eqx.tree_at(lambda f: f.planner.airspace.keep_outs, flight, with_rows(volumes, index, row))
 
 
 def _with_less_thrust(
@@ -280,9 +271,9 @@ def _with_less_thrust(
         for values in (performance.acceleration, performance.deceleration)
     )
     remaining = min(thrust_share * (gain + loss) - loss, float(planner.limits.acceleration_max[aircraft]))
-    acceleration = np.array(state.planner.limits.acceleration_max)
-    acceleration[aircraft] = remaining - float(planner.acceleration_reserve) * abs(remaining)
-    return eqx.tree_at(lambda s: s.planner.limits.acceleration_max, state, as_array(acceleration))
+    reduced = remaining - float(planner.acceleration_reserve) * abs(remaining)
+    acceleration_max = with_rows(state.planner.limits.acceleration_max, aircraft, reduced)
+    return eqx.tree_at(lambda s: s.planner.limits.acceleration_max, state, acceleration_max)
 
 
 def _replan_if_needed(

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from anser.missions.event_replanning import (
@@ -25,7 +24,7 @@ from anser.missions.event_replanning import (
     replan_fleet,
     snapshot_at,
 )
-from anser.numerics.arrays import as_array
+from anser.numerics.arrays import rows_on_host, with_rows
 from anser.parts.planners import Performance
 from anser.planning.certified.replanning import PARTLY_CORRECTED, UNCHANGED
 from anser.scenario.schema import Scenario
@@ -196,7 +195,7 @@ def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) 
     def goal_states(group: int) -> Any:
         return state.vehicles[group].sensors, state.vehicles[group].estimator
 
-    giver_mission, giver_states = _row(mission(giver_group), giver_row), _row(goal_states(giver_group), giver_row)
+    giver_mission, giver_states = rows_on_host((mission(giver_group), goal_states(giver_group)), giver_row)
     flight = eqx.tree_at(
         lambda f: (
             f.groups[taker_group].vehicles.batched.mission.goal,
@@ -204,13 +203,13 @@ def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) 
             f.groups[taker_group].vehicles.batched.mission.rendezvous,
         ),
         flight,
-        _with_row(mission(taker_group), taker_row, giver_mission),
+        with_rows(mission(taker_group), taker_row, giver_mission),
     )
-    taker_states = hand_over_goal(_row(goal_states(taker_group), taker_row), giver_states)
+    taker_states = hand_over_goal(rows_on_host(goal_states(taker_group), taker_row), giver_states)
     state = eqx.tree_at(
         lambda s: (s.vehicles[taker_group].sensors, s.vehicles[taker_group].estimator),
         state,
-        _with_row(goal_states(taker_group), taker_row, taker_states),
+        with_rows(goal_states(taker_group), taker_row, taker_states),
         is_leaf=lambda leaf: leaf is None,
     )
     return flight, state
@@ -219,21 +218,6 @@ def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) 
 def _group_and_row(flight: Flight, aircraft: int) -> tuple[int, int]:
     """Index of the group of an aircraft, and its row in the group."""
     return next((k, kind.members.index(aircraft)) for k, kind in enumerate(flight.groups) if aircraft in kind.members)
-
-
-def _row(tree: Any, index: int) -> Any:
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[index], tree)
-
-
-def _with_row(tree: Any, index: int, values: Any) -> Any:
-    """Replace one row of every array of a tree, on the host: nothing is compiled."""
-
-    def replace_row(leaf: Any, value: Any) -> Any:
-        table = np.array(leaf)
-        table[index] = value
-        return as_array(table, None)
-
-    return jax.tree.map(replace_row, tree, values)
 
 
 _SEARCHES_MAX = 3  # complete searches after one event

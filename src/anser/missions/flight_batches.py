@@ -31,7 +31,7 @@ from anser.missions.flight_outputs import OutputRecording
 from anser.missions.runs import needs_single_flight, precision_problems, run
 from anser.missions.segments import BatchState, fly_segments, replan_flights
 from anser.missions.series import SeriesSelection
-from anser.numerics.arrays import Stacked, as_array, stack_objects, stack_rows, tree_signature
+from anser.numerics.arrays import Stacked, as_array, stack_objects, stack_rows, take_rows, tree_signature
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
@@ -368,9 +368,9 @@ def _fly_batch(
         searched = 0.5
         for selected in _group_by_structure(plans):
             indices = np.array([*selected, *[selected[-1]] * (_size_of(flights) - len(selected))])
-            chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
+            chosen_flights = Stacked(take_rows(flights.batched, indices), flights.shared)
             chosen_plans = stack_rows([plans[k] for k in indices])
-            states = _initialize_flights(chosen_flights, _select(fleets, indices), chosen_plans)
+            states = _initialize_flights(chosen_flights, take_rows(fleets, indices), chosen_plans)
             parts.append((selected, chosen_flights, states, range(len(selected))))
     flight_rows = {k: FlightRow.failed_start(reason) for k, reason in refusals.items()}
     for selected, part_flights, states, positions in parts:
@@ -571,10 +571,6 @@ def _size_of(flights: _FlightBatch) -> int:
 
 def _index_row(tree: Any, k: int) -> Any:
     return jax.tree.map(lambda leaf: leaf[k], tree)
-
-
-def _select(tree: Any, indices: np.ndarray) -> Any:
-    return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[indices], None), tree)
 
 
 def _content_hash(value: Any) -> bytes:

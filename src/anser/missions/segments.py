@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Int
 
 from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram, Program
-from anser.numerics.arrays import Stacked, as_array, cast_to_precision
+from anser.numerics.arrays import Stacked, as_array, cast_to_precision, stack_rows, with_rows
 from anser.parts.perception import Instant
 from anser.parts.planners import AircraftReport
 from anser.shapes import Integer
@@ -162,10 +162,4 @@ def replan_flights(
         replan_stopped_flight(host_flights.at(k), jax.tree.map(lambda leaf, k=k: leaf[k], rows), sample)
         for k in indices
     ]
-
-    def with_replanned(leaf: Array, *new_rows: Array) -> Array:
-        copy = np.array(leaf)
-        copy[indices] = np.stack(new_rows)
-        return as_array(copy, None)
-
-    return jax.tree.map(with_replanned, states, *replanned)
+    return with_rows(states, indices, stack_rows(replanned))

@@ -42,9 +42,20 @@ def first_rows(tree: T, count: int) -> T:
     return take_rows(tree, slice(count))
 
 
-def rows_on_host(tree: T, indices: slice | np.ndarray) -> T:
+def rows_on_host(tree: T, indices: int | slice | np.ndarray) -> T:
     """Select rows as `take_rows`, as NumPy arrays: nothing is copied to the device."""
     return jax.tree.map(lambda leaf: np.asarray(leaf)[indices] if np.ndim(leaf) else leaf, tree)
+
+
+def with_rows(tree: T, indices: int | np.ndarray, values: Any) -> T:
+    """Replace rows (leading axis) of every array of a pytree, on the host: nothing is compiled."""
+
+    def replace_rows(leaf: Any, rows: Any) -> Array:
+        table = np.array(leaf)
+        table[indices] = rows
+        return as_array(table, None)
+
+    return jax.tree.map(replace_rows, tree, values)
 
 
 def unstack_rows(tree: T) -> list[T]:
@@ -122,9 +133,6 @@ def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
     """Copy a small array to the device. Cached: flights of a campaign share most arrays, and copying is slow."""
     with jax.ensure_compile_time_eval():  # otherwise the cache would hold a tracer
         return jax.device_put(np.frombuffer(raw, dtype).reshape(shape))
-
-
-T = TypeVar("T")
 
 
 class Stacked(eqx.Module, Generic[T]):

@@ -11,7 +11,7 @@ from anser.planning.goals import GoalMotion
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_sensing import Estimator, Navigation
 from anser.scenario.schema_sensing import GoalSensor as GoalSensorTable
-from anser.sensing.estimators import Briefing, DirectEstimator, TrackingEstimator
+from anser.sensing.estimators import Briefing, TrackingEstimator
 from anser.sensing.goal_filters import GoalFilter
 from anser.sensing.goal_sensors import FieldOfView, NoisyGoalSensor, queue_slots
 from anser.sensing.ideal_sensors import IdealSensors
@@ -44,8 +44,6 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
     has_exact_navigation = navigation.sensors == "exact"
     has_exact_air = has_exact_navigation and not scenario.is_gusty and not scenario.gust
-    if has_exact_air and sensor.preset == "exact":
-        return DirectEstimator(model)
     navigation_filter = None if has_exact_navigation else _navigation_filter(navigation, scenario.timing.step_s)
     air = None if has_exact_air else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
     if sensor.preset == "exact":

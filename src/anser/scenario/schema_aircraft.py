@@ -281,18 +281,12 @@ class Adaptation(Table):
     probing_deg: float | None = number(
         f"amplitude of test inputs to the surfaces, while their effectiveness is uncertain; left out: 0, or "
         f"{PROBING_DEG:g} without known aerodynamics",
-        0,
-        5,
-        "deg",
-        None,
+        *(0, 5, "deg", None),
     )
     learning_s: float | None = number(
         f"time from the start in which the aircraft moves its surfaces to learn; left out: 0, or {LEARNING_S:g} "
         "without known aerodynamics",
-        0,
-        60,
-        "s",
-        None,
+        *(0, 60, "s", None),
     )
 
     @property

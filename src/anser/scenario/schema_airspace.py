@@ -165,10 +165,7 @@ class Event(Table):
     course_deg: float | None = number(
         "new course: of a goal over the ground; of an aircraft that leaves, through the air (left out: the least turn "
         "that keeps clear of the others)",
-        -360,
-        360,
-        "deg",
-        None,
+        *(-360, 360, "deg", None),
     )
     speed_m_s: float | None = number("new speed of a goal; left out: as before", 0, SPEED_MAX_M_S, "m/s", None)
     later_s: float | None = number("delay of all arrivals", 0, DURATION_MAX_S, "s", None, exclusive_minimum=True)

@@ -67,10 +67,7 @@ class Excitation(Table):
     )
     power_exponent: float | None = number(
         "power of a multisine's harmonics over their frequency: 0: equal (left out), -1: equal by octave",
-        -4,
-        4,
-        "",
-        None,
+        *(-4, 4, "", None),
     )
 
     def amplitude_of(self, index: int) -> float:

@@ -142,10 +142,7 @@ class Estimator(Table):
     sojourn_s: float = number("mean time between changes of a goal's kind of motion", 0.1, 1e5, "s", 60.0)
     briefed_position_m: float = number(
         "standard deviation of the goal's briefed start position, per axis",
-        0,
-        100_000,
-        "m",
-        200.0,
+        *(0, 100_000, "m", 200.0),
         exclusive_minimum=True,
     )
     briefed_velocity_m_s: float = number(

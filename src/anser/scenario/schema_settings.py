@@ -160,10 +160,7 @@ class Fleet(AirspeedTable):
     )
     reserve: float = number(
         "fraction of each limit reserved for the autopilot; of the airspeed window on each side of speed_m_s",
-        0,
-        0.5,
-        "",
-        0.1,
+        *(0, 0.5, "", 0.1),
     )
 
     def consistency_problems(self) -> list[Problem]:
@@ -201,25 +198,16 @@ class Limits(Table):
     roll_rate_max_deg_s: float | None = number(
         "greatest rate of the bank angle, in a plan and in the autopilot's commands, which the aircraft passes by up "
         "to a third while it catches up; left out: plans roll at 20 deg/s on the mean, the autopilot as fast as it can",
-        1,
-        90,
-        "deg/s",
-        None,
+        *(1, 90, "deg/s", None),
     )
     acceleration_max_m_s2: float | None = number(
         "greatest surplus of thrust over drag, per mass, that a plan asks for; left out: that of its start",
-        0,
-        50,
-        "m/s^2",
-        None,
+        *(0, 50, "m/s^2", None),
         exclusive_minimum=True,
     )
     deceleration_max_m_s2: float | None = number(
         "greatest surplus of drag over thrust, per mass, that a plan asks for; left out: its own at each airspeed",
-        0,
-        50,
-        "m/s^2",
-        None,
+        *(0, 50, "m/s^2", None),
         exclusive_minimum=True,
     )
 
@@ -271,10 +259,7 @@ class Requirements(Table):
     )
     position_error_max_m: float | None = number(
         "largest distance from the planned point up to the arrival; left out: any",
-        0,
-        10_000,
-        "m",
-        None,
+        *(0, 10_000, "m", None),
         exclusive_minimum=True,
     )
     separation_min_m: float | None = number(

@@ -1,4 +1,4 @@
-from .estimators import DirectEstimator, TrackingEstimator
+from .estimators import TrackingEstimator
 from .goal_filters import GoalFilter
 from .goal_sensors import FieldOfView, NoisyGoalSensor
 from .ideal_sensors import DelayedSensors, IdealSensors
@@ -7,7 +7,6 @@ from .vehicle_sensors import VehicleSensors
 
 __all__ = [
     "DelayedSensors",
-    "DirectEstimator",
     "FieldOfView",
     "GoalFilter",
     "IdealSensors",

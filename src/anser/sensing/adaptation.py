@@ -5,6 +5,7 @@ estimate from it the increments of the coefficients' constants and derivatives; 
 these increments. Derivations: docs/theory/identification.md.
 """
 
+import dataclasses
 from typing import Any, Literal
 
 import equinox as eqx
@@ -313,17 +314,14 @@ class AdaptiveEstimator(AbstractEstimator):
         faults = self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step)
         # what was learnt while the fault began is void: the next manoeuvre starts from the prior's uncertainty
         covariance = jnp.where(faults.code != state.faults.code, _prior_covariance(state.prior_deviation), covariance)
-        return AdaptationState(
-            base=state.base,
-            derivatives=state.derivatives,
-            prior_deviation=state.prior_deviation,
+        return dataclasses.replace(
+            state,
             increments=increments,
             covariance=covariance,
             response=filtered_response,
             regressors=filtered,
             mean_response=mean_response,
             mean=mean,
-            reference=state.reference,
             mean_error=mean_error,
             disturbance=disturbance,
             previous_missing=missing[:3],
@@ -345,12 +343,7 @@ class AdaptiveEstimator(AbstractEstimator):
         estimates = AerodynamicEstimates(
             state.derivatives, state.increments, state.covariance, state.faults.code, state.faults.size
         )
-        return eqx.tree_at(
-            lambda b: (b.airframe, b.condition, b.estimates),
-            belief,
-            (corrected, condition, estimates),
-            is_leaf=lambda leaf: leaf is None,
-        )
+        return dataclasses.replace(belief, airframe=corrected, condition=condition, estimates=estimates)
 
     def _disturbance(
         self, state: AdaptationState, error: Float[Array, "6"], excitation: Float[Array, "6"], step: ScalarLike

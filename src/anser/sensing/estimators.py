@@ -1,4 +1,4 @@
-"""Estimators of one aircraft: one uses the readings directly, one filters the aircraft's, air's and goal's motion."""
+"""Estimator of one aircraft with optional filters of the aircraft's, the air's and the goal's motion."""
 
 from typing import Any
 
@@ -30,31 +30,6 @@ from anser.sensing.ideal_sensors import line_of_sight
 from anser.sensing.navigation import AirFilter, AirMotion, NavigationFilter, NavigationState, acceleration_n
 from anser.shapes import Scalar, Vector3
 from anser.spatial.rotations import rotate, rotate_back, rotation_from_quaternion
-
-
-class DirectEstimator(AbstractEstimator):
-    """Estimator without filters; the goal's motion follows from the line of sight (theory section 7)."""
-
-    model: AbstractAirframe | None = None  #: Nominal airframe; None: the true airframe.
-
-    def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> GoalState | None:
-        """Return the goal's motion computed from the first line of sight; None without a goal."""
-        if reading.sight is None:
-            return None
-        velocity_n = velocity_over_ground_n(reading.condition, reading.state)
-        return goal_from_sight(instant.environment.earth, reading.sight, reading.state.position_n, velocity_n)
-
-    def estimate(
-        self, estimator_state: GoalState | None, reading: Reading, airframe: AbstractAirframe, instant: Instant
-    ) -> tuple[Belief, GoalState | None]:
-        """Return the reading as belief, and the goal's motion, extrapolated after a failure of the goal sensor."""
-        condition, model = reading.condition, airframe if self.model is None else self.model
-        if self.model is not None:
-            condition = modelled_air_data_and_forces(self.model, condition, condition.air_data, reading.state)
-        goal = self.init(reading, airframe, instant)
-        if goal is not None and estimator_state is not None:
-            goal = goal_or_prediction(goal, estimator_state, reading, instant)
-        return Belief(model, reading.state, condition, reading.specific_force_b, reading.sight, goal), goal
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
@@ -106,7 +81,10 @@ class TrackingState(eqx.Module):
 
 
 class TrackingEstimator(AbstractEstimator):
-    """Estimator with filters of the aircraft's motion, the air and the goal; each filter is optional."""
+    """Estimator with filters of the aircraft's motion, the air and the goal; each filter is optional.
+
+    Without filters, the belief is the reading; the goal's motion follows from the line of sight (theory section 7).
+    """
 
     #: Navigation filter; None: position, velocity, attitude and rates are taken from the readings.
     vehicle: NavigationFilter | None = None

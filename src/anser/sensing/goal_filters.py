@@ -4,6 +4,7 @@ A filter has one motion model or several interacting ones. `hand_over_goal` pass
 """
 
 import abc
+import dataclasses
 from typing import Any, Literal
 
 import equinox as eqx
@@ -279,12 +280,7 @@ def _is_goal_state(node: Any) -> bool:
 
 def _hand_over_node(receiver_node: Any, giver_node: Any) -> Any:
     if isinstance(receiver_node, GoalTrack):
-        return eqx.tree_at(
-            lambda track: track.vehicle_motion,
-            giver_node,
-            receiver_node.vehicle_motion,
-            is_leaf=lambda leaf: leaf is None,
-        )
+        return dataclasses.replace(giver_node, vehicle_motion=receiver_node.vehicle_motion)
     if isinstance(receiver_node, MeasurementQueue):
         return eqx.tree_at(lambda queue: queue.waiting, receiver_node, receiver_node.waiting & False)
     return giver_node if isinstance(receiver_node, GoalState) else receiver_node

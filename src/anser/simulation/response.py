@@ -18,7 +18,7 @@ from anser.parts.controllers import AbstractGuidance
 from anser.parts.paths import PathCommand
 from anser.parts.perception import Belief, Instant
 from anser.parts.planners import AircraftPlan
-from anser.sensing.estimators import DirectEstimator
+from anser.sensing.estimators import TrackingEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
@@ -87,7 +87,7 @@ def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder
     """Fly from trim with a constant command to one loop; returns the recorder's rows, one per sampling period."""
     command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
-    vehicle = Vehicle(case.airframe, IdealSensors(), DirectEstimator(), ConstantCommand(command), autopilot)
+    vehicle = Vehicle(case.airframe, IdealSensors(), TrackingEstimator(), ConstantCommand(command), autopilot)
     instant = Instant(case.environment, jnp.asarray(0, dtype=jnp.int32), case.step)
     start = trimmed_vehicle(vehicle, instant, case.trim)
     return fly_alone(vehicle, case.environment, start, case.step, count, recorder)[2]

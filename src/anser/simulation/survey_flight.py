@@ -1,5 +1,7 @@
 """Survey flights: a step command to one aircraft in trim, of which only extremes and metrics are kept."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,7 +19,7 @@ from anser.parts.controllers import AbstractGuidance
 from anser.parts.paths import PathCommand
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
 from anser.parts.planners import AircraftPlan
-from anser.sensing.estimators import DirectEstimator
+from anser.sensing.estimators import TrackingEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
@@ -130,14 +132,11 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
     """Convert the running summary into the final one: mean of the late errors, and settling time."""
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]))
     end_time = (count - 1) * step
-    return eqx.tree_at(
-        lambda s: (s.final_error, s.settling_time, s.finite),
+    return dataclasses.replace(
         summary,
-        (
-            summary.final_error / (count - final_part_start(count)),
-            jnp.where(summary.settling_time >= end_time, jnp.inf, summary.settling_time),
-            finite,
-        ),
+        final_error=summary.final_error / (count - final_part_start(count)),
+        settling_time=jnp.where(summary.settling_time >= end_time, jnp.inf, summary.settling_time),
+        finite=finite,
     )
 
 
@@ -288,7 +287,7 @@ def survey_flight(
     vehicle = Vehicle(
         airframe=airframe,
         sensors=IdealSensors() if sensors is None else sensors,
-        estimator=DirectEstimator() if estimator is None else estimator,
+        estimator=TrackingEstimator() if estimator is None else estimator,
         guidance=SteppedPath(target, size),
         controller=InversionAutopilot(gains, limits),
     )

@@ -1,5 +1,6 @@
 """One aircraft of the closed loop: interchangeable parts, mission, faults, state, and motion over one step."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -83,13 +84,10 @@ def advance(
     def derivative(t: ScalarLike, y: AnyMotionState) -> AnyMotionState:
         return motion_derivative(airframe, environment, t, y, controls, disturbance)
 
-    state = eqx.tree_at(
-        lambda s: (s.actuators, s.engine),
+    state = dataclasses.replace(
         state,
-        (
-            airframe.actuators.before_step(state.actuators, controls.surfaces),
-            airframe.engine.before_step(state.engine, controls.throttle),
-        ),
+        actuators=airframe.actuators.before_step(state.actuators, controls.surfaces),
+        engine=airframe.engine.before_step(state.engine, controls.throttle),
     )
     # jit: one trace for the four stages.
     next_state = rk4_step(jax.jit(derivative), jnp.asarray(time, state.velocity_b.dtype), state, step)

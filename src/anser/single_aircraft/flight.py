@@ -38,7 +38,7 @@ from anser.results.documents import version_attributes
 from anser.results.faults import dataset_fault, format_fault
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
 from anser.sensing.adaptation import AdaptiveEstimator, adaptive_estimator
-from anser.sensing.estimators import DirectEstimator
+from anser.sensing.estimators import TrackingEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.open_loop import CONTROLLER_KEYS, FeedbackControls, PrescribedCommand, PrescribedControls
@@ -248,7 +248,7 @@ def simulate(
     changes = read_changes(airframe, change)
     is_adaptive = controller == "adaptive"
     if estimator is None:
-        estimator = DirectEstimator() if changes is None and not is_adaptive else DirectEstimator(model=airframe)
+        estimator = TrackingEstimator(model=None if changes is None and not is_adaptive else airframe)
         estimator = adaptive_estimator(estimator, airframe) if is_adaptive else estimator
     parts = {
         "airframe": airframe,

@@ -4,8 +4,7 @@ import jax.numpy as jnp
 
 from anser.constants import EARTH_ROTATION_RAD_S
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
-from anser.spatial.rotations import rotate, rotate_back
-from anser.spatial.wgs84 import ecef_from_geodetic
+from anser.spatial.rotations import rotate_back
 
 
 def rotation_ecef_from_eci(
@@ -22,33 +21,11 @@ def rotation_ecef_from_eci(
     return jnp.stack([jnp.stack([c, s, zero]), jnp.stack([-s, c, zero]), jnp.stack([zero, zero, unity])])
 
 
-def ecef_from_eci(
-    position_i: Vector3, time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
-) -> Vector3:
-    """Convert a position (3,), m, from inertial to Earth-fixed axes; time in s, lambda_0 in rad."""
-    return rotate(rotation_ecef_from_eci(time, longitude_0, rotation_rate), position_i)
-
-
 def eci_from_ecef(
     position_e: Vector3, time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
 ) -> Vector3:
     """Convert a position (3,), m, from Earth-fixed to inertial axes; time in s, lambda_0 in rad."""
     return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), position_e)
-
-
-def velocity_ecef_from_eci(
-    position_i: Vector3,
-    velocity_i: Vector3,
-    time: ScalarLike,
-    longitude_0: ScalarLike,
-    rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
-) -> Vector3:
-    """Return the velocity relative to the rotating Earth (3,), ECEF axes, m/s: ``R_ei (v_i - w_E x p_i)``.
-
-    Inputs: inertial position (3,), m, and velocity (3,), m/s; time in s, lambda_0 in rad.
-    """
-    relative_i = velocity_i - _earth_rotation_cross(position_i, rotation_rate)
-    return rotate(rotation_ecef_from_eci(time, longitude_0, rotation_rate), relative_i)
 
 
 def velocity_eci_from_ecef(
@@ -83,32 +60,3 @@ def rotation_ned_from_ecef(lat: ScalarLike, lon: ScalarLike) -> Matrix33:
             jnp.stack([-c_lat * c_lon, -c_lat * s_lon, -s_lat]),
         ]
     )
-
-
-def ned_from_ecef_point(
-    position_e: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
-) -> Vector3:
-    """Convert an Earth-fixed position to the NED coordinates of the tangent plane at a reference point.
-
-    Parameters
-    ----------
-    position_e
-        Position (3,), ECEF, m.
-    reference_latitude, reference_longitude, reference_height
-        Geodetic coordinates of the tangent plane's origin: rad, rad, m above the ellipsoid.
-
-    Returns
-    -------
-    Position (3,), NED axes of the tangent plane, m. Exact, unlike the flat-Earth map of `flat_from_geodetic`, which
-    follows the Earth's curvature.
-    """
-    origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
-    return rotate(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_e - origin_e)
-
-
-def ecef_from_ned_point(
-    position_n: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
-) -> Vector3:
-    """Convert a tangent-plane NED position (3,), m, to ECEF, m: the inverse of `ned_from_ecef_point`."""
-    origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
-    return origin_e + rotate_back(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_n)

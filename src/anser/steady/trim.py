@@ -3,6 +3,7 @@
 A trim map point includes the obstacles to steady flight and the margins to the limits.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -319,10 +320,8 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
     condition = air_data_and_forces(airframe, environment, 0.0, point.state)
     data = condition.air_data
     # the flow angles have separate flags
-    inside = eqx.tree_at(
-        lambda d: (d.alpha, d.beta),
-        data,
-        (jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)),
+    inside = dataclasses.replace(
+        data, alpha=jnp.clip(data.alpha, *airframe.alpha_range), beta=jnp.clip(data.beta, *airframe.beta_range)
     )
     power, surfaces = point.power / 100, point.state.surfaces
     actuators = airframe.actuators

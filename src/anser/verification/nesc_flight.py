@@ -38,7 +38,7 @@ from anser.environment.environment import Environment, LayeredWind
 from anser.numerics.arrays import as_array, stack_rows
 from anser.numerics.least_squares import Solution, levenberg_marquardt
 from anser.parts.perception import Belief, Instant
-from anser.sensing.estimators import DirectEstimator
+from anser.sensing.estimators import TrackingEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
@@ -467,7 +467,7 @@ def _fly_law(
     step = jnp.asarray(LOG_PERIOD_S / steps)
 
     def fly(environment: Environment, start: EarthFixedState, trim_controls: Controls, guidance: NamedCommands) -> dict:
-        vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), guidance, law)
+        vehicle = Vehicle(airframe, IdealSensors(), TrackingEstimator(), guidance, law)
         local_start = local_state(require_round_earth(environment), start)
         instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
         trimmed = trimmed_vehicle(vehicle, instant, start_point(airframe, environment, local_start, trim_controls))

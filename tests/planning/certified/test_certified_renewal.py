@@ -18,6 +18,7 @@ from anser.planning.certified.replanning import (
     PARTLY_CORRECTED,
     REPLANNED,
     UNCHANGED,
+    PlanInFlight,
     arrival_delays,
     correct_or_replace_plan,
     correct_plan,
@@ -68,13 +69,12 @@ def plan():
 
 def replan(plan, tasks, arrival_is_free=YES, covariances=None, time=NOW, has_left=(False, False, False)):
     """Replanned between two steps; a compiled loop makes the same plan, or reports that another one is needed."""
-    freeze = jnp.asarray(2.0)
-    new_plan, status = correct_or_replace_plan(
-        plan, time, tasks, SPACE, arrival_is_free, freeze, jnp.asarray(jnp.inf), covariances, None, np.array(has_left)
+    in_flight = PlanInFlight(
+        *(plan, jnp.asarray(time), tasks, SPACE, jnp.asarray(2.0), covariances, None),
+        *(jnp.array(has_left), arrival_is_free, jnp.asarray(jnp.inf)),
     )
-    corrected, corrected_status, is_feasible = _correct(
-        plan, jnp.asarray(time), tasks, SPACE, freeze, covariances, None, jnp.array(has_left)
-    )
+    new_plan, status = correct_or_replace_plan(in_flight)
+    corrected, corrected_status, is_feasible = _correct(in_flight)
     assert is_feasible == (status in (CORRECTED, AWAITING_GOAL))
     if is_feasible:
         assert status == int(corrected_status)

@@ -23,6 +23,7 @@ from anser.planning.certified.replanning import (
     COMMITTED_S,
     FIRST_PLAN,
     REPLANNED,
+    PlanInFlight,
     arrival_delays,
     correct_or_replace_plan,
     correct_plan,
@@ -239,35 +240,36 @@ class CertifiedPlanner(AbstractPlanner):
 
         Where no correction satisfies the certificate, or the holds no longer suit the goals, a new plan is needed.
         """
-        tasks, covariances = self.aircraft_tasks(reports, planner_state.limits), reports.goal_covariance
-        correction_limits = self.correction_limits(planner_state.limits)
-        plan, status, is_feasible = correct_plan(
-            planner_state.plan,
-            time,
-            tasks,
-            self.airspace,
-            self.freeze,
-            covariances,
-            correction_limits,
-            reports.has_left,
-        )
-        is_outdated = self._holds_are_outdated(planner_state, time, tasks, covariances)
+        in_flight = self._plan_in_flight(planner_state, time, reports)
+        plan, status, is_feasible = correct_plan(in_flight)
+        is_outdated = self._holds_are_outdated(planner_state.holds, in_flight)
         replan_needed = planner_state.replan_needed | ~is_feasible | is_outdated
         return CertifiedPlanState(plan, status, planner_state.holds, planner_state.limits, replan_needed)
 
-    def _holds_are_outdated(
-        self,
-        planner_state: CertifiedPlanState,
-        time: ScalarLike,
-        tasks: AircraftTask,
-        covariances: Float[Array, "aircraft 6 6"] | None,
-    ) -> Flag:
+    def _plan_in_flight(
+        self, planner_state: CertifiedPlanState, time: ScalarLike, reports: AircraftReport
+    ) -> PlanInFlight:
+        return PlanInFlight(
+            plan=planner_state.plan,
+            time=time,
+            tasks=self.aircraft_tasks(reports, planner_state.limits),
+            airspace=self.airspace,
+            freeze=self.freeze,
+            covariances=reports.goal_covariance,
+            correction_limits=self.correction_limits(planner_state.limits),
+            has_left=reports.has_left,
+            arrival_is_free=self.arrival_is_free,
+            latest_arrival=self.latest_arrival,
+        )
+
+    def _holds_are_outdated(self, holds: PlannedHolds | None, in_flight: PlanInFlight) -> Flag:
         """Whether goals have shifted too far for the holds in use, and an aircraft can still change its hold."""
-        plan, holds = planner_state.plan, planner_state.holds
         if holds is None:
             return jnp.asarray(False)
-        can_choose = (tasks.active > 0.0) & (plan.arrival_times - time > self.freeze)
-        shifted = goals_have_shifted(holds, tasks, plan.arrival_times, time, self.airspace.separation, covariances)
+        tasks, arrivals, time = in_flight.tasks, in_flight.plan.arrival_times, in_flight.time
+        can_choose = (tasks.active > 0.0) & (arrivals - time > self.freeze)
+        separation = self.airspace.separation
+        shifted = goals_have_shifted(holds, tasks, arrivals, time, separation, in_flight.covariances)
         return jnp.any(can_choose) & jnp.any(shifted)
 
     def replan_between_steps(
@@ -281,22 +283,9 @@ class CertifiedPlanner(AbstractPlanner):
         Where no holds are clear, a plan with other paths is searched (`_search_in_flight`).
         """
         former, has_left = planner_state.holds, np.asarray(reports.has_left)
-        tasks, planned_tasks, correction_limits, is_outdated = _replanning_tasks(
-            self, planner_state, as_array(time), reports
-        )
-        plan, status = correct_or_replace_plan(
-            planner_state.plan,
-            time,
-            tasks,
-            self.airspace,
-            self.arrival_is_free,
-            self.freeze,
-            self.latest_arrival,
-            reports.goal_covariance,
-            correction_limits,
-            has_left,
-        )
-        holds = former
+        in_flight, planned_tasks, is_outdated = _replanning_inputs(self, planner_state, as_array(time), reports)
+        plan, status = correct_or_replace_plan(in_flight)
+        holds, tasks = former, in_flight.tasks
         if former is not None and (is_outdated or status == REPLANNED):
             end_time = _end_of_holds(former)
             active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
@@ -395,15 +384,14 @@ def _end_of_holds(holds: PlannedHolds) -> float:
 
 
 @compiled_quickly
-def _replanning_tasks(
+def _replanning_inputs(
     planner: CertifiedPlanner, planner_state: CertifiedPlanState, time: Scalar, reports: AircraftReport
-) -> tuple[AircraftTask, AircraftTask, PathLimits, Flag]:
+) -> tuple[PlanInFlight, AircraftTask, Flag]:
     """Compute the inputs of `CertifiedPlanner.replan_between_steps`.
 
-    These are the tasks to the measured goals, the same tasks from the planned states on, the limits of corrected paths,
-    and whether the holds are outdated (`_holds_are_outdated`).
+    These are the plan in flight, its tasks from the planned states on, and whether the holds are outdated
+    (`_holds_are_outdated`).
     """
-    limits = planner_state.limits
-    tasks = planner.aircraft_tasks(reports, limits)
-    is_outdated = planner._holds_are_outdated(planner_state, time, tasks, reports.goal_covariance)
-    return tasks, tasks_from_plan(planner_state.plan, tasks, time), planner.correction_limits(limits), is_outdated
+    in_flight = planner._plan_in_flight(planner_state, time, reports)
+    is_outdated = planner._holds_are_outdated(planner_state.holds, in_flight)
+    return in_flight, tasks_from_plan(in_flight.plan, in_flight.tasks, time), is_outdated

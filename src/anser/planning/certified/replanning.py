@@ -130,11 +130,7 @@ def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> Air
     Velocity and acceleration of a new path thus continue without a jump.
     """
     air, drift = path.states_n(time)
-    return eqx.tree_at(
-        lambda t: (t.position_n, t.air_velocity_n, t.air_acceleration_n),
-        task,
-        (air[0] + drift[0], air[1], air[2]),
-    )
+    return dataclasses.replace(task, position_n=air[0] + drift[0], air_velocity_n=air[1], air_acceleration_n=air[2])
 
 
 def tasks_from_plan(plan: CertifiedPlan, tasks: AircraftTask, time: ScalarLike) -> AircraftTask:
@@ -182,55 +178,100 @@ class AttemptLadder(eqx.Module):
                 yield from ((float(delay), limits) for delay in delays)
 
 
-def correct_plan(
-    plan: CertifiedPlan,
-    time: ScalarLike,
+class PlanInFlight(eqx.Module):
+    """A certified plan in flight, with the data for its correction or replacement."""
+
+    plan: CertifiedPlan  # plan in force
+    time: ScalarLike  # current time, s
     # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
     # its last path and arrival time; the others do not wait for it, and avoid it only if it has left the fleet
-    tasks: AircraftTask,
-    airspace: Airspace,
-    freeze: ScalarLike,  # duration before the arrival in which a path is frozen, s
+    tasks: AircraftTask
+    airspace: Airspace
+    freeze: ScalarLike  # duration before the arrival in which a path is frozen, s
     # covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
     # (`rendezvous_has_moved`) causes no new plan, and its path is retained if a correction is not feasible. None: the
     # goals are known exactly
-    covariances: Float[Array, "aircraft 6 6"] | None,
-    correction_limits: PathLimits | None,  # limits of a corrected path; None: those of the tasks
-    has_left: Bool[Array, " aircraft"],  # mask of the inactive aircraft that fly exit paths, which the others avoid
-) -> tuple[CertifiedPlan, Integer, Flag]:
+    covariances: Float[Array, "aircraft 6 6"] | None
+    correction_limits: PathLimits | None  # limits of a corrected path; None: those of the tasks
+    has_left: Bool[Array, " aircraft"]  # mask of the inactive aircraft that fly exit paths, which the others avoid
+    arrival_is_free: Flag  # whether the arrival times may be postponed, see `arrival_delays`
+    latest_arrival: ScalarLike  # latest allowed arrival time, s
+
+    @property
+    def under_way(self) -> Bool[Array, " aircraft"]:
+        """Mask of the aircraft that have not arrived."""
+        return (self.tasks.active > 0.0) & (self.plan.arrival_times > self.time)
+
+    @property
+    def replannable(self) -> Bool[Array, " aircraft"]:
+        """Mask of the aircraft that may get a new path."""
+        is_early = self.plan.arrival_times - self.time > jnp.maximum(self.freeze, COMMITTED_S)
+        return (self.tasks.active > 0.0) & is_early
+
+    @property
+    def path_limits(self) -> PathLimits:
+        """Limits of a corrected path."""
+        return self.tasks.limits if self.correction_limits is None else self.correction_limits
+
+    def certified(
+        self,
+        plan: CertifiedPlan,
+        paths: TimedPath,
+        arrivals: Float[Array, " aircraft"],
+        bounds: PathBounds | None = None,
+    ) -> CertifiedPlan:
+        """Replace paths and arrival times (s) of a plan, and certify the result from the current time on."""
+        active = jnp.where(self.under_way | self.has_left, 1.0, 0.0)
+        certified_tasks = dataclasses.replace(self.tasks, active=active, limits=self.path_limits)
+        certificate = certify(paths, certified_tasks, self.airspace, interval_count(paths), self.time, bounds)
+        remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, self.time)
+        return dataclasses.replace(
+            plan,
+            paths=paths,
+            arrival_times=arrivals,
+            certificate=certificate,
+            valid=jnp.ones_like(plan.valid),
+            lengths=jnp.where(self.under_way, remaining_lengths, plan.lengths),
+        )
+
+    def accepts(self, plan: CertifiedPlan) -> Flag:
+        """Whether a certified plan satisfies every constraint of the aircraft under way.
+
+        Conflicts with exit paths that the plan in force already has do not count: no plan resolved them at the event.
+        """
+        is_inherited = self.has_left[None, :] & (self.plan.certificate.clearance_ratio < 1.0)
+        ratios = jnp.where(is_inherited, jnp.inf, plan.certificate.clearance_ratio)
+        certificate = dataclasses.replace(plan.certificate, clearance_ratio=ratios)
+        return jnp.all((plan.valid & certificate.satisfied) | ~self.under_way)
+
+
+def correct_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, Integer, Flag]:
     """Correct a plan to the rendezvous expected from the goals measured now.
 
     Returns the plan, the index into `REPLANNING_MESSAGES`, and whether the corrected plan satisfies every constraint.
     """
-    active = tasks.active > 0.0
-    under_way = active & (plan.arrival_times > time)
-    correction_tasks = _with_limits(tasks, correction_limits)
+    plan, tasks, time, under_way = in_flight.plan, in_flight.tasks, in_flight.time, in_flight.under_way
     paths = jax.vmap(correct_path, in_axes=(0, 0, None))(plan.paths, tasks, time)
-    paths = select_rows(active & (plan.arrival_times - time > freeze), paths, plan.paths)
+    paths = select_rows((tasks.active > 0.0) & (plan.arrival_times - time > in_flight.freeze), paths, plan.paths)
     bounds, awaiting = None, jnp.zeros_like(under_way)
-    if covariances is not None:
-        significant = jax.vmap(rendezvous_has_moved)(plan.paths, tasks, covariances, plan.arrival_times - time)
-        bounds = fleet_bounds(paths, airspace)
-        awaiting = under_way & ~significant & ~within_limits(bounds, correction_tasks.limits)
+    if in_flight.covariances is not None:
+        significant = jax.vmap(rendezvous_has_moved)(
+            plan.paths, tasks, in_flight.covariances, plan.arrival_times - time
+        )
+        bounds = fleet_bounds(paths, in_flight.airspace)
+        awaiting = under_way & ~significant & ~within_limits(bounds, in_flight.path_limits)
         paths, bounds = select_rows(awaiting, (plan.paths, plan.certificate.bounds), (paths, bounds))
-    corrected = _recertify(
-        plan, paths, plan.arrival_times, correction_tasks, airspace, time, under_way, has_left, bounds
-    )
+    corrected = in_flight.certified(plan, paths, plan.arrival_times, bounds)
     status = jnp.where(jnp.any(awaiting), AWAITING_GOAL, CORRECTED)
-    return corrected, status, _is_acceptable(corrected, plan, under_way, has_left)
+    return corrected, status, in_flight.accepts(corrected)
 
 
 class ReplanningProblem(eqx.Module):
     """Attempts at another plan, if a plan cannot be corrected to the expected rendezvous."""
 
-    plan: CertifiedPlan  # plan in force
-    paths: TimedPath  # its corrected paths
-    time: Scalar  # current time, s
-    tasks: AircraftTask  # tasks with the limits of a corrected path
+    in_flight: PlanInFlight
+    paths: TimedPath  # corrected paths of the plan in force
     planned_tasks: AircraftTask  # tasks from the planned positions, velocities and accelerations
-    airspace: Airspace
-    under_way: Bool[Array, " aircraft"]  # mask of the aircraft that have not arrived
-    replannable: Bool[Array, " aircraft"]  # mask of the aircraft that may get a new path
-    has_left: Bool[Array, " aircraft"]  # mask of the aircraft on exit paths
     times_to_go: Float[Array, " aircraft"]  # durations of new paths without delay, s
     ladder: AttemptLadder
 
@@ -240,111 +281,62 @@ class ReplanningProblem(eqx.Module):
         Aircraft that may not be replanned keep their corrected paths and arrival times. The plan is feasible if every
         new path is valid and every aircraft under way satisfies the constraints.
         """
+        plan, replannable = self.in_flight.plan, self.in_flight.replannable
         # Aircraft with a fixed path keep its length, turn and speed.
         new_plan = eqx.tree_at(
-            _plan_sizes, new_plan, select_rows(self.replannable, _plan_sizes(new_plan), _plan_sizes(self.plan))
+            _plan_sizes, new_plan, select_rows(replannable, _plan_sizes(new_plan), _plan_sizes(plan))
         )
-        arrivals = jnp.where(self.replannable, self.time + durations, self.plan.arrival_times)
-        fleet_plan = self._certified(new_plan, select_rows(self.replannable, new_plan.paths, self.paths), arrivals)
-        is_valid = jnp.all(jnp.where(self.replannable, new_plan.valid, True))
-        return is_valid & self._is_acceptable(fleet_plan), fleet_plan
+        arrivals = jnp.where(replannable, self.in_flight.time + durations, plan.arrival_times)
+        paths = select_rows(replannable, new_plan.paths, self.paths)
+        fleet_plan = self.in_flight.certified(new_plan, paths, arrivals)
+        is_valid = jnp.all(jnp.where(replannable, new_plan.valid, True))
+        return is_valid & self.in_flight.accepts(fleet_plan), fleet_plan
 
     def correct_partly(self) -> tuple[Flag, CertifiedPlan]:
         """Correct each path as far as its limits allow; returns whether this is feasible and a change, and the plan."""
-        plan, limits = self.plan, self.tasks.limits
+        plan, under_way = self.in_flight.plan, self.in_flight.under_way
 
         def correct_by(fraction: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
             corrected_n = plan.paths.air_n + fraction * (self.paths.air_n - plan.paths.air_n)
             trial_paths = eqx.tree_at(lambda p: p.air_n, plan.paths, corrected_n)
-            return trial_paths, within_limits(fleet_bounds(trial_paths, self.airspace), limits)
+            bounds = fleet_bounds(trial_paths, self.in_flight.airspace)
+            return trial_paths, within_limits(bounds, self.in_flight.path_limits)
 
         trial_paths, satisfies = jax.lax.map(correct_by, jnp.asarray(CORRECTION_FRACTIONS))
         corrected_paths = jax.tree.map(
-            lambda leaf: leaf[jnp.argmax(satisfies, axis=0), jnp.arange(self.under_way.shape[0])], trial_paths
+            lambda leaf: leaf[jnp.argmax(satisfies, axis=0), jnp.arange(under_way.shape[0])], trial_paths
         )
         chosen = select_rows(jnp.any(satisfies, axis=0), corrected_paths, plan.paths)
-        candidate_plan = self._certified(plan, chosen, plan.arrival_times)
+        candidate_plan = self.in_flight.certified(plan, chosen, plan.arrival_times)
         has_moved = jnp.any(chosen.air_n != plan.paths.air_n)
-        return has_moved & self._is_acceptable(candidate_plan), candidate_plan
-
-    def _certified(self, plan: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]) -> CertifiedPlan:
-        return _recertify(plan, paths, arrivals, self.tasks, self.airspace, self.time, self.under_way, self.has_left)
-
-    def _is_acceptable(self, plan: CertifiedPlan) -> Flag:
-        return _is_acceptable(plan, self.plan, self.under_way, self.has_left)
-
-
-def replanning_problem(
-    plan: CertifiedPlan,
-    corrected_paths: TimedPath,  # paths from `correct_plan`
-    time: ScalarLike,
-    # as in `correct_plan`
-    tasks: AircraftTask,
-    airspace: Airspace,
-    freeze: ScalarLike,
-    correction_limits: PathLimits | None,
-    arrival_is_free: Flag,  # whether the arrival times may be postponed, see `arrival_delays`
-    latest_arrival: ScalarLike,  # latest allowed arrival time, s
-    has_left: Bool[Array, " aircraft"],  # as in `correct_plan`
-) -> ReplanningProblem:
-    """Collect the data of the attempts at another plan, for a plan whose corrected paths violate a constraint."""
-    active = tasks.active > 0.0
-    replannable = active & (plan.arrival_times - time > jnp.maximum(freeze, COMMITTED_S))
-    planned_tasks = tasks_from_plan(plan, tasks, time)
-    planned_tasks = eqx.tree_at(lambda t: t.active, planned_tasks, jnp.where(replannable, tasks.active, 0.0))
-    active_arrivals = jnp.where(active, plan.arrival_times, -jnp.inf)
-    delays, tries = arrival_delays(active_arrivals, time, replannable | ~active, arrival_is_free, latest_arrival)
-    return ReplanningProblem(
-        plan,
-        corrected_paths,
-        jnp.asarray(time),
-        _with_limits(tasks, correction_limits),
-        planned_tasks,
-        airspace,
-        active & (plan.arrival_times > time),
-        replannable,
-        has_left,
-        jnp.maximum(active_arrivals - time, COMMITTED_S),
-        AttemptLadder(delays, tries, tasks.limits, correction_limits),
-    )
+        return has_moved & self.in_flight.accepts(candidate_plan), candidate_plan
 
 
 @compiled_quickly
 def _correct_and_prepare(
-    plan: CertifiedPlan,
-    time: Scalar,
-    tasks: AircraftTask,
-    airspace: Airspace,
-    arrival_is_free: Flag,
-    freeze: Scalar,
-    latest_arrival: Scalar,
-    covariances: Float[Array, "aircraft 6 6"] | None,
-    correction_limits: PathLimits | None,
-    has_left: Bool[Array, " aircraft"],
+    in_flight: PlanInFlight,
 ) -> tuple[tuple[CertifiedPlan, Integer, Flag], ReplanningProblem]:
-    correction = correct_plan(plan, time, tasks, airspace, freeze, covariances, correction_limits, has_left)
-    paths = correction[0].paths
-    return correction, replanning_problem(
-        plan, paths, time, tasks, airspace, freeze, correction_limits, arrival_is_free, latest_arrival, has_left
+    """Correct a plan, and collect the data of the attempts at another plan."""
+    correction = correct_plan(in_flight)
+    plan, tasks, time, replannable = in_flight.plan, in_flight.tasks, in_flight.time, in_flight.replannable
+    active = tasks.active > 0.0
+    planned_tasks = dataclasses.replace(
+        tasks_from_plan(plan, tasks, time), active=jnp.where(replannable, tasks.active, 0.0)
     )
+    active_arrivals = jnp.where(active, plan.arrival_times, -jnp.inf)
+    delays, tries = arrival_delays(
+        active_arrivals, time, replannable | ~active, in_flight.arrival_is_free, in_flight.latest_arrival
+    )
+    times_to_go = jnp.maximum(active_arrivals - time, COMMITTED_S)
+    ladder = AttemptLadder(delays, tries, tasks.limits, in_flight.correction_limits)
+    return correction, ReplanningProblem(in_flight, correction[0].paths, planned_tasks, times_to_go, ladder)
 
 
 _accept = compiled_quickly(ReplanningProblem.accept)
 _correct_partly = compiled_quickly(ReplanningProblem.correct_partly)
 
 
-def correct_or_replace_plan(
-    plan: CertifiedPlan,
-    time: float,
-    tasks: AircraftTask,
-    airspace: Airspace,
-    arrival_is_free: Flag,
-    freeze: Scalar,
-    latest_arrival: Scalar,
-    covariances: Float[Array, "aircraft 6 6"] | None,
-    correction_limits: PathLimits | None,
-    has_left: Bool[np.ndarray, " aircraft"],  # mask of the aircraft on exit paths, which the others avoid
-) -> tuple[CertifiedPlan, int]:
+def correct_or_replace_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, int]:
     """Correct or replace a plan so that it leads to the currently measured goals; not traceable by JAX.
 
     Returns the first feasible of these plans, and its index into `REPLANNING_MESSAGES`:
@@ -355,27 +347,16 @@ def correct_or_replace_plan(
     4. the current plan, with each path corrected as far as its limits allow;
     5. the current plan unchanged.
     """
-    (corrected, status, is_feasible), problem = _correct_and_prepare(
-        plan,
-        as_array(time),
-        tasks,
-        airspace,
-        arrival_is_free,
-        freeze,
-        latest_arrival,
-        covariances,
-        correction_limits,
-        as_array(has_left, bool),
-    )
+    (corrected, status, is_feasible), problem = _correct_and_prepare(in_flight)
     if is_feasible:
         return corrected, int(status)
-    times_to_go, fixed_paths = np.asarray(problem.times_to_go), exit_paths(plan, has_left)
+    plan, times_to_go = in_flight.plan, np.asarray(problem.times_to_go)
+    fixed_paths = exit_paths(plan, np.asarray(in_flight.has_left))
     for delay, limits in problem.ladder.attempts():
         durations = as_array(times_to_go + delay)
-        tasks_with_limits = _with_limits(problem.planned_tasks, limits)
-        new_plan = plan_at(
-            time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL, fixed_paths
-        )
+        tasks = dataclasses.replace(problem.planned_tasks, limits=limits)
+        intervals, time = interval_count(plan.paths), float(in_flight.time)
+        new_plan = plan_at(time, tasks, in_flight.airspace, durations, intervals, MINIMAL, fixed_paths)
         is_new, new_plan = _accept(problem, new_plan, durations)
         if is_new:
             return new_plan, REPLANNED
@@ -383,56 +364,8 @@ def correct_or_replace_plan(
     return (corrected_plan, PARTLY_CORRECTED) if is_corrected else (plan, UNCHANGED)
 
 
-def _with_limits(tasks: AircraftTask, limits: PathLimits | None) -> AircraftTask:
-    return tasks if limits is None else eqx.tree_at(lambda t: t.limits, tasks, limits)
-
-
 def _plan_sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:
     return plan.lengths, plan.total_turn, plan.speeds
-
-
-def _recertify(
-    plan: CertifiedPlan,
-    paths: TimedPath,
-    arrivals: Float[Array, " aircraft"],
-    tasks: AircraftTask,
-    airspace: Airspace,
-    time: ScalarLike,
-    under_way: Bool[Array, " aircraft"],
-    has_left: Bool[Array, " aircraft"],
-    bounds: PathBounds | None = None,
-) -> CertifiedPlan:
-    """Replace paths and arrival times (s) of a plan, and certify the result from the current time (s) on."""
-    certified_tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way | has_left, 1.0, 0.0))
-    certificate = certify(paths, certified_tasks, airspace, interval_count(paths), time, bounds)
-    remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
-    return eqx.tree_at(
-        lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),
-        plan,
-        (
-            paths,
-            arrivals,
-            certificate,
-            jnp.ones_like(plan.valid),
-            jnp.where(under_way, remaining_lengths, plan.lengths),
-        ),
-    )
-
-
-def _is_acceptable(
-    plan: CertifiedPlan,
-    in_force: CertifiedPlan,
-    under_way: Bool[Array, " aircraft"],
-    has_left: Bool[Array, " aircraft"],
-) -> Flag:
-    """Whether a plan satisfies every constraint of the aircraft under way.
-
-    Conflicts with exit paths that the plan in force already has do not count: no plan could resolve them at the event.
-    """
-    is_inherited = has_left[None, :] & (in_force.certificate.clearance_ratio < 1.0)
-    ratios = jnp.where(is_inherited, jnp.inf, plan.certificate.clearance_ratio)
-    certificate = dataclasses.replace(plan.certificate, clearance_ratio=ratios)
-    return jnp.all((plan.valid & certificate.satisfied) | ~under_way)
 
 
 def exit_paths(plan: CertifiedPlan, has_left: Bool[np.ndarray, " aircraft"]) -> FixedPaths | None:

@@ -4,6 +4,7 @@ Tables of the candidates to generate, the prescribed motion at a rendezvous, and
 direct paths.
 """
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -177,13 +178,10 @@ def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike,
     wind_n = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), meeting[2]]), duration)
     angle_prescribed = rendezvous.path_angle_prescribed
     windy = jnp.any(wind_n[:2] != 0.0)
-    rendezvous_with_course = eqx.tree_at(
-        lambda r: (r.course, r.course_prescribed),
+    rendezvous_with_course = dataclasses.replace(
         rendezvous,
-        (
-            jnp.where(rendezvous.course_prescribed, rendezvous.course, polar(line, jnp.zeros(3)).chi),
-            rendezvous.course_prescribed | (angle_prescribed & windy),
-        ),
+        course=jnp.where(rendezvous.course_prescribed, rendezvous.course, polar(line, jnp.zeros(3)).chi),
+        course_prescribed=rendezvous.course_prescribed | (angle_prescribed & windy),
     )
     # Without a prescribed angle the aircraft has its goal's climb rate; the level airspeed is the rest.
     air_descent = task.goal_velocity_n[2] - wind_n[2]

@@ -6,6 +6,7 @@ per volume contain eleven unknowns: from each of many starts, damped Gauss-Newto
 nearest solution.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -334,9 +335,7 @@ def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int
 
     Returns one path per continued search, in no particular order.
     """
-    problem = eqx.tree_at(
-        lambda t: t.target_length, jax.lax.stop_gradient(problem), jnp.maximum(problem.target_length, 1.0)
-    )
+    problem = dataclasses.replace(jax.lax.stop_gradient(problem), target_length=jnp.maximum(problem.target_length, 1.0))
     count = 4 + problem.keep_outs.radii.shape[0]
 
     endpoints = problem.endpoints

@@ -6,6 +6,7 @@ path that the fleet knows; larger changes need the fleet's acknowledgement (`pat
 are coordinated (`anser.planning.decentralised.time_coordination`), so that the fleet waits for a delayed aircraft.
 """
 
+import dataclasses
 from collections.abc import Iterator
 from typing import ClassVar
 
@@ -251,10 +252,8 @@ class DecentralisedPlanner(AbstractPlanner):
         """Let each aircraft process received messages, and correct its path to the rendezvous predicted now."""
         correction = self._correct(planner_state, reports)
         state, is_missing = correction.planner_state, jnp.any(correction.searches)
-        return eqx.tree_at(
-            lambda s: (s.exchange, s.replan_needed),
-            state,
-            (correction.with_offers(correction.offers), state.replan_needed | is_missing),
+        return dataclasses.replace(
+            state, exchange=correction.with_offers(correction.offers), replan_needed=state.replan_needed | is_missing
         )
 
     def replan_between_steps(
@@ -386,23 +385,18 @@ class DecentralisedPlanner(AbstractPlanner):
         needs_path = is_late | (~corrected & (goal_has_moved | ~loop.keeps_limits))
         searches = may_change & state.settled & needs_path & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
         remaining_lengths = jax.vmap(TimedPath.air_length)(paths, clock)
-        plan = eqx.tree_at(
-            lambda p: (p.paths, p.certificate, p.lengths, p.arrival_times),
+        plan = dataclasses.replace(
             plan,
-            (
-                paths,
-                loop.certificate,
-                jnp.where(under_way, remaining_lengths, plan.lengths),
-                jnp.where(accepted, state.agreed_paths.path.times[:, -1], plan.arrival_times),
-            ),
+            paths=paths,
+            certificate=loop.certificate,
+            lengths=jnp.where(under_way, remaining_lengths, plan.lengths),
+            arrival_times=jnp.where(accepted, state.agreed_paths.path.times[:, -1], plan.arrival_times),
         )
         result = jnp.where(is_changed, PARTLY_CORRECTED, jnp.where(goal_has_moved, UNCHANGED, AWAITING_GOAL))
         result = jnp.where(accepted, REPLANNED, jnp.where(under_way & ~corrected, result, CORRECTED))
         result = jnp.where(reports.active, result.astype(planner_state.replanning.dtype), planner_state.replanning)
-        planner_state = eqx.tree_at(
-            lambda m: (m.plan, m.replanning, m.exchange, m.waits, m.delays),
-            planner_state,
-            (plan, result, state, waits | accepted, delays),
+        planner_state = dataclasses.replace(
+            planner_state, plan=plan, replanning=result, exchange=state, waits=waits | accepted, delays=delays
         )
         return _Correction(planner_state, tasks, proposals, offers, searches, avoids_alternative)
 
@@ -507,10 +501,8 @@ class DecentralisedPlanner(AbstractPlanner):
         clocks = eqx.tree_at(lambda c: c.acceleration, planner_state.clocks, acceleration)
         arrived = clocks.clock >= planner_state.plan.arrival_times
         clocks = advance_clocks(clocks, network.knowledge, time, reports.active, arrived, self.gains, step)
-        return eqx.tree_at(
-            lambda m: (m.network, m.clocks, m.time),
-            planner_state,
-            (network, clocks, (number + 1) * jnp.asarray(step, dtype=float)),
+        return dataclasses.replace(
+            planner_state, network=network, clocks=clocks, time=(number + 1) * jnp.asarray(step, dtype=float)
         )
 
     def _followed(self, planner_state: DecentralisedPlanState) -> ClockedPath:

@@ -4,6 +4,8 @@ The hold of an aircraft is a path from the arrival into a circle around its goal
 direction, radius and height of the circle are chosen so that the path stays clear of the fleet until the flight ends.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -92,15 +94,12 @@ def move_with_goals(
         offset_n = goal_offset_n[None, :] + (path.times - start_time)[:, None] * change_n[None, :]
         return eqx.tree_at(lambda p: p.air_n, path, path.air_n.at[:, 0].add(offset_n).at[:, 1].add(change_n))
 
-    return eqx.tree_at(
-        lambda h: (h.paths, h.goal_positions_n, h.goal_velocities_n, h.forecast_time),
+    return dataclasses.replace(
         holds,
-        (
-            jax.vmap(moved_path)(holds.paths, offsets_n, changes_n, jnp.broadcast_to(time, holds.clear.shape)),
-            tasks.goal_position_n,
-            tasks.goal_velocity_n,
-            time,
-        ),
+        paths=jax.vmap(moved_path)(holds.paths, offsets_n, changes_n, jnp.broadcast_to(time, holds.clear.shape)),
+        goal_positions_n=tasks.goal_position_n,
+        goal_velocities_n=tasks.goal_velocity_n,
+        forecast_time=time,
     )
 
 

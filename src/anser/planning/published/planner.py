@@ -1,5 +1,7 @@
 """The published planner in the closed loop: choice of the detours' sides, and check of the paths against the limits."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -226,9 +228,7 @@ class PublishedPlanner(AbstractPlanner):
         """
         tasks = self._tasks_in_flight(planner_state, time, reports)
         plan, is_due = continue_plan(planner_state.plan, time, tasks, self.even_speed)
-        return eqx.tree_at(
-            lambda m: (m.plan, m.replan_needed), planner_state, (plan, planner_state.replan_needed | is_due)
-        )
+        return dataclasses.replace(planner_state, plan=plan, replan_needed=planner_state.replan_needed | is_due)
 
     def replan_between_steps(
         self, planner_state: PublishedPlanState, time: float, reports: AircraftReport
