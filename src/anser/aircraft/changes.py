@@ -24,47 +24,30 @@ class AirframeChange(eqx.Module):
     """Factors on properties of an airframe, and a shift of the centre of gravity.
 
     Factors of 1 and a shift of 0 mean no change.
-
-    Attributes
-    ----------
-    surface_effectiveness
-        Factor on the aerodynamically effective deflection of each surface; actuators and stops are unchanged.
-    drag, lift_slope
-        Factors on drag and lift in stability axes (body axes turned by alpha alone). The zero-lift angle of attack is
-        unchanged, so the factor on the lift is the factor on the lift slope. Both factors leave the moments about the
-        original centre of gravity unchanged.
-    thrust
-        Factor on force and moment of the engine. A `ChangedAirframe` does not contain this factor: the simulation
-        applies the factor through the `Disturbance` of the aircraft.
-    mass, second_moments, actuator_bandwidth
-        See `anser.aircraft.dispersions.BodyDispersion`.
-    cg_shift
-        Shift of the centre of gravity, fraction of the mean chord, positive aft.
     """
 
+    #: Factor on the aerodynamically effective deflection of each surface; actuators and stops are unchanged.
     surface_effectiveness: Vector
+    #: Factors on drag and lift in stability axes (body axes turned by alpha alone). The zero-lift angle of attack is
+    #: unchanged, so the factor on the lift is the factor on the lift slope. Both factors leave the moments about the
+    #: original centre of gravity unchanged.
     drag: Scalar
     lift_slope: Scalar
+    #: Factor on force and moment of the engine. A `ChangedAirframe` does not contain this factor: the simulation
+    #: applies the factor through the `Disturbance` of the aircraft.
     thrust: Scalar
+    #: See `anser.aircraft.dispersions.BodyDispersion`.
     mass: Scalar
     second_moments: Vector3
     actuator_bandwidth: Scalar
-    cg_shift: Scalar
+    cg_shift: Scalar  #: Shift of the centre of gravity, fraction of the mean chord, positive aft.
 
 
 class AirframeChanges(eqx.Module):
-    """Changes of an aircraft during the flight, each from its time on: factors multiply, shifts add.
+    """Changes of an aircraft during the flight, each from its time on: factors multiply, shifts add."""
 
-    Attributes
-    ----------
-    times
-        Time of each change, s.
-    changes
-        The changes, with a leading axis.
-    """
-
-    times: Float[Array, " changes"]
-    changes: AirframeChange
+    times: Float[Array, " changes"]  #: Time of each change, s.
+    changes: AirframeChange  #: The changes, with a leading axis.
 
     def at(self, time: ScalarLike) -> AirframeChange:
         """Return the change in force at a time, s."""

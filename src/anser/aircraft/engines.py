@@ -220,15 +220,9 @@ class JetEngine(AbstractLaggedEngine):
 
 
 class InstantEngine(AbstractEngine):
-    """An engine without lag: the power follows the throttle at the start of each step.
+    """An engine without lag: the power follows the throttle at the start of each step."""
 
-    Attributes
-    ----------
-    engine
-        Engine with the thrust and the relation of throttle and power.
-    """
-
-    engine: AbstractEngine
+    engine: AbstractEngine  #: Engine with the thrust and the relation of throttle and power.
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
         """Return the engine state of steady running at a power (percent)."""

@@ -51,27 +51,13 @@ PUBLISHED_TIME_SCALE = LoopTimeScale()
 
 @dataclass(frozen=True)
 class StepTest:
-    """Step of the command to one loop of the autopilot, starting in trimmed flight.
+    """Step of the command to one loop of the autopilot, starting in trimmed flight."""
 
-    Attributes
-    ----------
-    key
-        Name for files: `rates-p`, `attitude-together`.
-    loop
-        Commanded loop; the inner loops are closed.
-    size
-        Step of the three channels, deg/s, deg or m/s; 0 for channels without a step.
-    duration_s
-        Duration of the flight.
-    read_at_s
-        End of the interval that the figures (rise time, overshoot and so on) evaluate.
-    """
-
-    key: str
-    loop: Loop
-    size: tuple[float, float, float]
-    duration_s: float
-    read_at_s: float
+    key: str  #: Name for files: `rates-p`, `attitude-together`.
+    loop: Loop  #: Commanded loop; the inner loops are closed.
+    size: tuple[float, float, float]  #: Step of the three channels, deg/s, deg or m/s; 0 for channels without a step.
+    duration_s: float  #: Duration of the flight.
+    read_at_s: float  #: End of the interval that the figures (rise time, overshoot and so on) evaluate.
 
     @property
     def commanded(self) -> dict[str, float]:

@@ -31,29 +31,15 @@ class ProbingController(AbstractController):
 
     In a first phase the adaptive estimator learns: the controls of the start are held, with the test input, and
     `controller` is not used.
-
-    Attributes
-    ----------
-    controller
-        Controller whose surface commands are disturbed.
-    amplitude
-        Greatest deflection of each surface, rad.
-    signals
-        Multisine of each surface over a period, with the greatest magnitude 1.
-    period
-        Period after which the multisines repeat, s.
-    uncertainty_max
-        Relative standard deviation of the control effectiveness above which the surfaces are moved.
-    learning_time
-        End of the first phase, s; 0: none.
     """
 
-    controller: AbstractController
-    amplitude: Vector
-    signals: tuple[AbstractSignal, ...]
-    period: Scalar
+    controller: AbstractController  #: Controller whose surface commands are disturbed.
+    amplitude: Vector  #: Greatest deflection of each surface, rad.
+    signals: tuple[AbstractSignal, ...]  #: Multisine of each surface over a period, with the greatest magnitude 1.
+    period: Scalar  #: Period after which the multisines repeat, s.
+    #: Relative standard deviation of the control effectiveness above which the surfaces are moved.
     uncertainty_max: Scalar
-    learning_time: Scalar
+    learning_time: Scalar  #: End of the first phase, s; 0: none.
 
     def init(self, state: AircraftState, attitude: Vector3) -> ProbingState:
         """Return the state after a long time in steady flight."""

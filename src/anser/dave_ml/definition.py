@@ -48,20 +48,9 @@ class SourceLocation:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """Variable of a DAVE-ML file: signal, constant or parameter.
+    """Variable of a DAVE-ML file: signal, constant or parameter."""
 
-    Attributes
-    ----------
-    id, name, units
-        varID, name (ANSI/AIAA S-119 name for standard variables), and units as written.
-    initial
-        Constant, initial value of a state, or default of an input.
-    minimum, maximum
-        Limits that clip every value of the variable.
-    formula, notes
-        Calculation of the value from other variables; provenance and uncertainty.
-    """
-
+    #: varID, name (ANSI/AIAA S-119 name for standard variables), and units as written.
     id: str
     name: str
     units: str
@@ -70,12 +59,13 @@ class Variable:
     sign: str = ""
     alias: str = ""
     symbol: str = ""
-    initial: float | None = None
+    initial: float | None = None  #: Constant, initial value of a state, or default of an input.
+    #: Limits that clip every value of the variable.
     minimum: float | None = None
     maximum: float | None = None
-    formula: Formula | None = None
+    formula: Formula | None = None  #: Calculation of the value from other variables.
     roles: frozenset[Role] = frozenset()
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Note, ...] = ()  #: Provenance and uncertainty.
     location: SourceLocation = field(default=SourceLocation(), compare=False)
 
 

@@ -97,21 +97,11 @@ def is_logical(formula: Formula) -> bool:
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Evaluation of formulas with an array library.
+    """Evaluation of formulas with an array library."""
 
-    Attributes
-    ----------
-    operations
-        Function of each operation, by name.
-    power
-        Power with a constant exponent: function of base and exponent.
-    select
-        Function of a condition and two values.
-    """
-
-    operations: Mapping[str, Callable[..., Any]]
-    power: Callable[[Any, float], Any]
-    select: Callable[[Any, Any, Any], Any]
+    operations: Mapping[str, Callable[..., Any]]  #: Function of each operation, by name.
+    power: Callable[[Any, float], Any]  #: Power with a constant exponent: function of base and exponent.
+    select: Callable[[Any, Any, Any], Any]  #: Function of a condition and two values.
 
     def value_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
         """Return the numeric value of a formula; a truth value gives 1 or 0."""

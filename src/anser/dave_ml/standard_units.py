@@ -17,19 +17,12 @@ _SYMBOLS: Final = ("m", "kg", "s", "rad", "K", "A")
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Unit of measurement with its conversion to SI: ``value_si = factor * value + offset``.
+    """Unit of measurement with its conversion to SI: ``value_si = factor * value + offset``."""
 
-    Attributes
-    ----------
-    factor, offset
-        Conversion to metre, kilogram, second, radian, kelvin, ampere and derived units; percent to a fraction.
-    dimension
-        Exponents of m, kg, s, rad, K and A.
-    """
-
+    #: Conversion to metre, kilogram, second, radian, kelvin, ampere and derived units; percent to a fraction.
     factor: float
     offset: float = 0.0
-    dimension: tuple[int, ...] = (0, 0, 0, 0, 0, 0)
+    dimension: tuple[int, ...] = (0, 0, 0, 0, 0, 0)  #: Exponents of m, kg, s, rad, K and A.
 
     @property
     def si(self) -> str:

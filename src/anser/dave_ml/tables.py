@@ -190,30 +190,23 @@ class ScatteredTable(eqx.Module):
     point on the hull's facets is used: exact for two arguments, approximate for more (barycentric coordinates clipped
     on the nearest facet). If `extrapolated`, the value outside continues the linear function of the nearest simplex, in
     barycentric coordinates.
-
-    Attributes
-    ----------
-    to_barycentric, origins, corners
-        For each simplex, the matrix from coordinates relative to the origin to the leading barycentric coordinates,
-        the origin, and the point indices.
-    facet_origins, facet_inverses, facet_edges, facet_corners
-        Hull facets: origin, pseudo-inverse of the edges, edges, point indices.
-    values, lower, upper
-        Value at each point, and limits of the arguments.
-    arguments, result
-        varIDs of the arguments and of the dependent variable.
     """
 
+    #: For each simplex, the matrix from coordinates relative to the origin to the leading barycentric coordinates, the
+    #: origin, and the point indices.
     to_barycentric: Float[Array, "s d d"]
     origins: Float[Array, "s d"]
     corners: Int[Array, "s c"]
+    #: Hull facets: origin, pseudo-inverse of the edges, edges, point indices.
     facet_origins: Float[Array, "f d"]
     facet_inverses: Float[Array, "f e d"]
     facet_edges: Float[Array, "f d e"]
     facet_corners: Int[Array, "f d"]
+    #: Value at each point, and limits of the arguments.
     values: Float[Array, " n"]
     lower: Float[Array, " d"]
     upper: Float[Array, " d"]
+    #: varIDs of the arguments and of the dependent variable.
     arguments: tuple[str, ...] = eqx.field(static=True)
     result: str = eqx.field(static=True)
     extrapolated: bool = eqx.field(static=True)

@@ -33,22 +33,14 @@ _ROWS = 512
 
 @dataclasses.dataclass(frozen=True)
 class CoefficientHistory:
-    """Non-dimensional coefficients and rates along a record.
+    """Non-dimensional coefficients and rates along a record."""
 
-    Attributes
-    ----------
-    coefficients
-        Values by the names of `COEFFICIENT_NAMES`; the moments refer to the reference point.
-    arguments
-        Values by the endings of derivatives: `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V), and the
-        surfaces (rad).
-    record
-        Record with the specific force at the centre of gravity.
-    """
-
+    #: Values by the names of `COEFFICIENT_NAMES`; the moments refer to the reference point.
     coefficients: dict[str, Float[np.ndarray, " sample"]]
+    #: Values by the endings of derivatives: `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V), and the
+    #: surfaces (rad).
     arguments: dict[str, Float[np.ndarray, " sample"]]
-    record: FlightRecord
+    record: FlightRecord  #: Record with the specific force at the centre of gravity.
 
     @property
     def dataset(self) -> xr.Dataset:

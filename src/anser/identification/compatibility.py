@@ -39,18 +39,11 @@ _PROCESS_NOISE = {"airspeed": 1e-3, "alpha": 1e-7, "beta": 1e-7, "roll": 1e-6, "
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Compatibility:
-    """Estimated errors of sensors, with intervals, and the record without them; printed as a table.
+    """Estimated errors of sensors, with intervals, and the record without them; printed as a table."""
 
-    Attributes
-    ----------
-    estimate
-        `bias(CHANNEL)` in SI units and radians, `scale(CHANNEL)` as a fraction; measured = (1 + scale) true + bias.
-    record
-        Record with the errors removed.
-    """
-
+    #: `bias(CHANNEL)` in SI units and radians, `scale(CHANNEL)` as a fraction; measured = (1 + scale) true + bias.
     estimate: Estimate
-    record: FlightRecord
+    record: FlightRecord  #: Record with the errors removed.
 
     def __repr__(self) -> str:
         return repr(self.estimate)

@@ -44,24 +44,14 @@ class DynamicModel:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One recorded manoeuvre with equal steps.
+    """One recorded manoeuvre with equal steps."""
 
-    Attributes
-    ----------
-    time_s
-        Times of the samples, s.
-    inputs, outputs
-        Recorded inputs (sample, input) and measured outputs (sample, output), in the model's units.
-    initial_state
-        State at the first sample, shape (state,).
-    held
-        Whether the input of a sample is held over the step after it; False: straight lines between the samples.
-    """
-
-    time_s: Float[np.ndarray, " sample"]
+    time_s: Float[np.ndarray, " sample"]  #: Times of the samples, s.
+    #: Recorded inputs (sample, input) and measured outputs (sample, output), in the model's units.
     inputs: Float[np.ndarray, "sample input"]
     outputs: Float[np.ndarray, "sample output"]
-    initial_state: Float[np.ndarray, " state"]
+    initial_state: Float[np.ndarray, " state"]  #: State at the first sample, shape (state,).
+    #: Whether the input of a sample is held over the step after it; False: straight lines between the samples.
     held: bool = True
 
     @property
@@ -121,19 +111,11 @@ class StateSpace(NamedTuple):
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Estimated and fixed parameters of a model.
-
-    Attributes
-    ----------
-    names
-        Names of the estimated parameters; `STATE(0)` is the initial value of a state.
-    fixed
-        Values of the remaining parameters by name.
-    """
+    """Estimated and fixed parameters of a model."""
 
     model: DynamicModel
-    names: tuple[str, ...]
-    fixed: Mapping[str, float] = field(default_factory=dict)
+    names: tuple[str, ...]  #: Names of the estimated parameters; `STATE(0)` is the initial value of a state.
+    fixed: Mapping[str, float] = field(default_factory=dict)  #: Values of the remaining parameters by name.
 
     def predict(self, values: Values, manoeuvre: Manoeuvre, gain: Gain | None = None) -> Prediction:
         """Predict outputs with their sensitivities by forward differentiation.

@@ -27,34 +27,21 @@ _LABELS = {
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimate(Fit, PrintedTable):
-    """Estimated parameters and their fit: printed, a table with the 95 % interval of each parameter, then the fit.
+    """Estimated parameters and their fit: printed, a table with the 95 % interval of each parameter, then the fit."""
 
-    Attributes
-    ----------
-    method
-        Name of the method, for labels.
-    names, values, covariance
-        Names of the parameters, their values (parameter,) and the covariance of their errors (parameter, parameter).
-    degrees_of_freedom
-        Degrees of freedom of the residual variance: intervals follow Student's distribution.
-    condition_number, variance_inflation
-        Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
-        length, and by parameter the factor on the variance from the correlation with the remaining parameters.
-    white_covariance
-        Covariance as if the residuals were white: the published bound, for comparison.
-    notes
-        Remarks for the reader of the table.
-    """
-
-    method: str
+    method: str  #: Name of the method, for labels.
+    #: Names of the parameters, their values (parameter,) and the covariance of their errors (parameter, parameter).
     names: tuple[str, ...]
     values: Float[np.ndarray, " parameter"]
     covariance: Float[np.ndarray, "parameter parameter"]
-    degrees_of_freedom: float
+    degrees_of_freedom: float  #: Degrees of freedom of the residual variance: intervals follow Student's distribution.
+    #: Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
+    #: length, and by parameter the factor on the variance from the correlation with the remaining parameters.
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
+    #: Covariance as if the residuals were white: the published bound, for comparison.
     white_covariance: Float[np.ndarray, "parameter parameter"] | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: Remarks for the reader of the table.
 
     def __getitem__(self, name: str) -> float:
         """Return the value of a parameter; the interval is `interval()`."""

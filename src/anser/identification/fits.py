@@ -44,25 +44,14 @@ class Whiteness(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Fit:
-    """Measured responses of a manoeuvre, and the responses of a model to the same inputs.
+    """Measured responses of a manoeuvre, and the responses of a model to the same inputs."""
 
-    Attributes
-    ----------
-    responses
-        Names of the measured quantities that the model reproduces.
-    measured, fitted
-        Measured and fitted values, shape (sample, response); complex in the frequency domain.
-    sample_points
-        Times of the samples, s, or their frequencies, Hz (`is_spectrum`).
-    is_spectrum
-        Whether the samples are those of a Fourier transform.
-    """
-
-    responses: tuple[str, ...]
+    responses: tuple[str, ...]  #: Names of the measured quantities that the model reproduces.
+    #: Measured and fitted values, shape (sample, response); complex in the frequency domain.
     measured: Samples
     fitted: Samples
-    sample_points: Float[np.ndarray, " sample"]
-    is_spectrum: bool = False
+    sample_points: Float[np.ndarray, " sample"]  #: Times of the samples, s, or their frequencies, Hz (`is_spectrum`).
+    is_spectrum: bool = False  #: Whether the samples are those of a Fourier transform.
 
     @property
     def residuals(self) -> Samples:

@@ -16,30 +16,20 @@ from anser.results.variable_labels import unit_attributes
 
 @dataclass(frozen=True, repr=False)
 class PlannedManoeuvre(PrintedTable):
-    """Predicted errors of the parameters that a manoeuvre will give: printed, a table.
+    """Predicted errors of the parameters that a manoeuvre will give: printed, a table."""
 
-    Attributes
-    ----------
-    names, values
-        Names of the parameters, and their assumed values (parameter,).
-    information
-        Fisher's information matrix (parameter, parameter): its inverse is the Cramer-Rao bound of their covariance.
-    condition_number, variance_inflation
-        Collinearity: see `anser.identification.estimates.Estimate`.
-    time_s, outputs
-        Times, s, and predicted outputs (sample, output).
-    output_names
-        Names of the outputs.
-    """
-
+    #: Names of the parameters, and their assumed values (parameter,).
     names: tuple[str, ...]
     values: Float[np.ndarray, " parameter"]
+    #: Fisher's information matrix (parameter, parameter): its inverse is the Cramer-Rao bound of their covariance.
     information: Float[np.ndarray, "parameter parameter"]
+    #: Collinearity: see `anser.identification.estimates.Estimate`.
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
+    #: Times, s, and predicted outputs (sample, output).
     time_s: Float[np.ndarray, " sample"]
     outputs: Float[np.ndarray, "sample output"]
-    output_names: tuple[str, ...]
+    output_names: tuple[str, ...]  #: Names of the outputs.
 
     @property
     def covariance(self) -> Float[np.ndarray, "parameter parameter"]:

@@ -71,26 +71,14 @@ _QUANTITIES = {
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class FlightRecord:
-    """Channels of a flight at a constant sampling period.
+    """Channels of a flight at a constant sampling period."""
 
-    Attributes
-    ----------
-    time_s
-        Times of the samples, s.
-    channels
-        Values by the keys of the catalogue, in SI units and radians; angles over a full turn are continuous.
-    surfaces
-        Names of the control surfaces.
-    notes
-        Sentences on what was done to the recording: interpolation, alignment.
-    attributes
-        Attributes of the dataset from which the record was made.
-    """
-
-    time_s: Float[np.ndarray, " sample"]
+    time_s: Float[np.ndarray, " sample"]  #: Times of the samples, s.
+    #: Values by the keys of the catalogue, in SI units and radians; angles over a full turn are continuous.
     channels: Mapping[str, Float[np.ndarray, " sample"]]
-    surfaces: tuple[str, ...] = STANDARD_SURFACES
-    notes: tuple[str, ...] = ()
+    surfaces: tuple[str, ...] = STANDARD_SURFACES  #: Names of the control surfaces.
+    notes: tuple[str, ...] = ()  #: Sentences on what was done to the recording: interpolation, alignment.
+    #: Attributes of the dataset from which the record was made.
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __repr__(self) -> str:

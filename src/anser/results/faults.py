@@ -22,24 +22,12 @@ _SURFACE_UNIT = "of the effectiveness lost"
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that the autopilot of an aircraft found.
+    """A fault that the autopilot of an aircraft found."""
 
-    Attributes
-    ----------
-    name
-        Name of the fault: "centre of gravity", "ice", "engine", or the control surface.
-    time_s
-        Time at which the fault was confirmed, s.
-    size
-        Estimated size at the end of the record, a fraction.
-    unit
-        Quantity of which the size is a fraction.
-    """
-
-    name: str
-    time_s: float
-    size: float
-    unit: str
+    name: str  #: Name of the fault: "centre of gravity", "ice", "engine", or the control surface.
+    time_s: float  #: Time at which the fault was confirmed, s.
+    size: float  #: Estimated size at the end of the record, a fraction.
+    unit: str  #: Quantity of which the size is a fraction.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fault as plain data for `summary.json`."""

@@ -13,18 +13,10 @@ from anser.spatial.rotations import safe_atan2, safe_hypot
 
 
 class Ellipsoid(eqx.Module):
-    """An oblate ellipsoid of revolution.
+    """An oblate ellipsoid of revolution."""
 
-    Attributes
-    ----------
-    a
-        Semi-major axis (equatorial radius), m.
-    f
-        Flattening (a - b)/a; 0 is a sphere.
-    """
-
-    a: ScalarLike
-    f: ScalarLike
+    a: ScalarLike  #: Semi-major axis (equatorial radius), m.
+    f: ScalarLike  #: Flattening (a - b)/a; 0 is a sphere.
 
     @property
     def b(self) -> ScalarLike:

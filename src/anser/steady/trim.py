@@ -44,23 +44,6 @@ _CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed 
 class TrimTarget(eqx.Module):
     """The required steady flight condition.
 
-    Attributes
-    ----------
-    speed
-        True airspeed, m/s.
-    altitude
-        Geometric altitude, m.
-    path_angle, course
-        Direction of the velocity through the air, rad.
-    turn_rate
-        Rate of the course, rad/s; positive turns right.
-    path_rate
-        Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the horizontal line to the
-        right of the course, also in a turn. If not 0, the condition is instantaneous.
-    pitch_rate
-        Body rate Q of a pull-up as in [SL] section 3.6, rad/s: P = R = 0, and without side force the wings are level.
-        If not 0, turn and path rates must be 0, and the condition is instantaneous.
-
     Notes
     -----
     With sideslip (for the F-16 due to the engine's angular momentum) the two pull-ups differ: `path_rate` turns the
@@ -68,45 +51,36 @@ class TrimTarget(eqx.Module):
     heading is constant.
     """
 
-    speed: Scalar
-    altitude: Scalar
+    speed: Scalar  #: True airspeed, m/s.
+    altitude: Scalar  #: Geometric altitude, m.
+    #: Direction of the velocity through the air, rad.
     path_angle: Scalar
     course: Scalar
-    turn_rate: Scalar
+    turn_rate: Scalar  #: Rate of the course, rad/s; positive turns right.
+    #: Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the horizontal line to the
+    #: right of the course, also in a turn. If not 0, the condition is instantaneous.
     path_rate: Scalar
+    #: Body rate Q of a pull-up as in [SL] section 3.6, rad/s: P = R = 0, and without side force the wings are level. If
+    #: not 0, turn and path rates must be 0, and the condition is instantaneous.
     pitch_rate: Scalar
 
 
 class TrimPoint(eqx.Module):
-    """A solution of the trim equations, inside or outside the aircraft's limits.
+    """A solution of the trim equations, inside or outside the aircraft's limits."""
 
-    Attributes
-    ----------
-    state
-        State at the required position and altitude; the velocity over ground includes the environment's wind.
-    controls
-        Constant surfaces and throttle (0..1, saturated).
-    mu, alpha, beta
-        Bank about the velocity vector, angle of attack, sideslip, rad.
-    power
-        Power for balance with the drag, percent; outside 0..100 if the engine cannot deliver it.
-    converged
-        Whether the equations are solved (residual below 1e-8 g and rad/s^2).
-    residual
-        Largest remaining acceleration, g and rad/s^2; infinite if the target has a pitch rate together with a turn or
-        path rate, which defines no flight.
-    excess
-        Sum of the violations of alpha, beta, surface (rad) and power (fraction) limits; 0 inside the limits.
-    """
-
+    #: State at the required position and altitude; the velocity over ground includes the environment's wind.
     state: AircraftState
-    controls: Controls
+    controls: Controls  #: Constant surfaces and throttle (0..1, saturated).
+    #: Bank about the velocity vector, angle of attack, sideslip, rad.
     mu: Scalar
     alpha: Scalar
     beta: Scalar
-    power: Scalar
-    converged: Flag
+    power: Scalar  #: Power for balance with the drag, percent; outside 0..100 if the engine cannot deliver it.
+    converged: Flag  #: Whether the equations are solved (residual below 1e-8 g and rad/s^2).
+    #: Largest remaining acceleration, g and rad/s^2; infinite if the target has a pitch rate together with a turn or
+    #: path rate, which defines no flight.
     residual: Scalar
+    #: Sum of the violations of alpha, beta, surface (rad) and power (fraction) limits; 0 inside the limits.
     excess: Scalar
 
 
