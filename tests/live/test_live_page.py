@@ -1,6 +1,7 @@
 """The live page in a browser, against its server: a drag, the keyboard, undo, a refusal, a flight."""
 
 import json
+import math
 import time
 import tomllib
 from pathlib import Path
@@ -19,6 +20,7 @@ skip_without_chromium()
 pytest.importorskip("starlette")
 
 from anser.live.documents import merge_into_toml  # noqa: E402
+from anser.live.page import render_live_page  # noqa: E402
 from anser.live.server import LiveServer  # noqa: E402
 
 DOCUMENT = tomllib.loads(Path(shipped_files()["storm-sampling"]).read_text(encoding="utf-8"))
@@ -372,6 +374,91 @@ def test_another_arrival_rule_leaves_no_key_of_the_former(page):
         assert page.run("JSON.stringify(live.scenario.table)") == page.run(f"JSON.stringify({json.dumps(full)})")
     page.run("live.requests.ask = ask")
     page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
+def test_the_scene_of_a_flight_has_the_rendezvous_of_the_plan_and_the_events(page):
+    answered(page)
+    assert page.run("interpolated([0, 1, 2], [5, -5, 0], 0.5)") == 0
+    assert page.run("interpolated([0, 0.5, 1], [5, 4, NaN], 0.75)") == 4
+    # rows of a flight with holds after the arrival, without the values of the last row of the first aircraft
+    run = page.run(
+        "(() => { const { answer, scenario } = live, { table } = scenario, [one] = answer.drawn, end = one.track.time_s.at(-1);"
+        " scenario.table = { ...table, event: [{ time_s: end + 5, kind: 'goal-stops', goal: one.goal },"
+        " { time_s: 7, kind: 'keep-out-appears', keep_out: { name: 'cell', north_m: 1, east_m: 2, radius_m: 300 } }] };"
+        " const rows = new FlightRows('x');"
+        " rows.append({ time_s: [0, end, end + 40, end + 41], aircraft: answer.drawn.map(({ name, track }, k) => ({ name,"
+        " ...Object.fromEntries(['north_m', 'east_m', 'altitude_m'].map((axis) =>"
+        " [axis, [track[axis][0], track[axis].at(-1), track[axis].at(-1), k ? 0 : null]]))})) });"
+        " const run = runOf(flownFleet(answer.drawn, rows), live, scenario.list('event'));"
+        " scenario.table = table;"
+        " const at = (name, time) => run.cache.get(name)[0][run.time.findLastIndex((value) => value <= time)];"
+        " return { left: rows.until(0, end + 41).here, keep_out: run.keepOuts.at(-1), goal: [at('goal_north_m', end + 6), at('goal_north_m', end + 30)],"
+        " shift: run.time[run.time.findLastIndex((value) => value <= end)] - end, speed: motionAt(scenario.list('goal').find((goal) => goal.name === one.goal), end),"
+        " marker: at('rendezvous_north_m', end), rendezvous: one.rendezvous.north_m }; })()"
+    )
+    course = math.radians(run["speed"]["course_deg"])
+    moved_m = run["speed"]["speed_m_s"] * math.cos(course) * run["shift"]
+    assert run["marker"] == pytest.approx(run["rendezvous"] + moved_m, abs=0.01)
+    assert run["goal"][0] == pytest.approx(run["goal"][1], abs=0.01)  # stopped
+    assert (run["keep_out"]["from_s"], run["keep_out"]["radius_m"]) == (7, 300)
+    assert run["left"] is None
+
+
+def test_a_repeated_flight_that_fails_leaves_no_tracks_of_the_former(page):
+    answered(page)
+    shown = page.run(
+        "(() => { const { flights, connection, scenario } = live, { send } = connection, answers = [];"
+        " connection.send = (type, content, answer) => type === 'fly' ? 100 + answers.push(answer) : 0;"
+        " const rows = Object.assign(new FlightRows(JSON.stringify(scenario.table)), { names: ['one'], time_s: [0, 9],"
+        " north_m: [[0, 500]], east_m: [[0, 90]], altitude_m: [[300, 300]] });"
+        " Object.assign(flights, { rows, time: 9 });"
+        " flights._add({ kind: 'goal-stops', goal: scenario.list('goal')[0].name });"
+        " const between = flights.rows === rows; answers[0]({ type: 'failed', problems: [] });"
+        " connection.send = send; return [between, flights.rows]; })()"
+    )
+    assert shown == [True, None]
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
+def test_a_limit_exceeded_with_the_other_sign_is_the_first_bar(page):
+    answered(page)
+    page.run(
+        "(() => { const answer = structuredClone(live.answer); live._take(answer);"
+        " Object.assign(answer.aircraft[1].limits.at(-1), { label: 'exceeded', bound: -3, utilization: null });"
+        " Object.assign(answer.aircraft[0].limits[0], { label: 'unknown', bound: null, utilization: null });"
+        " live.shown = null; live.drawNow(); })()"
+    )
+    assert page.run("document.querySelector('#answer .bars li.over .name').textContent") == "exceeded"
+    assert "unknown" not in page.run("document.querySelector('#answer .bars').textContent")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
+def test_entries_of_a_recorded_page_are_the_same_in_any_order_and_a_page_needs_no_storage(page, tmp_path):
+    answered(page)
+    planned = page.run("live.answer")
+    refused, invalid = planned | {"status": "refused"}, {"status": "invalid", "problems": []}
+    entries = [
+        {"label": str(k), "scenario": DOCUMENT, "answer": answer}
+        for k, answer in enumerate((invalid, refused, planned, refused))
+    ]
+    (tmp_path / "recorded.html").write_text(render_live_page(entries), encoding="utf-8")
+    page.open(tmp_path / "recorded.html")
+    look = "[live.answer?.status ?? null, live.certified !== null, document.querySelectorAll('#map .ghost').length]"
+    looks = [page.run(look)]
+    for k in (1, 2, 3, 2, 1, 0):
+        page.run(f"document.getElementById('{'next' if k > len(looks) - 1 else 'previous'}').click()")
+        looks.append(page.run(look))
+    count = len(DOCUMENT["aircraft"])
+    assert looks[:4] == [[None, False, 0], ["refused", False, 0], ["planned", True, 0], ["refused", True, count]]
+    assert looks[4:] == looks[2::-1]
+    forbidden = "Object.defineProperty(window, 'sessionStorage', { get() { throw new DOMException('forbidden'); } });"
+    with page.before_every_page(forbidden):
+        page._ask("Page.navigate", url=page.url)
+        wait_for(page, "location.protocol === 'http:' && window.live?.answer?.status === 'planned'")
+    page.run("live.scenario.set('wind.speed_m_s', 2); live.scenario.undo()")
     answered(page)
 
 
