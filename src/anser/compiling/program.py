@@ -18,7 +18,7 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Generic, ParamSpec, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, ParamSpec, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -35,6 +35,7 @@ from anser.compiling.measuring import (
     measured,
     waiting,
 )
+from anser.compiling.store import FolderStore
 
 # A step by hand takes half the time without a hand-over between threads. JAX reads the setting with its first array.
 jax.config.update("jax_cpu_enable_async_dispatch", False)
@@ -72,27 +73,13 @@ _T = TypeVar("_T")
 _HIT = "/jax/compilation_cache/cache_hits"
 
 
-class ProgramStore(Protocol):
-    """Interface of a storage for compiled programs that processes share; its methods must not raise."""
-
-    def load(self, key: str) -> bytes | None:
-        """Return the content saved under a key, or None if missing or damaged."""
-
-    def save(self, key: str, content: bytes) -> None:
-        """Save content under a key, or do nothing."""
-
-    def reserve(self, key: str) -> contextlib.AbstractContextManager[None]:
-        """Reserve a key for the `with` block; other processes that reserve the key wait for its end."""
-        ...
-
-
-_active_stores: list[ProgramStore] = []
+_active_stores: list[FolderStore] = []
 _LoadedProgram: TypeAlias = tuple[Callable[..., list[Any]], int]
 """Function from a flat list of arrays to a flat list of results, and the size of the code in bytes."""
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
-def use_program_store(store: ProgramStore | None) -> None:
+def use_program_store(store: FolderStore | None) -> None:
     """Set the store for programs compiled from now on; None disables storing."""
     _active_stores[:] = [] if store is None else [store]
 

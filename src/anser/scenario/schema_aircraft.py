@@ -38,11 +38,11 @@ from anser.config.tables import (
     velocity_on_course,
 )
 from anser.scenario.schema_settings import (
+    CALIBRATED_AIRSPEED,
     DURATION_MAX_S,
+    EQUIVALENT_AIRSPEED,
+    MACH,
     AirspeedTable,
-    calibrated_airspeed_key,
-    equivalent_airspeed_key,
-    mach_key,
     true_airspeed_key,
 )
 
@@ -141,9 +141,9 @@ class Start(AirspeedTable):
     east_m: float = number("east of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
     altitude_m: float = number("height above sea level", 0, ALTITUDE_MAX_M, "m")
     speed_m_s: float | None = true_airspeed_key("true airspeed, or one of the three keys below")
-    speed_cas_m_s: float | None = calibrated_airspeed_key()
-    speed_eas_m_s: float | None = equivalent_airspeed_key()
-    mach: float | None = mach_key()
+    speed_cas_m_s: float | None = CALIBRATED_AIRSPEED
+    speed_eas_m_s: float | None = EQUIVALENT_AIRSPEED
+    mach: float | None = MACH
     course_deg: float = number("direction of flight, clockwise from north", -360, 360, "deg")
     path_angle_deg: float = number("climb angle", -PATH_ANGLE_MAX_DEG, PATH_ANGLE_MAX_DEG, "deg", 0.0)
 
@@ -340,9 +340,9 @@ class Aircraft(AirspeedTable):
         default="auto", description="side of a detour, seen along the flight"
     )
     speed_m_s: float | None = true_airspeed_key("preferred true airspeed, instead of fleet.speed_m_s (certified)")
-    speed_cas_m_s: float | None = calibrated_airspeed_key()
-    speed_eas_m_s: float | None = equivalent_airspeed_key()
-    mach: float | None = mach_key()
+    speed_cas_m_s: float | None = CALIBRATED_AIRSPEED
+    speed_eas_m_s: float | None = EQUIVALENT_AIRSPEED
+    mach: float | None = MACH
     arrive_s: float | None = number('time of arrival, with arrival.rule "times"', 1, DURATION_MAX_S, "s", None)
     arrive_from_s: float | None = number('earliest arrival, with arrival.rule "windows"', 0, DURATION_MAX_S, "s", None)
     arrive_to_s: float | None = number('latest arrival, with arrival.rule "windows"', 1, DURATION_MAX_S, "s", None)

@@ -98,19 +98,9 @@ def true_airspeed_key(description: str) -> Any:
     return number(description, 1, SPEED_MAX_M_S, "m/s", None)
 
 
-def calibrated_airspeed_key() -> Any:
-    """Declare the key `speed_cas_m_s` of an `AirspeedTable`."""
-    return number("the same as a calibrated airspeed", 1, SPEED_MAX_M_S, "m/s", None, omit_default=True)
-
-
-def equivalent_airspeed_key() -> Any:
-    """Declare the key `speed_eas_m_s` of an `AirspeedTable`."""
-    return number("the same as an equivalent airspeed", 1, SPEED_MAX_M_S, "m/s", None, omit_default=True)
-
-
-def mach_key() -> Any:
-    """Declare the key `mach` of an `AirspeedTable`."""
-    return number("the same as a Mach number", 0.005, _MACH_MAX, "", None, omit_default=True)
+CALIBRATED_AIRSPEED = number("the same as a calibrated airspeed", 1, SPEED_MAX_M_S, "m/s", None, omit_default=True)
+EQUIVALENT_AIRSPEED = number("the same as an equivalent airspeed", 1, SPEED_MAX_M_S, "m/s", None, omit_default=True)
+MACH = number("the same as a Mach number", 0.005, _MACH_MAX, "", None, omit_default=True)
 
 
 class Timing(Table):
@@ -147,9 +137,9 @@ class Fleet(AirspeedTable):
         "mean true airspeed of the plan, equal for all aircraft; higher if the farthest cannot descend so slowly "
         "(certified: preferred airspeed); or one of the three keys below"
     )
-    speed_cas_m_s: float | None = calibrated_airspeed_key()
-    speed_eas_m_s: float | None = equivalent_airspeed_key()
-    mach: float | None = mach_key()
+    speed_cas_m_s: float | None = CALIBRATED_AIRSPEED
+    speed_eas_m_s: float | None = EQUIVALENT_AIRSPEED
+    mach: float | None = MACH
     speed_profile: Literal["even", "published"] = Field(
         default="even", description="airspeed along a path: even, or by the published polynomials in time"
     )

@@ -57,16 +57,8 @@ def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3
 
 def line_of_sight_values(sight: LineOfSight) -> Float[Array, "6"]:
     """Stack a line of sight in the order of `GoalReading`: range (m), azimuth, elevation (rad), and the three rates."""
-    return jnp.stack(
-        [
-            sight.range,
-            sight.azimuth,
-            sight.elevation,
-            sight.range_rate,
-            sight.azimuth_rate,
-            sight.elevation_rate,
-        ]
-    )
+    rates = sight.range_rate, sight.azimuth_rate, sight.elevation_rate
+    return jnp.stack([sight.range, sight.azimuth, sight.elevation, *rates])
 
 
 class SensorSample(eqx.Module):

@@ -1,13 +1,13 @@
 """Running summary of a fleet's flight, for flights without recorded histories."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.numerics.arrays import cast_to_precision
+from anser.numerics.arrays import cast_to_precision, select_rows
 from anser.parts.perception import Instant
 from anser.planning.certified.task import KeepOuts
 from anser.planning.separation import Separation, closest_fraction, keep_out_room, separation_ratio
@@ -160,12 +160,12 @@ class SummaryRecorder(AbstractRecorder):
         )
         error_max = jnp.maximum(past.position_error_on_plan, inputs["position_error"])
         error_to_part = jnp.where(part < 1.0, past.position_error_on_plan, error_max)
-        pass_time, pass_distance, speeds_until_pass, error_until_pass = _select(
+        pass_time, pass_distance, speeds_until_pass, error_until_pass = select_rows(
             is_closer,
             (time - length_s + part * length_s, distance, speeds_to_part, error_to_part),
             (past.pass_time, past.pass_distance, past.speeds_until_pass, past.position_error_until_pass),
         )
-        speeds_on_plan, error_on_plan = _select(
+        speeds_on_plan, error_on_plan = select_rows(
             on_plan, (speeds_to_end, error_max), (past.speeds_on_plan, past.position_error_on_plan)
         )
         code = inputs["status"]
@@ -213,11 +213,6 @@ class SummaryRecorder(AbstractRecorder):
 
     def output(self, sample: FleetSample, instant: Instant) -> None:
         """Return None: the recorder stores no rows."""
-
-
-def _select(condition: Bool[Array, " aircraft"], new: Any, old: Any) -> Any:
-    """Select the new values for aircraft whose condition is true, and the old values otherwise."""
-    return jax.tree.map(lambda new_leaf, old_leaf: jnp.where(condition, new_leaf, old_leaf), new, old)
 
 
 def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:

@@ -193,19 +193,9 @@ def _stack_group(
     )
 
 
-def merge_groups(flight: Flight, group_rows: Sequence[Any]) -> Any:
-    """Concatenate the groups' stacked rows in fleet order."""
-    return to_fleet_order(list(group_rows), flight.members)
-
-
-def select_group_rows(fleet_rows: Any, group: AircraftGroup, count: int) -> Any:
-    """Select one aircraft group's rows from arrays in fleet order."""
-    return to_group_order(fleet_rows, group.members, count)
-
-
 def statuses(flight: Flight, state: FlightState) -> tuple[Array, Bool[Array, " aircraft"]]:
     """Return each aircraft's status code and whether it is stopped, both in fleet order."""
-    return merge_groups(flight, [(group_state.status, group_state.stopped) for group_state in state.vehicles])
+    return to_fleet_order([(group_state.status, group_state.stopped) for group_state in state.vehicles], flight.members)
 
 
 SEGMENT_STEPS = 500
@@ -254,7 +244,7 @@ def fleet_reports(flight: Flight, state: FlightState, instant: Instant) -> tuple
         group.vehicles.map(report_one, perception, states)
         for (group, states), perception in zip(pairs, perceptions, strict=True)
     ]
-    return perceptions, merge_groups(flight, reports)
+    return perceptions, to_fleet_order(reports, flight.members)
 
 
 def plans_too_near(
@@ -276,11 +266,11 @@ def plans_too_near(
         return ~(safe_norm(to_goal_n) >= vehicle.mission.distance_min - _ROUNDING_M)
 
     too_near = [
-        group.vehicles.map(ends_too_near, *select_group_rows((plans, reports), group, flight.count))
+        group.vehicles.map(ends_too_near, *to_group_order((plans, reports), group.members, flight.count))
         for group in flight.groups
     ]
     # An arrived aircraft no longer flies its plan; an inactive aircraft has no new plan.
-    return merge_groups(flight, too_near) & reports.active & (plans.arrival_time > time)
+    return to_fleet_order(too_near, flight.members) & reports.active & (plans.arrival_time > time)
 
 
 def _replan_if_due(
@@ -315,7 +305,7 @@ def send_to_hold(
         return eqx.tree_at(lambda s: s.status, state, jnp.where(is_sent, PLAN_TOO_NEAR, state.status))
 
     return tuple(
-        updated_state(state, select_group_rows(refused, group, flight.count))
+        updated_state(state, to_group_order(refused, group.members, flight.count))
         for group, state in zip(flight.groups, vehicles, strict=True)
     )
 
@@ -335,7 +325,7 @@ def step_fleet(
     control_one, move_one = functools.partial(control, instant=instant), functools.partial(move, instant=instant)
     next_states, samples = [], []
     for group, states, perception in zip(flight.groups, group_states, perceptions, strict=True):
-        vehicles, group_plans = group.vehicles, select_group_rows(plans, group, flight.count)
+        vehicles, group_plans = group.vehicles, to_group_order(plans, group.members, flight.count)
         # Three kernels, which LLVM compiles at the same time; a loop over the aircraft is traced and compiled faster.
         # Sensors and estimators are no kernel: the matrices of a filter would compile more slowly and run no faster.
         over_aircraft = vehicles.map

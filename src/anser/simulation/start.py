@@ -1,5 +1,6 @@
 """Start of a flight: the trimmed fleet, its reports to the planner, and the state at time 0."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -12,15 +13,8 @@ from anser.parts.perception import Instant
 from anser.parts.planners import AircraftReport, Performance
 from anser.shapes import Flag, Vector3
 from anser.simulation.closed_loop import NO_TRIM, plan_status, start_vehicle
-from anser.simulation.flight import (
-    Flight,
-    FlightState,
-    aircraft_report,
-    merge_groups,
-    plans_too_near,
-    select_group_rows,
-    send_to_hold,
-)
+from anser.simulation.flight import Flight, FlightState, aircraft_report, plans_too_near, send_to_hold
+from anser.simulation.recorders import to_fleet_order, to_group_order
 from anser.simulation.vehicle import Vehicle, VehicleState
 from anser.steady.performance import performance_at
 from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
@@ -61,7 +55,7 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         for group in flight.groups
     ]
     trims, states = zip(*(group_result for group_result, _ in results), strict=True)
-    is_trimmed, reports, performance = merge_groups(flight, [fleet_result for _, fleet_result in results])
+    is_trimmed, reports, performance = to_fleet_order([fleet_result for _, fleet_result in results], flight.members)
     return TrimmedFleet(trims, is_trimmed, states, reports, performance)
 
 
@@ -84,10 +78,9 @@ def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> Flig
     """
     plans = flight.planner.plans(planner)
     vehicles = send_to_hold(flight, fleet.vehicles, plans_too_near(flight, plans, fleet.reports, 0.0))
+    statuses = [to_group_order(plans.status, group.members, flight.count) for group in flight.groups]
     vehicles = tuple(
-        eqx.tree_at(
-            lambda s: s.status, state, plan_status(state.status, select_group_rows(plans.status, group, flight.count))
-        )
-        for group, state in zip(flight.groups, vehicles, strict=True)
+        dataclasses.replace(state, status=plan_status(state.status, status))
+        for state, status in zip(vehicles, statuses, strict=True)
     )
     return strongly_typed(FlightState(vehicles, planner))

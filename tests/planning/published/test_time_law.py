@@ -34,7 +34,7 @@ bounded = jax.jit(lambda path, speed_0, deceleration: with_even_speed(path, spee
 def motion(path, elapsed):
     """Phase, position, velocity over the ground and through the air, acceleration, at a time after the start."""
     t = path.start_time + elapsed
-    return path.phase(t), path.position_n(t), path.velocity_n(t), path.air_velocity_n(t), path.acceleration_n(t)
+    return path.clock(t).s, path.position_n(t), path.velocity_n(t), path.air_velocity_n(t), path.acceleration_n(t)
 
 
 @jax.jit

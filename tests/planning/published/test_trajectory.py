@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anser.planning.published.time_law import path_derivatives
 from anser.planning.published.trajectory import arc_length, bend_trajectory, fit_trajectory, lateral_direction_n
 from support.planning_cases import (
     acceleration,
@@ -24,7 +25,7 @@ from support.planning_cases import (
 rates = jax.jit(lambda path, t: (jax.jacfwd(path.position_n)(t), jax.jacfwd(path.velocity_n)(t)))
 bend = jax.jit(bend_trajectory)
 measure = jax.jit(arc_length)
-derivative_of = [jax.jit(lambda path, s, n=order: path.path_derivative(s, n)) for order in range(4)]
+derivatives = jax.jit(lambda path, s: path_derivatives(path.coefficients_n, s[None], range(4))[..., 0])
 
 
 @settings(deadline=None, max_examples=30)
@@ -84,7 +85,7 @@ def test_path_derivatives_equal_automatic_differentiation(path, s, order):
         derivative = np.polynomial.polynomial.polyder(derivative, order, axis=1)
     expected = np.polynomial.polynomial.polyval(s, derivative.T)
     # Horner's scheme in both: rounding of sums of up to 1e6 m.
-    np.testing.assert_allclose(derivative_of[order](path, s), expected, rtol=1e-12, atol=1e-8)
+    np.testing.assert_allclose(derivatives(path, s)[order], expected, rtol=1e-12, atol=1e-8)
 
 
 def test_the_lateral_direction_is_to_the_right_of_the_line():

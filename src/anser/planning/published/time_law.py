@@ -20,7 +20,7 @@ from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.numerics.integration import gauss_legendre
 from anser.numerics.roots import bracketed_newton, implicit_root
 from anser.parts.paths import time_rounding
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike
 from anser.spatial.vectors import norm
 
 CELLS = 32
@@ -83,11 +83,6 @@ def path_derivatives(
 ) -> Float[Array, "orders 3 points"]:
     """Derivatives of the path with respect to s at several points, m, of several orders: 0 (position) to 3."""
     return evaluate(path_polynomials(coefficients_n, orders), s)
-
-
-def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: int) -> Vector3:
-    """Derivative of the path with respect to s, m, of order 0 (position) to 3."""
-    return path_derivatives(coefficients_n, jnp.asarray(s, coefficients_n.dtype)[None], (order,))[0, :, 0]
 
 
 class Clock(eqx.Module):

@@ -18,7 +18,6 @@ from anser.planning.published.time_law import (
     Clock,
     TimeLaw,
     even_law,
-    path_derivative,
     path_derivatives,
     published_law,
 )
@@ -48,14 +47,6 @@ class Trajectory(AbstractReference):
         """Path parameter s (0 at the start, 1 at the rendezvous) and its rates (1/s, 1/s^2) at a time (s)."""
         return self.law.clock(self.coefficients_n, time - self.start_time, self.duration)
 
-    def phase(self, time: ScalarLike) -> Scalar:
-        """Path parameter s (0 at the start, 1 at the rendezvous) at a time (s)."""
-        return self.clock(time).s
-
-    def path_derivative(self, phase: ScalarLike, order: int) -> Vector3:
-        """Derivative, m, of the path in the drifting air by the path parameter `phase` (0 to 1), of order 0 to 3."""
-        return path_derivative(self.coefficients_n, phase, order)
-
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time (s); in steady wind the acceleration is the same in both frames."""
         clock = self.clock(time)
@@ -69,7 +60,7 @@ class Trajectory(AbstractReference):
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air at a time, NED, m/s."""
         clock = self.clock(time)
-        return self.path_derivative(clock.s, 1) * clock.s_dot
+        return path_derivatives(self.coefficients_n, clock.s[None], (1,))[0, :, 0] * clock.s_dot
 
 
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
@@ -154,7 +145,7 @@ def arc_length(
 ) -> Scalar:
     """Length of the air path, m, from a path parameter s (0 to 1) to the rendezvous.
 
-    From `trajectory.phase(t)` on, it is the remaining length at time t. The rule's positive weights keep the length
+    From `trajectory.clock(t).s` on, it is the remaining length at time t. The rule's positive weights keep the length
     convex in the bends.
     """
 
