@@ -1,5 +1,6 @@
 """Sensors with errors: magnitudes, correlation times, delays and dropouts as specified."""
 
+import dataclasses
 import functools
 
 import jax
@@ -10,12 +11,15 @@ import pytest
 from anser.aircraft import AircraftState, air_data_and_forces
 from anser.aircraft.actuators import Deflections
 from anser.aircraft.engines import EnginePower
+from anser.aircraft.motion import Disturbance
 from anser.environment import standard_environment
+from anser.environment.gusts import Gust
 from anser.numerics import flight_randomness
 from anser.parts import GoalState, Instant, Truth
 from anser.parts.perception import Fix
 from anser.scenario.build_sensing import _navigation_filter, build_goal_sensor, build_vehicle_sensors
 from anser.scenario.schema_sensing import GoalSensor, Navigation
+from anser.sensing import IdealSensors, TrackingEstimator
 from anser.sensing.navigation import AirFilter, NavigationFilter
 from anser.sensing.vehicle_sensors import Dropouts, gauss_markov
 from support.light_aircraft import light_aircraft
@@ -241,3 +245,24 @@ def test_the_air_filter_finds_a_steady_wind_and_gusts_across():
     for _ in range(10):
         memory = step(memory, jnp.eye(3), velocity_n, velocity_n - wind_n - gust_b, STEP)
     assert 1.5 < float(memory.gust_b[2]) < 2.0
+
+
+def test_exact_air_data_hold_the_gust():
+    """The angle of attack of the autopilot's model follows that of the aircraft in a gust, as with measured air data."""
+    truth = truth_at(jnp.asarray(0))
+    gust = Disturbance(Gust(jnp.array([0.0, 3.0, 5.0]), jnp.zeros(3)), jnp.asarray(1.0))
+    condition = air_data_and_forces(AIRFRAME, ENVIRONMENT, 0.0, truth.state, disturbance=gust)
+    truth = dataclasses.replace(truth, condition=condition)
+    sensors, estimator = IdealSensors(), TrackingEstimator(air=AirFilter(jnp.asarray(20.0), jnp.asarray(0.3)))
+    reading, _ = sensors.read(sensors.init(truth, instant_at(0)), truth, instant_at(0))
+
+    @jax.jit
+    def believed(estimator_state, k):
+        belief, estimator_state = estimator.estimate(estimator_state, reading, AIRFRAME, instant_at(k))
+        return estimator_state, (belief.condition.air_data.alpha, belief.condition.air_data.beta)
+
+    start = estimator.init(reading, AIRFRAME, instant_at(0))
+    alpha, beta = jax.lax.scan(believed, start, jnp.arange(20))[1]
+    for angle, true in ((alpha, condition.air_data.alpha), (beta, condition.air_data.beta)):
+        assert abs(float(true)) > 0.02
+        assert float(angle[-1]) == pytest.approx(float(true), rel=0.1)

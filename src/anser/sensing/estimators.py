@@ -30,6 +30,7 @@ from anser.sensing.ideal_sensors import line_of_sight
 from anser.sensing.navigation import AirFilter, AirMotion, NavigationFilter, NavigationState, acceleration_n
 from anser.shapes import Scalar, Vector3
 from anser.spatial.rotations import rotate, rotate_back, rotation_from_quaternion
+from anser.spatial.wind_axes import air_direction_b
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
@@ -140,7 +141,8 @@ class TrackingEstimator(AbstractEstimator):
             velocity_n = rotate_back(R_bn, state.velocity_b)
             measured_b = reading.velocity_air_b
             if measured_b is None:
-                measured_b = rotate(condition.R_bn, velocity_over_ground_n(condition, reading.state) - condition.wind_n)
+                data = reading.condition.air_data
+                measured_b = data.V * air_direction_b(data.alpha, data.beta)
             air = self.air.step(air, R_bn, velocity_n, measured_b, step)
             environment = eqx.tree_at(lambda e: e.wind, instant.environment, SteadyWind(air.wind_n), is_leaf=_is_wind)
             disturbance = Disturbance(Gust(air.gust_b, jnp.zeros_like(air.gust_b)), jnp.ones_like(step))
