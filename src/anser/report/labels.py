@@ -296,10 +296,15 @@ def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
 
     If the range is too small, the positions exceed it evenly on both sides.
     """
-    from scipy.optimize import isotonic_regression
-
-    # less the gaps, positions must not decrease
-    ordered = isotonic_regression(target_positions - gap * np.arange(len(target_positions))).x
+    # isotonic regression: less the gaps, positions must not decrease; pool adjacent violators to their mean
+    groups: list[list[float]] = []
+    for k, value in enumerate(target_positions):
+        groups.append([float(value) - k * gap, 1.0])
+        while len(groups) > 1 and groups[-2][0] >= groups[-1][0]:
+            (mean_below, count_below), (mean_above, count_above) = groups[-2:]
+            count = count_below + count_above
+            groups[-2:] = [[(mean_below * count_below + mean_above * count_above) / count, count]]
+    ordered = np.concatenate([np.full(int(count), mean) for mean, count in groups])
     highest = 1.0 - gap * (len(target_positions) - 1)
     clipped = np.clip(ordered, min(0.0, highest / 2.0), max(highest, highest / 2.0))
     return clipped + gap * np.arange(len(target_positions))
