@@ -81,7 +81,6 @@ class Airspace(eqx.Module):
         return eqx.tree_at(lambda a: a.keep_outs.position_n, self, volumes.position_n + time * volumes.velocity_n)
 
 
-ARRIVAL_RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 ArrivalTimes = Float[np.ndarray, " aircraft"]
 Intervals = list[tuple[float, float]]
 """Intervals of time as pairs (first, last), s."""
@@ -91,7 +90,7 @@ Intervals = list[tuple[float, float]]
 class ArrivalRequest:
     """Arrival rule of a fleet."""
 
-    #: One of `ARRIVAL_RULES`. "together": one common time, first the time at which the slowest aircraft arrives at its
+    #: "together": one common time, first the time at which the slowest aircraft arrives at its
     #: preferred speed, then later ones. "earliest": the earliest feasible common time, see
     #: `anser.planning.certified.arrival_times`. "at": a given common time. "sequence": fixed offsets, otherwise as
     #: "together". "times": a given time per aircraft. "windows": a window per aircraft, first at its preferred speed.
