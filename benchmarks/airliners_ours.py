@@ -14,11 +14,12 @@ from airliners import main
 from airliners_example import GRAVITY_M_S2, Flown, flown_from_ned, load_example, our_request
 
 from anser.environment import SteadyWind
+from anser.numerics.arrays import stack_rows
 from anser.parts import make_rendezvous
 from anser.planning import PathLimits, Separation
 from anser.planning.certified.arrival_times import direct_times
 from anser.planning.certified.certified_plan import CertifiedPlan, plan_at
-from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs, stack_tasks
+from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts
 from anser.planning.certified.timed_profiles import MINIMAL
 
 _INTERVALS = 512
@@ -63,9 +64,9 @@ def fleet() -> tuple[AircraftTask, Airspace]:
         SteadyWind(jnp.zeros(3)),
         jnp.asarray(GRAVITY_M_S2),
         Separation(jnp.asarray(request.separation), jnp.asarray(0.0)),
-        no_keep_outs(),
+        KeepOuts(*map(jnp.zeros, ((0, 2), (0, 2), 0, 0, 0))),
     )
-    return stack_tasks([aircraft_task(k) for k in range(len(request.names))]), airspace
+    return stack_rows([aircraft_task(k) for k in range(len(request.names))]), airspace
 
 
 def plan_example() -> CertifiedPlan:

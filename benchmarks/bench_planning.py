@@ -18,12 +18,13 @@ import numpy as np
 
 from anser.compiling import enable_compilation_cache
 from anser.environment import SteadyWind
+from anser.numerics.arrays import stack_rows
 from anser.parts import make_rendezvous
 from anser.planning import PathLimits, Separation
 from anser.planning.certified.candidates import fleet_candidates
 from anser.planning.certified.certified_plan import choose_interval_count, plan_at
 from anser.planning.certified.clearance import BoundingCylinders, Track, bounding_cylinders, fleet_clearance_ratio
-from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs, stack_tasks
+from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD
 from anser.report.style import new_figure, save_figure
 
@@ -61,7 +62,7 @@ def fleet(count: int, seed: int = 0) -> tuple[AircraftTask, float]:
             active=jnp.asarray(1.0),
         )
 
-    return stack_tasks([aircraft_task(k) for k in range(count)]), 1.3 * farthest / _SPEED
+    return stack_rows([aircraft_task(k) for k in range(count)]), 1.3 * farthest / _SPEED
 
 
 def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, intervals: int) -> int:
@@ -149,7 +150,7 @@ def main(counts: tuple[int, ...], figure: Path | None) -> None:
         SteadyWind(jnp.asarray([5.0, 14.0, 0.0])),
         jnp.asarray(9.80665),
         Separation(jnp.asarray(500.0), jnp.asarray(150.0)),
-        no_keep_outs(),
+        KeepOuts(*map(jnp.zeros, ((0, 2), (0, 2), 0, 0, 0))),
     )
     durations = [measure(count, airspace) for count in counts]
     if figure is not None:

@@ -14,7 +14,6 @@ from anser.planning.certified.certified_plan import CertifiedPlan, certify
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.routes import PIECES
-from anser.planning.certified.task import stack_tasks
 from anser.planning.holds.hold_paths import HoldCircle, PlannedHolds
 from support.aircraft_tasks import aircraft_task, airspace
 
@@ -57,7 +56,7 @@ def fleet_state(arrivals):
     """The first aircraft under way at the origin; the second 6 km ahead, in its hold if it has arrived at `NOW`."""
     # One that has arrived continues straight on far away; its hold is what it flies.
     paths = stacked(approach(arrivals[0], 0.0), approach(arrivals[1], 60000.0))
-    tasks = stack_tasks([aircraft_task((15000.0, 0.0, -1700.0)), aircraft_task((6000.0, 0.0, -1700.0))])
+    tasks = stacked(aircraft_task((15000.0, 0.0, -1700.0)), aircraft_task((6000.0, 0.0, -1700.0)))
     plan = CertifiedPlan(
         paths, arrivals, certify(paths, tasks, SPACE, INTERVALS), jnp.ones(2, dtype=bool), *[jnp.zeros(2)] * 3
     )

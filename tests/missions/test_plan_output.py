@@ -8,10 +8,10 @@ import pytest
 
 from anser.missions.plan_output import record_certified
 from anser.missions.refusal import UNPROVEN
+from anser.numerics.arrays import stack_rows
 from anser.planning import PathLimits, TimedPath
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan
 from anser.planning.certified.path_bounds import PathBounds
-from anser.planning.certified.task import stack_tasks
 from anser.scenario import loads
 from support.aircraft_tasks import aircraft_task
 from support.certified_scenario import GOOD
@@ -94,7 +94,7 @@ def _record(valid=(True, True, True)):
     )
     tasks = eqx.tree_at(
         lambda t: (t.limits, t.active),
-        stack_tasks([aircraft_task((0.0, 0.0, 0.0))] * 3),
+        stack_rows([aircraft_task((0.0, 0.0, 0.0))] * 3),
         (path_limits, jnp.array([1.0, 1.0, 0.0])),
     )
     return record_certified(loads(GOOD.replace(BOAT, TURNING)), plan, tasks, 9.81)

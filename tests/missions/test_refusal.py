@@ -11,8 +11,9 @@ from anser import load
 from anser.config.shipped_files import shipped_files
 from anser.environment import SteadyWind
 from anser.missions import refusal
+from anser.numerics.arrays import stack_rows
 from anser.planning.certified.search import FleetTask, SearchOutcome
-from anser.planning.certified.task import ArrivalRequest, stack_tasks
+from anser.planning.certified.task import ArrivalRequest
 from support.aircraft_tasks import aircraft_task, airspace
 
 NAMES = ("alpha", "bravo", "charlie")
@@ -27,7 +28,7 @@ def no_binding_constraint(monkeypatch):
 
 def make_fleet_task(request_):
     """Three aircraft on their way to the same goal."""
-    return FleetTask(stack_tasks([aircraft_task((8000.0, 0.0, 0.0))] * 3), airspace(SteadyWind(jnp.zeros(3))), request_)
+    return FleetTask(stack_rows([aircraft_task((8000.0, 0.0, 0.0))] * 3), airspace(SteadyWind(jnp.zeros(3))), request_)
 
 
 def make_outcome(valid, satisfied):
@@ -54,7 +55,7 @@ def test_an_aircraft_with_a_path_is_not_called_infeasible(request_):
 
 def crowded_task(goals, moving):
     """Two aircraft side by side on the way to goals with the given east coordinates, m, and their rates, m/s."""
-    tasks = stack_tasks(
+    tasks = stack_rows(
         [aircraft_task((8000.0, east, -1700.0), (0.0, rate, 0.0)) for east, rate in zip(goals, moving, strict=True)]
     )
     return tasks, airspace(SteadyWind(jnp.array([10.0, 5.0, 0.0])), 500.0, 150.0)
@@ -94,7 +95,7 @@ def test_missing_holds_are_reported_without_padding_aircraft():
 
 def sequence_case():
     """Three aircraft, the third of which needs a sequence to begin at 70 s: 80 s for 12 km at 150 m/s, less 10 s."""
-    tasks = stack_tasks([aircraft_task((north, 0.0, -1700.0)) for north in (6000.0, 6000.0, 12000.0)])
+    tasks = stack_rows([aircraft_task((north, 0.0, -1700.0)) for north in (6000.0, 6000.0, 12000.0)])
     request_ = ArrivalRequest("sequence", 300.0, offsets_s=np.array([0.0, 20.0, 10.0]))
     fleet = FleetTask(tasks, airspace(SteadyWind(jnp.zeros(3))), request_)
     aircraft = [SimpleNamespace(name=name, airspeed_forms=()) for name in NAMES]

@@ -6,8 +6,9 @@ import pytest
 
 from anser.environment import SteadyWind
 from anser.missions import refusal
+from anser.numerics.arrays import stack_rows
 from anser.planning.certified.search import FleetTask
-from anser.planning.certified.task import ArrivalRequest, KeepOuts, stack_tasks
+from anser.planning.certified.task import ArrivalRequest, KeepOuts
 from support.aircraft_tasks import aircraft_task, airspace
 
 
@@ -17,7 +18,7 @@ def task_with_keep_outs():
         jnp.zeros((3, 2)), jnp.zeros((3, 2)), jnp.array([800.0, 900.0, 0.0]), jnp.zeros(3), jnp.full(3, 9000.0)
     )
     air = refusal.eqx.tree_at(lambda a: a.keep_outs, air, volumes, is_leaf=lambda leaf: leaf is None)
-    return FleetTask(stack_tasks([aircraft_task((8000.0, 0.0, 0.0))]), air, ArrivalRequest("together", 200.0))
+    return FleetTask(stack_rows([aircraft_task((8000.0, 0.0, 0.0))]), air, ArrivalRequest("together", 200.0))
 
 
 @pytest.mark.parametrize(

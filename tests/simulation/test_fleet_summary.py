@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.planning.certified.task import KeepOuts, no_keep_outs
+from anser.planning.certified.task import KeepOuts
 from anser.simulation.fleet_summary import SummaryRecorder
+from support.aircraft_tasks import no_keep_outs
 
 STEP_S = 0.5
 

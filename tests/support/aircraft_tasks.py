@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from anser.parts import make_rendezvous
 from anser.planning import PathLimits, Separation
-from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs
+from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts
 
 SPEED_MAX, CLIMB_MAX = 200.0, 40.0
 
@@ -24,6 +24,11 @@ def aircraft_task(goal, moving=(0.0, 0.0, 0.0)):
         roll_rate_max=jnp.asarray(0.5),
         active=jnp.asarray(1.0),
     )
+
+
+def no_keep_outs():
+    """An empty stack of keep-outs."""
+    return KeepOuts(*map(jnp.zeros, ((0, 2), (0, 2), 0, 0, 0)))
 
 
 def airspace(wind, horizontal=0.0, vertical=0.0):

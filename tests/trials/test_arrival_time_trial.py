@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from anser.planning.certified.task import stack_tasks
+from anser.numerics.arrays import stack_rows
 from support.aircraft_tasks import aircraft_task
 from trials.arrival_times import RULES, random_scenario, straight_times
 
@@ -26,7 +26,7 @@ def test_random_tasks_are_valid_and_of_every_kind():
 def test_the_straight_line_meets_a_moving_goal_in_the_wind():
     scenario = next(s for s, _ in map(random_scenario, range(48)) if s.wind.speed_m_s > 5.0 and len(s.aircraft) == 3)
     goals = (9000.0, 100.0, -1700.0), (-6000.0, 4000.0, -1500.0), (300.0, -8000.0, -2000.0)
-    tasks = stack_tasks([aircraft_task(goal, (10.0, -4.0, 1.0)) for goal in goals])
+    tasks = stack_rows([aircraft_task(goal, (10.0, -4.0, 1.0)) for goal in goals])
     times = straight_times(scenario, tasks)
     north, east, up = scenario.wind.velocity_m_s(0.0)
     drift = times[:, None] * np.array([north, east, -up])

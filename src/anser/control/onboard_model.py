@@ -141,17 +141,5 @@ def onboard_model(
     motion = path_motion(condition, slow_condition.wrench.force_b, state.velocity_b, mass_properties.mass, gravity)
     moments = surface_moments(airframe, condition, state.rates_b, state.surfaces)
     authority = surface_authority(airframe.actuators, mass_properties, moments, surfaces_slow)
-    return OnboardModel(
-        airframe,
-        limits,
-        state,
-        condition,
-        slow_condition,
-        surfaces_slow,
-        moments,
-        authority,
-        residual,
-        motion,
-        gravity,
-        step,
-    )
+    forces = slow_condition, surfaces_slow, moments, authority, residual
+    return OnboardModel(airframe, limits, state, condition, *forces, motion, gravity, step)

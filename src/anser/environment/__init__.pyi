@@ -1,7 +1,7 @@
 from .air import calibrated_from_true, true_from_calibrated
 from .atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
 from .earth import AbstractEarth, FlatEarth, RotatingEarth, wgs84_earth
-from .environment import AbstractWind, Environment, LayeredWind, SteadyWind, VaryingWind, standard_environment
+from .environment import AbstractWind, Environment, LayeredWind, SteadyWind, standard_environment
 from .gusts import AbstractGusts, DiscreteGust
 from .turbulence import Turbulence
 
@@ -19,7 +19,6 @@ __all__ = [
     "StandardAtmosphere",
     "SteadyWind",
     "Turbulence",
-    "VaryingWind",
     "calibrated_from_true",
     "standard_environment",
     "true_from_calibrated",

@@ -177,16 +177,14 @@ def padded_layers(layers: Layers, count: int) -> "Layers":
     return np.concatenate([layers, np.stack(pieces, axis=-1)])
 
 
-def geopotential_altitude(altitude: np.ndarray | float) -> np.ndarray:
-    """Convert geometric to geopotential altitudes, m. Source: [USSA76] eq. (18)."""
-    z = np.asarray(altitude, dtype=float)
-    return GEOPOTENTIAL_RADIUS_M * z / (GEOPOTENTIAL_RADIUS_M + z)
+def geopotential_altitude(altitude: Any) -> Any:
+    """Convert geometric to geopotential altitudes, m; NumPy or JAX. Source: theory section 3, [USSA76] eq. (18)."""
+    return GEOPOTENTIAL_RADIUS_M * altitude / (GEOPOTENTIAL_RADIUS_M + altitude)
 
 
-def geometric_altitude(geopotential: np.ndarray | float) -> np.ndarray:
-    """Convert geopotential to geometric altitudes, m. Source: [USSA76] eq. (19)."""
-    h = np.asarray(geopotential, dtype=float)
-    return GEOPOTENTIAL_RADIUS_M * h / (GEOPOTENTIAL_RADIUS_M - h)
+def geometric_altitude(geopotential: Any) -> Any:
+    """Convert geopotential to geometric altitudes, m; NumPy or JAX. Source: [USSA76] eq. (19)."""
+    return GEOPOTENTIAL_RADIUS_M * geopotential / (GEOPOTENTIAL_RADIUS_M - geopotential)
 
 
 def air_in_layers(layers: Layers, altitude: np.ndarray | float) -> AirValues:

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.constants import AIR_HEAT_RATIO, GEOPOTENTIAL_RADIUS_M
-from anser.environment.air import AIR_GAS_CONSTANT_J_KG_K, LOWEST_M, STANDARD_LAYERS, Layers
+from anser.constants import AIR_HEAT_RATIO
+from anser.environment.air import AIR_GAS_CONSTANT_J_KG_K, LOWEST_M, STANDARD_LAYERS, Layers, geopotential_altitude
 from anser.shapes import Scalar, ScalarLike
 
 
@@ -43,7 +43,7 @@ class StandardAtmosphere(AbstractAtmosphere):
         Pressure and temperature are continuous in altitude; at the base of a layer, where the slopes are discontinuous,
         derivatives are those of the layer above. Source: theory section 3; [USSA76] eq. (23), (33a), (33b), (42), (50).
         """
-        h = geopotential_from_geometric(jnp.maximum(jnp.asarray(altitude), LOWEST_M))
+        h = geopotential_altitude(jnp.maximum(jnp.asarray(altitude), LOWEST_M))
         return _air_in_layers(jnp.asarray(STANDARD_LAYERS[1:, 0], h.dtype), jnp.asarray(STANDARD_LAYERS, h.dtype), h)
 
 
@@ -66,7 +66,7 @@ class LayeredAtmosphere(AbstractAtmosphere):
 
         At the base of a layer derivatives are those of the layer above.
         """
-        h = geopotential_from_geometric(jnp.maximum(jnp.asarray(altitude), LOWEST_M))
+        h = geopotential_altitude(jnp.maximum(jnp.asarray(altitude), LOWEST_M))
         return _air_in_layers(self.layers[1:, 0], self.layers, h)
 
 
@@ -84,15 +84,3 @@ def _air_in_layers(upper_bases: Float[Array, " bases"], layers: Float[Array, "la
         temperature=temperature,
         speed_of_sound=jnp.sqrt(AIR_HEAT_RATIO * AIR_GAS_CONSTANT_J_KG_K * temperature),
     )
-
-
-def geopotential_from_geometric(altitude: ScalarLike) -> Scalar:
-    """Convert a geometric to a geopotential altitude, both in m. Source: theory section 3, [USSA76] eq. (18)."""
-    z = jnp.asarray(altitude)
-    return GEOPOTENTIAL_RADIUS_M * z / (GEOPOTENTIAL_RADIUS_M + z)
-
-
-def geometric_from_geopotential(altitude: ScalarLike) -> Scalar:
-    """Convert a geopotential to a geometric altitude, both in m. Source: [USSA76] eq. (19)."""
-    h = jnp.asarray(altitude)
-    return GEOPOTENTIAL_RADIUS_M * h / (GEOPOTENTIAL_RADIUS_M - h)

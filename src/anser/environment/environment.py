@@ -47,22 +47,6 @@ class LayeredWind(AbstractWind):
         return jnp.sum(linear_weights(-position_n[2], self.altitudes)[:, None] * self.velocities_n, axis=0)
 
 
-class VaryingWind(AbstractWind):
-    """Wind profile over rising times (s) and geometric altitudes (m), horizontally uniform: soundings or forecasts.
-
-    The velocity of the air (local NED, m/s) is interpolated linearly, and constant beyond the first and the last.
-    """
-
-    times: Float[Array, " t"]
-    altitudes: Float[Array, " layer"]
-    velocities_n: Float[Array, "t layer 3"]
-
-    def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Return the velocity of the air (3,), NED, m/s, at a time (s) and the altitude of a position."""
-        layers_n = jnp.sum(linear_weights(jnp.asarray(time), self.times)[:, None, None] * self.velocities_n, axis=0)
-        return jnp.sum(linear_weights(-position_n[2], self.altitudes)[:, None] * layers_n, axis=0)
-
-
 def linear_weights(at: ScalarLike, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the weight of each breakpoint in a linear interpolation at `at`.
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from anser.environment.atmosphere import geopotential_from_geometric
+from anser.environment.air import geopotential_altitude
 from anser.environment.environment import AbstractWind
 from anser.numerics.tables import Axes
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
@@ -71,7 +71,7 @@ class GriddedWind(AbstractWind):
         return is_beyond | (altitude < self.altitude_min) | (altitude > self.altitude_max)
 
     def _altitude(self, position_n: Vector3) -> Scalar:
-        return geopotential_from_geometric(-position_n[2]) if self.is_geopotential else -position_n[2]
+        return geopotential_altitude(-position_n[2]) if self.is_geopotential else -position_n[2]
 
     def _coordinates(self, position_n: Vector3, time: ScalarLike) -> Float[Array, " axes"]:
         north, east = position_n[0], position_n[1]

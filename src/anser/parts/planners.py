@@ -252,7 +252,7 @@ class AircraftPlan(eqx.Module):
     length: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))  #: Length of the path, m.
     #: Parameter of the published paths, m; NaN for other paths.
     lateral_bend: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))
-    #: Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
+    #: Origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`.
     replanning: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     hold: Any = None  #: Motion after the arrival; None: the hold of the aircraft's mission.
     #: Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:

@@ -10,7 +10,8 @@ from jaxtyping import Array
 
 from anser.config.errors import Problem, ScenarioError, describe_value, format_number
 from anser.config.tables import Vector
-from anser.constants import GEOPOTENTIAL_RADIUS_M, WGS84_A_M, WGS84_F
+from anser.constants import WGS84_A_M, WGS84_F
+from anser.environment.air import geopotential_altitude
 from anser.environment.gridded_wind import GriddedWind
 from anser.numerics.arrays import as_array
 from anser.numerics.tables import make_axes
@@ -209,7 +210,7 @@ def _outside(field: WindField, earth: Earth, position_m: Vector) -> tuple[str, s
     for value, axis in zip((north, east), axes, strict=True):
         if not axis[0] <= value <= axis[-1]:
             return f"{factor * value:.7g} {unit}", f"from {factor * axis[0]:.7g} to {factor * axis[-1]:.7g} {unit}"
-    altitude = GEOPOTENTIAL_RADIUS_M * up / (GEOPOTENTIAL_RADIUS_M + up) if field.is_geopotential else up
+    altitude = geopotential_altitude(up) if field.is_geopotential else up
     lowest, highest = field.altitude_bounds
     if not highest[0] <= altitude <= lowest[-1]:
         return f"{up:.1f} m of altitude", f"from {highest[0]:.1f} to {lowest[-1]:.1f} m"

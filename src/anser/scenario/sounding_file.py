@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from anser.config.errors import Problem, ScenarioError, problem_error, quoted_list
 from anser.config.toml_text import read_text
 from anser.environment.air import (
@@ -165,7 +167,7 @@ def _level(row: _Row, source: str) -> dict[str, float]:
     values = row.values
     altitude_m = values.get("altitude")
     if altitude_m is None and "geopotential" in values:
-        altitude_m = float(geometric_altitude(values["geopotential"]))
+        altitude_m = float(geometric_altitude(np.float64(values["geopotential"])))
     pressure, celsius, density = (values.get(quantity) for quantity in ("pressure", "temperature", "density"))
     if altitude_m is None or [pressure, celsius, density].count(None) > 1:
         raise _line_error(source, row.line, f"only {quoted_list(list(values))}", "an altitude and two of the air")

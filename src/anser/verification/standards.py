@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.environment.atmosphere import StandardAtmosphere, geometric_from_geopotential
+from anser.environment.air import geometric_altitude
+from anser.environment.atmosphere import StandardAtmosphere
 from anser.environment.earth import somigliana
 from anser.shapes import Vector3
 from anser.spatial.wgs84 import WGS84, ecef_from_geodetic, geodetic_from_ecef, radii_of_curvature
@@ -34,7 +35,7 @@ def _measure_atmosphere() -> Iterator[Comparison]:
     published_rows, bases = figures["geometric"], figures["bases"]
     heights = jnp.array([float(published_row[0]) for published_row in published_rows])
     base_heights = jnp.array([float(base) for base, _ in bases])
-    air = _air_at(jnp.concatenate([heights, jax.vmap(geometric_from_geopotential)(base_heights)]))
+    air = _air_at(jnp.concatenate([heights, geometric_altitude(base_heights)]))
     cut_heights_m = figures["last_digit_one_low"]["pressure_Pa"]
     for column, (name, unit) in enumerate(_AIR_UNITS.items(), start=1):
         for published_row, computed in zip(published_rows, getattr(air, name), strict=False):

@@ -13,8 +13,9 @@ from anser.planning import PathLimits, Separation
 from anser.planning.certified.candidates import deliver
 from anser.planning.certified.detours import solve_detour
 from anser.planning.certified.routes import route
-from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs
+from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profiles import arrival_motion, speeds_for_mean, timed_profile
+from support.aircraft_tasks import no_keep_outs
 from support.certified_cases import GRAVITY, LAYERED, detours_of, number, picked
 
 CASES, INTERVALS, SPEED = 24, 64, 140.0

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from anser.environment import SteadyWind
+from anser.numerics.arrays import stack_rows
 from anser.planning.certified import search as search_module
 from anser.planning.certified.arrival_times import straight_times
 from anser.planning.certified.search import FleetTask, first_stage, later_stage, search
-from anser.planning.certified.task import ArrivalRequest, KeepOuts, stack_tasks
+from anser.planning.certified.task import ArrivalRequest, KeepOuts
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD
 from support.aircraft_tasks import aircraft_task, airspace
 from support.certified_cases import STEADY
@@ -30,7 +31,7 @@ def fleet_of(*tasks, wind=CALM, rule="together", **rule_times):
     active = [aircraft_task(task) if isinstance(task, tuple) else task for task in tasks]
     spare = eqx.tree_at(lambda t: t.active, active[-1], jnp.asarray(0.0))
     filled = {key: np.concatenate([values, values[[-1] * (SIZE - len(values))]]) for key, values in rule_times.items()}
-    fleet = stack_tasks([*active, *[spare] * (SIZE - len(active))])
+    fleet = stack_rows([*active, *[spare] * (SIZE - len(active))])
     return FleetTask(fleet, airspace(wind), ArrivalRequest(rule, LATEST_S, **filled))
 
 
@@ -131,7 +132,7 @@ def test_turns_before_a_window_are_made_up_for_by_half_a_percent_of_airspeed(bea
 
 
 def test_the_time_of_the_straight_line_is_that_through_the_moving_air():
-    tasks = stack_tasks(
+    tasks = stack_rows(
         [aircraft_task((9000.0, -3000.0, -1900.0), (12.0, -7.0, 0.0)), aircraft_task((20.0, 500.0, 0.0))]
     )
     times = straight_times(tasks, airspace(STEADY))
@@ -302,7 +303,7 @@ def test_a_search_in_flight_has_the_keep_outs_where_they_are(monkeypatch):
     monkeypatch.setattr(search_module._Search, "run", lambda progress, *_: searches.append(progress))
     volume = KeepOuts(*(jnp.asarray(x) for x in ([[7200.0, 0.0]], [[30.0, 0.0]], [800.0], [0.0], [5000.0])))
     air = eqx.tree_at(lambda a: a.keep_outs, airspace(CALM), volume)
-    tasks = stack_tasks([aircraft_task((9000.0, 0.0, -1700.0))])
+    tasks = stack_rows([aircraft_task((9000.0, 0.0, -1700.0))])
     request = ArrivalRequest("times", LATEST_S, times_s=np.array([60.0]))
     for start_s, is_clear in ((0.0, False), (100.0, True)):
         search(start_s, tasks, air, request)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from anser.numerics.arrays import stack_rows
 from anser.planning.certified import arrival_times
-from anser.planning.certified.task import stack_tasks
 from anser.planning.certified.timed_profiles import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS
 from support.aircraft_tasks import aircraft_task, airspace
 from support.certified_cases import STEADY
@@ -27,7 +27,7 @@ def queries(monkeypatch):
 
 
 def test_costlier_candidates_are_tried_near_reachable_times_and_onwards(queries):
-    task = stack_tasks([aircraft_task((5000.0, 0.0, -1700.0))])
+    task = stack_rows([aircraft_task((5000.0, 0.0, -1700.0))])
     grid = np.arange(20.0, 120.0, 2.0)[None, :]
     inside = arrival_times._open_times(task, airspace(STEADY), np.array([0]), grid, "none")
     np.testing.assert_array_equal(inside, (grid > 44.0) & (grid < 80.0))
@@ -59,14 +59,14 @@ def test_times_beyond_inadmissible_ones_are_searched_too(monkeypatch):
         return may_arrive(tasks, airspace, aircraft, durations) & ~closed
 
     monkeypatch.setattr(arrival_times, "may_arrive", ruled_out)
-    task = stack_tasks([aircraft_task((5000.0, 0.0, -1700.0))])
+    task = stack_rows([aircraft_task((5000.0, 0.0, -1700.0))])
     inside = arrival_times._open_times(task, airspace(STEADY), np.array([0]), grid, "none")
     assert not np.any(inside & covered)
     np.testing.assert_array_equal(inside, ((grid > 60.0) & (grid < 70.0)) | (grid > 140.0))
 
 
 def test_edges_are_refined_and_windows_looked_into(queries):
-    task = stack_tasks([aircraft_task((5000.0, 0.0, -1700.0))])
+    task = stack_rows([aircraft_task((5000.0, 0.0, -1700.0))])
     ((earliest, latest),) = arrival_times.arrival_sets(task, airspace(STEADY), 300.0)[0]
     assert 44.0 < earliest < 44.1
     assert 79.9 < latest < 80.0
@@ -81,7 +81,7 @@ def test_edges_are_refined_and_windows_looked_into(queries):
 
 
 def test_splines_extend_the_reachable_times_on_request(queries):
-    task = stack_tasks([aircraft_task((5000.0, 0.0, -1700.0))])
+    task = stack_rows([aircraft_task((5000.0, 0.0, -1700.0))])
     ((earliest, latest),) = arrival_times.arrival_sets(task, airspace(STEADY), 300.0, with_splines=True)[0]
     assert 44.0 < earliest < 44.1
     assert 83.9 < latest < 84.0

@@ -8,6 +8,7 @@ import pytest
 
 from anser.compiling.options import compiled_quickly
 from anser.environment import SteadyWind
+from anser.numerics.arrays import stack_rows
 from anser.planning import TimedPath
 from anser.planning.certified.certified_plan import CertifiedPlan, certify
 from anser.planning.certified.profile import KINKS
@@ -25,7 +26,6 @@ from anser.planning.certified.replanning import (
     rendezvous_has_moved,
 )
 from anser.planning.certified.routes import PIECES
-from anser.planning.certified.task import stack_tasks
 from support.aircraft_tasks import aircraft_task, airspace
 
 pytestmark = pytest.mark.long
@@ -54,7 +54,7 @@ def fleet(active=(1.0, 1.0, 1.0), nearer=0.0):
     for k, (east, speed) in enumerate(zip(EAST, SPEEDS, strict=True)):
         task = aircraft_task((ARRIVAL * speed - (nearer if k == 0 else 0.0), east, -1700.0))
         tasks.append(eqx.tree_at(lambda t: t.limits.speed_min, task, jnp.asarray(140.0)))
-    return eqx.tree_at(lambda t: t.active, stack_tasks(tasks), jnp.array(active))
+    return eqx.tree_at(lambda t: t.active, stack_rows(tasks), jnp.array(active))
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,8 @@ from anser.planning.certified.clearance import (
     continue_straight,
     pair_clearance_ratio,
 )
-from anser.planning.certified.task import KeepOuts, no_keep_outs
+from anser.planning.certified.task import KeepOuts
+from support.aircraft_tasks import no_keep_outs
 from support.certified_cases import number, picked
 
 CASES = 40

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from anser.environment import LayeredWind, SteadyWind
+from anser.numerics.arrays import stack_rows
 from anser.planning.certified import arrival_times
 from anser.planning.certified import search as arrival_proposals
 from anser.planning.certified.arrival_times import arrival_conflicts, arrival_distances_max, climb_times_min, may_arrive
 from anser.planning.certified.search import FleetTask, search
-from anser.planning.certified.task import ArrivalRequest, KeepOuts, stack_tasks
+from anser.planning.certified.task import ArrivalRequest, KeepOuts
 from support.aircraft_tasks import CLIMB_MAX, SPEED_MAX, aircraft_task, airspace
 from support.certified_cases import LAYERED, STEADY
 
@@ -24,7 +25,7 @@ def admissible_times(fleet):
 def earliest_duration(goal, goal_velocity, wind):
     """Shortest admissible duration of a dense grid, s."""
     durations = np.linspace(1.0, 400.0, 7981)
-    task, indices = stack_tasks([aircraft_task(goal, goal_velocity)]), np.zeros(durations.size, dtype=int)
+    task, indices = stack_rows([aircraft_task(goal, goal_velocity)]), np.zeros(durations.size, dtype=int)
     admissible = may_arrive(task, airspace(wind), indices, durations)
     assert np.all(np.diff(admissible.astype(int)) >= 0)
     return durations[np.argmax(admissible)]
@@ -64,7 +65,7 @@ def test_the_times_of_the_search_begin_before_the_first_that_can_be_reached(monk
     monkeypatch.setattr(
         arrival_times, "_open_times", lambda *args: grids.append(args[3]) or np.zeros(args[3].shape, dtype=bool)
     )
-    task = stack_tasks([aircraft_task((50_000.0, 0.0, -1700.0), (-20.0, 0.0, 0.0))])
+    task = stack_rows([aircraft_task((50_000.0, 0.0, -1700.0), (-20.0, 0.0, 0.0))])
     for wind_m_s, factor in ((0.0, 1.4), (150.0, 1.0 + (1.02 * 150.0 + 20.0) / SPEED_MAX)):
         arrival_times.arrival_sets(task, airspace(SteadyWind(jnp.array([wind_m_s, 0.0, 0.0]))), 600.0)
         np.testing.assert_allclose(grids.pop()[0, 0], 50_000.0 / (factor * SPEED_MAX), rtol=1e-12)
@@ -80,18 +81,18 @@ def test_a_path_is_too_steep_for_the_climb_rate():
 @pytest.mark.parametrize("moving", [0.0, 5.0])
 def test_a_small_climb_takes_a_small_time(up_m, moving):
     """From 2,000 m to a rendezvous `up_m` higher, with a sinking goal."""
-    task = stack_tasks([aircraft_task((9000.0, 0.0, -1700.0 - up_m), (0.0, 0.0, moving))])
+    task = stack_rows([aircraft_task((9000.0, 0.0, -1700.0 - up_m), (0.0, 0.0, moving))])
     closing = CLIMB_MAX + moving if up_m > 0.0 else CLIMB_MAX - moving
     np.testing.assert_allclose(climb_times_min(task, airspace(STEADY)), abs(up_m) / closing, rtol=1e-9, atol=1e-12)
 
 
 def test_a_goal_that_sinks_too_fast_is_never_reached_from_above():
     tasks = [aircraft_task((9000.0, 0.0, down), (0.0, 0.0, CLIMB_MAX)) for down in (-1600.0, -1700.0, -1800.0)]
-    np.testing.assert_allclose(climb_times_min(stack_tasks(tasks), airspace(STEADY)), [np.inf, 0.0, 100.0 / 80.0])
+    np.testing.assert_allclose(climb_times_min(stack_rows(tasks), airspace(STEADY)), [np.inf, 0.0, 100.0 / 80.0])
 
 
 def test_limits_that_do_not_exist_rule_nothing_out():
-    task = stack_tasks([aircraft_task((5000.0, 0.0, -1700.0))])
+    task = stack_rows([aircraft_task((5000.0, 0.0, -1700.0))])
     unlimited = eqx.tree_at(lambda t: (t.limits.speed_max, t.limits.climb_rate_max), task, (jnp.array([jnp.inf]),) * 2)
     assert may_arrive(unlimited, airspace(STEADY), np.array([0]), np.array([1.0])).all()
 
@@ -100,7 +101,7 @@ def test_a_rendezvous_inside_a_moving_keep_out_is_inadmissible():
     """A volume of 2 km radius passes over a rendezvous 10 km away, at 50 m/s from the south; its goal moves at 10 m/s."""
     durations = np.linspace(80.0, 400.0, 641)
     task, indices = (
-        stack_tasks([aircraft_task((10_000.0, 0.0, -1000.0), (10.0, 0.0, 0.0))]),
+        stack_rows([aircraft_task((10_000.0, 0.0, -1000.0), (10.0, 0.0, 0.0))]),
         np.zeros(durations.size, dtype=int),
     )
 
@@ -121,7 +122,7 @@ WIND = 1.02 * float(np.hypot(*np.asarray(STEADY.velocity_n)[:2]))
 
 
 def test_simultaneous_arrivals_are_as_far_apart_as_the_rendezvous_points():
-    two = stack_tasks([aircraft_task(NEAR), aircraft_task(FAR, (0.0, 10.0, -2.0))])
+    two = stack_rows([aircraft_task(NEAR), aircraft_task(FAR, (0.0, 10.0, -2.0))])
     level, height = arrival_distances_max(two, airspace(STEADY), np.array([[60.0, 60.0], [100.0, 100.0]]))
     np.testing.assert_allclose(level[:, 0, 1], [1000.0, 1400.0])
     np.testing.assert_allclose(height[:, 1, 0], [120.0, 200.0])
@@ -130,7 +131,7 @@ def test_simultaneous_arrivals_are_as_far_apart_as_the_rendezvous_points():
 
 
 def test_the_later_aircraft_may_be_farther_away_by_its_flight_in_between():
-    two = stack_tasks([aircraft_task(NEAR), aircraft_task(FAR)])
+    two = stack_rows([aircraft_task(NEAR), aircraft_task(FAR)])
     level, height = arrival_distances_max(two, airspace(STEADY), np.array([[60.0, 61.0], [63.0, 60.0]]))
     np.testing.assert_allclose(level[:, 0, 1], 400.0 + np.array([1.0, 3.0]) * (SPEED_MAX + WIND))
     np.testing.assert_allclose(height[:, 0, 1], np.array([1.0, 3.0]) * CLIMB_MAX)  # the wind blows level
@@ -141,16 +142,16 @@ def test_the_later_aircraft_may_be_farther_away_by_its_flight_in_between():
     [((500.0, 0.0), 0.0, True), ((390.0, 0.0), 0.0, False), ((500.0, 150.0), 0.0, True), ((500.0, 0.0), 1.0, False)],
 )
 def test_a_conflict_violates_both_distances(apart, delay, expected):
-    tasks = stack_tasks([aircraft_task(NEAR), aircraft_task(FAR)])
+    tasks = stack_rows([aircraft_task(NEAR), aircraft_task(FAR)])
     conflicts = arrival_conflicts(tasks, airspace(STEADY, *apart), np.array([[60.0, 60.0 + delay]]))[0]
     np.testing.assert_array_equal(conflicts, np.array([[False, expected], [expected, False]]))
     # Above each other by more than the vertical distance.
-    above = stack_tasks([aircraft_task(NEAR), aircraft_task((8000.0, 400.0, -1300.0))])
+    above = stack_rows([aircraft_task(NEAR), aircraft_task((8000.0, 400.0, -1300.0))])
     assert not arrival_conflicts(above, airspace(STEADY, 500.0, 150.0), np.array([[60.0, 60.0]])).any()
 
 
 def test_padding_aircraft_cause_no_conflict():
-    two = stack_tasks([aircraft_task(NEAR), eqx.tree_at(lambda t: t.active, aircraft_task(FAR), jnp.asarray(0.0))])
+    two = stack_rows([aircraft_task(NEAR), eqx.tree_at(lambda t: t.active, aircraft_task(FAR), jnp.asarray(0.0))])
     assert not arrival_conflicts(two, airspace(STEADY, 5000.0), np.array([[60.0, 60.0]])).any()
 
 
@@ -158,13 +159,13 @@ def test_simultaneous_arrivals_without_a_speed_limit_are_no_farther_apart():
     unlimited = [
         eqx.tree_at(lambda t: t.limits.speed_max, aircraft_task(goal), jnp.asarray(jnp.inf)) for goal in (NEAR, FAR)
     ]
-    level, _ = arrival_distances_max(stack_tasks(unlimited), airspace(STEADY), np.array([[60.0, 60.0]]))
+    level, _ = arrival_distances_max(stack_rows(unlimited), airspace(STEADY), np.array([[60.0, 60.0]]))
     np.testing.assert_allclose(level[0, 0, 1], 400.0)
 
 
 def test_admissible_times_of_a_fleet():
     """The second goal moves away: 900 m apart from 50 s on; 27 s later, plus the flight in these 27 s."""
-    two = stack_tasks([aircraft_task(NEAR), aircraft_task(FAR, (0.0, 10.0, 0.0))])
+    two = stack_rows([aircraft_task(NEAR), aircraft_task(FAR, (0.0, 10.0, 0.0))])
     air = airspace(STEADY, 901.0)
     times, admissible = admissible_times(FleetTask(two, air, ArrivalRequest("earliest", 200.0)))
     reached = times[:, 0] >= 8000.0 / (SPEED_MAX + WIND)
@@ -184,7 +185,7 @@ def test_a_fleet_in_conflict_at_every_arrival_time_is_refused_early(rule, monkey
         raise AssertionError("arrival sets were looked for")
 
     monkeypatch.setattr(arrival_proposals, "arrival_sets", never)
-    two = stack_tasks([aircraft_task(NEAR), aircraft_task(FAR)])
+    two = stack_rows([aircraft_task(NEAR), aircraft_task(FAR)])
     times = np.array([70.0, 70.0]) if rule == "at" else None
     outcome = search(0.0, two, airspace(STEADY, 500.0), ArrivalRequest(rule, 200.0, times))
     assert outcome.plan is None

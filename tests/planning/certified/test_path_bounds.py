@@ -15,8 +15,9 @@ from anser.planning import PathLimits, Separation, TimedPath
 from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.path_bounds import excess, path_bounds
 from anser.planning.certified.routes import cis
-from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts, no_keep_outs
+from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts
 from anser.planning.limits import CERTIFIED_LIMITS
+from support.aircraft_tasks import no_keep_outs
 from support.certified_cases import (
     FLOWN,
     GRAVITY,

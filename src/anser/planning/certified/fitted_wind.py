@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.constants import GEOPOTENTIAL_RADIUS_M
+from anser.environment.air import geometric_altitude, geopotential_altitude
 from anser.environment.environment import AbstractWind, LayeredWind
 from anser.numerics.arrays import as_array
 from anser.shapes import ScalarLike, Vector3
@@ -146,12 +147,12 @@ def _to_length_m(field: FieldSamples, axis: int, coordinates: np.ndarray) -> np.
 
 def _geometric(field: FieldSamples, altitude: np.ndarray) -> np.ndarray:
     """Convert altitudes of a field (geometric or geopotential, m) to geometric altitude, m."""
-    return GEOPOTENTIAL_RADIUS_M * altitude / (GEOPOTENTIAL_RADIUS_M - altitude) if field.is_geopotential else altitude
+    return geometric_altitude(altitude) if field.is_geopotential else altitude
 
 
 def _field_altitude(field: FieldSamples, altitude: np.ndarray) -> np.ndarray:
     """Convert geometric altitudes, m, to altitudes of a field (geometric or geopotential, m)."""
-    return GEOPOTENTIAL_RADIUS_M * altitude / (GEOPOTENTIAL_RADIUS_M + altitude) if field.is_geopotential else altitude
+    return geopotential_altitude(altitude) if field.is_geopotential else altitude
 
 
 def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east: np.ndarray) -> np.ndarray:

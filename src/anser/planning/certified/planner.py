@@ -74,7 +74,7 @@ class CertifiedPlanState(eqx.Module):
     """State of the certified planner."""
 
     plan: CertifiedPlan  # current plan
-    # outcome of the latest replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`
+    # origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`
     replanning: Integer
     holds: PlannedHolds | None  # planned holds after the arrivals; None: each aircraft's default hold
     # flight limits of each path, including the accelerations available from the engine; leading axis aircraft

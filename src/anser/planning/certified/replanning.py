@@ -35,14 +35,9 @@ from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
 FIRST_PLAN, CORRECTED, REPLANNED, UNCHANGED, AWAITING_GOAL, PARTLY_CORRECTED = range(6)
-REPLANNING_MESSAGES = (
-    "first plan",
-    "current plan, corrected to the expected rendezvous",
-    "new plan from the planned state",
-    "no new plan satisfies every limit: last feasible plan unchanged",
-    "last feasible plan unchanged until the goal's estimate is accurate enough for a new plan",
-    "no new plan satisfies every limit: last feasible plan corrected as far as the limits allow",
-)
+"""Origins of a plan: first plan; plan in force, corrected to the expected rendezvous; new plan from the planned state;
+last feasible plan, unchanged because no new plan satisfies every limit; the same until the goal's estimate is accurate
+enough for a new plan; last feasible plan, corrected as far as the limits allow."""
 COMMITTED_S = 15.0
 """Time to go, s, below which an aircraft's path is corrected, but not replaced."""
 _SAME_POSITION_M = 1e-6
@@ -248,7 +243,7 @@ class PlanInFlight(eqx.Module):
 def correct_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, Integer, Flag]:
     """Correct a plan to the rendezvous expected from the goals measured now.
 
-    Returns the plan, the index into `REPLANNING_MESSAGES`, and whether the corrected plan satisfies every constraint.
+    Returns the plan, its origin, and whether the corrected plan satisfies every constraint.
     """
     plan, tasks, time, under_way = in_flight.plan, in_flight.tasks, in_flight.time, in_flight.under_way
     paths = jax.vmap(correct_path, in_axes=(0, 0, None))(plan.paths, tasks, time)
@@ -339,7 +334,7 @@ _correct_partly = compiled_quickly(ReplanningProblem.correct_partly)
 def correct_or_replace_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, int]:
     """Correct or replace a plan so that it leads to the currently measured goals; not traceable by JAX.
 
-    Returns the first feasible of these plans, and its index into `REPLANNING_MESSAGES`:
+    Returns the first feasible of these plans, and its origin:
 
     1. the current plan, corrected to the expected rendezvous;
     2. a new plan from the planned positions, velocities and accelerations, with the limits of a new path;

@@ -1,11 +1,8 @@
 """The planning problem: each aircraft's start, goal and limits, the shared airspace, and the arrival rule."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -47,11 +44,6 @@ class AircraftTask(eqx.Module):
         return self.goal_position_n + self.goal_velocity_n * elapsed + self.rendezvous.stand_off_n
 
 
-def stack_tasks(tasks: Sequence[AircraftTask]) -> AircraftTask:
-    """Stack the tasks of single aircraft to those of a fleet."""
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *tasks)
-
-
 class KeepOuts(eqx.Module):
     """Keep-outs: vertical cylinders, at rest or at a steady velocity, that no path may enter; a stack, maybe empty."""
 
@@ -60,11 +52,6 @@ class KeepOuts(eqx.Module):
     radius: Float[Array, " volumes"]  #: Radius, m.
     bottom: Float[Array, " volumes"]  #: Altitude of the bottom, m.
     top: Float[Array, " volumes"]  #: Altitude of the top, m.
-
-
-def no_keep_outs() -> KeepOuts:
-    """Return an empty stack of keep-outs."""
-    return KeepOuts(jnp.zeros((0, 2)), jnp.zeros((0, 2)), jnp.zeros(0), jnp.zeros(0), jnp.zeros(0))
 
 
 class Airspace(eqx.Module):
@@ -81,7 +68,6 @@ class Airspace(eqx.Module):
         return eqx.tree_at(lambda a: a.keep_outs.position_n, self, volumes.position_n + time * volumes.velocity_n)
 
 
-ARRIVAL_RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 ArrivalTimes = Float[np.ndarray, " aircraft"]
 Intervals = list[tuple[float, float]]
 """Intervals of time as pairs (first, last), s."""
@@ -91,7 +77,7 @@ Intervals = list[tuple[float, float]]
 class ArrivalRequest:
     """Arrival rule of a fleet."""
 
-    #: One of `ARRIVAL_RULES`. "together": one common time, first the time at which the slowest aircraft arrives at its
+    #: "together": one common time, first the time at which the slowest aircraft arrives at its
     #: preferred speed, then later ones. "earliest": the earliest feasible common time, see
     #: `anser.planning.certified.arrival_times`. "at": a given common time. "sequence": fixed offsets, otherwise as
     #: "together". "times": a given time per aircraft. "windows": a window per aircraft, first at its preferred speed.

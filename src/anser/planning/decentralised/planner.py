@@ -156,7 +156,7 @@ class DecentralisedPlanState(eqx.Module):
     """State of the planner of a decentralised fleet. The row of an aircraft is known to this aircraft only."""
 
     plan: CertifiedPlan  # paths that the aircraft fly, as functions of their clocks
-    # result of the last replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`
+    # origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`
     replanning: Array
     limits: PathLimits  # flight limits of each path, including the accelerations available from the engine
     exchange: Exchange  # state of the agreement on paths
