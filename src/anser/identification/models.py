@@ -84,7 +84,8 @@ def arrange(
     """Arrange a record as the equations of a model.
 
     In turbulence, unless `gusts` is false, the rates of the flow angles that the air causes become regressors: the
-    pitch and yaw rate of the air act like those of the aircraft, and would else be taken for effects of the angles.
+    pitch and yaw rate of the air act like those of the aircraft, with opposite signs, and would else be taken for
+    effects of the angles.
 
     Raises
     ------
