@@ -111,3 +111,10 @@ def test_the_fleet_replans_after_each_type_of_event(event):
     if "keep-out" in event:
         distances = np.hypot(flown.dataset["north_m"] - 2500.0, flown.dataset["east_m"] - 3500.0)
         assert distances.sel(time=slice(11.0, None)).min() > 590.0  # the holds after the arrivals too
+
+
+def test_small_stable_aircraft_arrive_in_turbulence_with_exact_sensors():
+    """Their autopilots know the gusts: without, three Aerosondes pitched down into the ground."""
+    flown = run(load("scenarios/three-uavs.toml").replace("turbulence.intensity", "light"))
+    assert flown.met
+    assert all(entry["miss_m"] < 5.0 for entry in flown.summary["aircraft"])
