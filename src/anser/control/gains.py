@@ -94,11 +94,6 @@ def design_gains(
     return LoopGains(*map(as_array, (inertia * bandwidth, integral, derivative, feed_forward)))
 
 
-def loop_bandwidth(gains: LoopGains) -> Vector3:
-    """Return the bandwidth K_P/(1 + K_D) of each channel, 1/s."""
-    return gains.proportional / (1.0 + gains.derivative)
-
-
 _ACTUATOR_SPEEDUP = 2.0
 """Bandwidth of an actuator with inverted lag over the bandwidth of the lag: 40 1/s over 20.2 1/s for the F-16."""
 _ACTUATOR_BANDWIDTH_STEP_MAX = 0.4
