@@ -49,11 +49,9 @@ class AutopilotGains(eqx.Module):
     sensor_bandwidth: Scalar
 
 
-def loop_gains(
-    proportional: float, integral: float = 0.0, derivative: float = 0.0, feed_forward: float = 1.0
-) -> LoopGains:
-    """Build equal gains for the three channels of a loop."""
-    return LoopGains(*(as_array([g] * 3) for g in (proportional, integral, derivative, feed_forward)))
+def loop_gains(proportional: float, integral: float = 0.0, derivative: float = 0.0) -> LoopGains:
+    """Build equal gains for the three channels of a loop, with the whole feed-forward."""
+    return LoopGains(*(as_array([g] * 3) for g in (proportional, integral, derivative, 1.0)))
 
 
 def published_gains() -> AutopilotGains:
