@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.control import published_gains
-from anser.control.gains import design_gains, loop_bandwidth
+from anser.control.gains import design_gains
 from anser.control.loop_separations import LOOP_SEPARATION_MIN
-from support.loops import separations_of
+from support.loops import loop_bandwidth, separations_of
 
 three = jnp.ones(3)
 

@@ -1,7 +1,13 @@
-"""Separation of the loops of an autopilot's gains."""
+"""Bandwidths of the loops of an autopilot's gains, and their separation."""
 
-from anser.control.gains import AutopilotGains, loop_bandwidth
+from anser.control.gains import AutopilotGains, LoopGains
 from anser.control.loop_separations import LoopSeparation, loop_separations
+from anser.shapes import Vector3
+
+
+def loop_bandwidth(gains: LoopGains) -> Vector3:
+    """Bandwidth K_P/(1 + K_D) of each channel, 1/s."""
+    return gains.proportional / (1.0 + gains.derivative)
 
 
 def separations_of(gains: AutopilotGains) -> tuple[LoopSeparation, ...]:

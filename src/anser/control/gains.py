@@ -49,11 +49,9 @@ class AutopilotGains(eqx.Module):
     sensor_bandwidth: Scalar
 
 
-def loop_gains(
-    proportional: float, integral: float = 0.0, derivative: float = 0.0, feed_forward: float = 1.0
-) -> LoopGains:
-    """Build equal gains for the three channels of a loop."""
-    return LoopGains(*(as_array([g] * 3) for g in (proportional, integral, derivative, feed_forward)))
+def loop_gains(proportional: float, integral: float = 0.0, derivative: float = 0.0) -> LoopGains:
+    """Build equal gains for the three channels of a loop, with the whole feed-forward."""
+    return LoopGains(*(as_array([g] * 3) for g in (proportional, integral, derivative, 1.0)))
 
 
 def published_gains() -> AutopilotGains:
@@ -92,11 +90,6 @@ def design_gains(
     inertia = 1.0 + derivative
     integral = inertia * (0.5 * bandwidth / damping) ** 2
     return LoopGains(*map(as_array, (inertia * bandwidth, integral, derivative, feed_forward)))
-
-
-def loop_bandwidth(gains: LoopGains) -> Vector3:
-    """Return the bandwidth K_P/(1 + K_D) of each channel, 1/s."""
-    return gains.proportional / (1.0 + gains.derivative)
 
 
 _ACTUATOR_SPEEDUP = 2.0

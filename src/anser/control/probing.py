@@ -15,6 +15,8 @@ from anser.shapes import Integer, Scalar, ScalarLike, Vector, Vector3
 
 _LINES = 4
 """Lines of each surface's multisine."""
+_PERIOD_S = 5.0
+"""Period of the test inputs, s."""
 
 
 class ProbingState(eqx.Module):
@@ -73,28 +75,23 @@ class ProbingController(AbstractController):
 
 
 def probing_controller(
-    controller: AbstractController,
-    surfaces: int,
-    amplitude: ScalarLike,
-    *,
-    period: float = 5.0,
-    learning_time: ScalarLike = 0.0,
+    controller: AbstractController, surfaces: int, amplitude: ScalarLike, *, learning_time: ScalarLike = 0.0
 ) -> ProbingController:
     """Build a controller with test inputs of `amplitude` (rad) for a number of surfaces.
 
-    Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 1 / `period` (s). The
+    Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 0.2 Hz. The
     harmonics, from the second on, are assigned to the surfaces in turn, so that the inputs are orthogonal over a
     period. `learning_time` (s) is the end of the first phase; 0: no first phase.
     """
-    frequencies_hz = 2.0 / period, (1.0 + _LINES * surfaces) / period
+    frequencies_hz = 2.0 / _PERIOD_S, (1.0 + _LINES * surfaces) / _PERIOD_S
     signals = (
-        multisine(1.0, frequencies_hz, period, 0.0, channel=k, channels=surfaces).signal for k in range(surfaces)
+        multisine(1.0, frequencies_hz, _PERIOD_S, 0.0, channel=k, channels=surfaces).signal for k in range(surfaces)
     )
     return ProbingController(
         controller=controller,
         amplitude=jnp.broadcast_to(jnp.asarray(amplitude, dtype=float), (surfaces,)),
         signals=jax.tree.map(as_array, tuple(signals)),
-        period=jnp.asarray(period),
+        period=jnp.asarray(_PERIOD_S),
         uncertainty_max=jnp.asarray(0.2),
         learning_time=jnp.asarray(learning_time, dtype=float),
     )

@@ -208,7 +208,7 @@ class PlannedFlights:
     plans: list[CertifiedPlan]
 
 
-def plan_many(cases: Sequence[FlightCase], progress: Progress | None = None) -> PlannedFlights:
+def plan_many(cases: Sequence[FlightCase]) -> PlannedFlights:
     """Trim and plan many flights of equal structure by the certified planner, up to the arrivals.
 
     The result lacks a flight with an aircraft that cannot be trimmed, and a flight for which no plan was found. The
@@ -221,7 +221,6 @@ def plan_many(cases: Sequence[FlightCase], progress: Progress | None = None) -> 
         If the scenarios have different structures, or a planner other than the certified planner.
     """
     enable_compilation_cache()
-    on_progress = progress or no_progress
     result = PlannedFlights([], [], [], [])
     size, signatures = min(BATCH, len(cases)), set[Any]()
     for group, numbers, flights in _group_cases(cases, BATCH):
@@ -239,7 +238,6 @@ def plan_many(cases: Sequence[FlightCase], progress: Progress | None = None) -> 
         for k in [k for k in range(len(numbers)) if k not in refusals]:
             airspace, request = aircraft_planner(flights[k]).airspace, arrival_request(chosen[k].scenario)
             plan = search(0.0, _index_row(tasks, k), airspace, request, thorough=False).plan
-            on_progress(f"planning {len(cases)} flights", (numbers[k] + 1) / len(cases))
             if plan is not None:
                 result.numbers.append(numbers[k])
                 result.flights.append(flights[k])

@@ -80,9 +80,6 @@ def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Scalar, Scalar]:
     return root, jnp.where(slope == 0.0, 0.0, -change / jnp.where(slope == 0.0, 1.0, slope))
 
 
-Parameters = TypeVar("Parameters")
-
-
 def bracketed_secant(
     # function of x and the parameters; differentiable inputs must be in `parameters`
     function: Callable[[Scalar, Parameters], Scalar],
@@ -125,16 +122,7 @@ def bracketed_secant(
     start, start_residual = jnp.where(first_is_better, a, b), jnp.where(first_is_better, fa, fb)
     best_x, residual = lax.fori_loop(0, steps, step, (a, b, fa, fb, start, start_residual))[4:]
 
-    @jax.custom_jvp
-    def root(x: Scalar, values: Parameters) -> Scalar:
-        del values
-        return x
+    def with_slope(x: Scalar, values: Parameters) -> tuple[Scalar, Scalar]:
+        return jax.jvp(lambda y: function(y, values), (x,), (jnp.ones_like(x),))
 
-    @root.defjvp
-    def _(at: tuple[Scalar, Parameters], rates: tuple[Scalar, Parameters]) -> tuple[Scalar, Scalar]:
-        x, values = at
-        across = jax.jvp(lambda p: function(x, p), (values,), (rates[1],))[1]
-        slope = jax.jvp(lambda y: function(y, values), (x,), (jnp.ones_like(x),))[1]
-        return x, jnp.where(slope == 0.0, 0.0, -across / jnp.where(slope == 0.0, 1.0, slope))
-
-    return Root(root(best_x, parameters), residual)
+    return Root(implicit_root(with_slope, parameters, best_x), residual)

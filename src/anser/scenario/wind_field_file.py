@@ -64,7 +64,6 @@ class WindField:
     #: north, east, level, 4).
     columns: np.ndarray
     is_geopotential: bool  #: Whether the altitudes are geopotential.
-    has_vertical_wind: bool
 
     @property
     def altitude_bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -171,7 +170,7 @@ class _Reader:
         for role in ("time", "member"):
             if roles[role] not in dims:
                 columns = columns[None]
-        return self._sorted(columns, axes, horizontal, is_geographic, is_geopotential, upward is not None)
+        return self._sorted(columns, axes, horizontal, is_geographic, is_geopotential)
 
     def _sorted(
         self,
@@ -180,7 +179,6 @@ class _Reader:
         horizontal: tuple[str, str],
         is_geographic: bool,
         is_geopotential: bool,
-        has_vertical_wind: bool,
     ) -> WindField:
         """Return the field with rising axes and levels; checks that the levels rise in the same order everywhere."""
         times, epoch = axes.get("time", np.zeros(1)), None
@@ -210,7 +208,7 @@ class _Reader:
             )
         times_s, north, east = coordinates
         columns = np.ascontiguousarray(columns)
-        return WindField(epoch, times_s, north, east, is_geographic, columns, is_geopotential, has_vertical_wind)
+        return WindField(epoch, times_s, north, east, is_geographic, columns, is_geopotential)
 
     def _heights(
         self,

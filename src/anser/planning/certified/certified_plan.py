@@ -5,7 +5,7 @@ still in conflict choose again, until no conflict is left or the rounds are used
 """
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -444,13 +444,11 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
     yield _choose.prepare(*arguments, *choice, look_ahead=as_array(0.0))
 
 
-def prepare_extra_candidates(
-    tasks: AircraftTask, airspace: Airspace, intervals: int, kinds: Sequence[CandidateSet] = EXTRA_SETS
-) -> Iterator[PreparedProgram]:
+def prepare_extra_candidates(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
     """Yield the programs that `plan_at` needs where the standard candidates fail, one at a time."""
     durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     selected = jax.ShapeDtypeStruct(tasks.active.shape, np.bool_)
-    for kind in kinds:
+    for kind in EXTRA_SETS:
         speeds = None
         if kind.speeds:
             speeds = _find_speeds.prepare(tasks, airspace, durations, intervals, *_speed_flags(kind, kind))

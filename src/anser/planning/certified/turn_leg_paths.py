@@ -157,9 +157,9 @@ class Starts(NamedTuple):
     circling_fraction: Float[ArrayLike, "*starts 4"]  # fraction of the spare length flown by each turn in full circles
 
 
-def make_starts(count: int, seed: int = 0) -> Starts:
+def make_starts(count: int) -> Starts:
     """Draw the initial values of `count` searches, reproducibly. Half of the paths wait in circles if there is time."""
-    rng = np.random.default_rng([11, seed])
+    rng = np.random.default_rng([11, 0])
     number = np.arange(count)
     senses = np.where(number[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
     turns = np.pi * rng.random((count, TURNS)) ** 2
