@@ -256,10 +256,10 @@ def refuse_on(error_type: type[Exception], prefix: str = "") -> Iterator[None]:
         raise InputError(f"{prefix}{error}") from None
 
 
-def must_be_in_range(option: str, value: float, low: float, high: float) -> None:
-    """Raise InputError if a number is outside a range."""
+def must_be_in_range(option: str, value: float, low: float, high: float, advice: str = "") -> None:
+    """Raise InputError if a number is outside a range; `advice` follows the message."""
     if not (math.isfinite(value) and low <= value <= high):
-        raise InputError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
+        raise InputError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}{advice}")
 
 
 @dataclass(frozen=True)

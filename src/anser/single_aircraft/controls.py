@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from anser.analysis.trim_points import require_seconds
+from anser.analysis.trim_points import require_seconds, require_step
 from anser.parts.input_signals import InputSignal
 
 
@@ -131,7 +131,7 @@ def sample_times(duration_s: float, step_s: float) -> Float[np.ndarray, " sample
     more than ten million samples.
     """
     require_seconds("duration_s", duration_s)
-    require_seconds("step_s", step_s)
+    require_step(step_s)
     count = round(duration_s / step_s)
     if not 1 <= count <= 10_000_000:
         raise ValueError(

@@ -170,7 +170,7 @@ def simulate(
         `jax.numpy`. Signals are increments to the start, the rest absolute; inputs left out keep their value at the
         start. Controls are constant between samples.
     duration_s, step_s
-        Length of the flight, and period of samples and integration, s.
+        Length of the flight, and period of samples and integration, s; a step from 0.001 to 0.05 s.
     record_period_s
         Period of the rows of the dataset, a multiple of the step; None: every sample.
     increments
