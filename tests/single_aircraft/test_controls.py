@@ -49,9 +49,15 @@ def test_tables_of_all_kinds_give_the_same_controls(tmp_path):
     ("inputs", "message"),
     [
         ({"elevater": 1.0}, "arrived 'elevater'; expected inputs among elevator, aileron, throttle"),
+        ({"heading_deg": 1.0}, "arrived 'heading_deg'; expected inputs"),
         ({"elevator": "up"}, r"controls\['elevator'\]: arrived str 'up'"),
         ({"elevator": np.zeros(4)}, "arrived 4 values; expected one for each of the 5 samples"),
         ({"elevator": np.nan}, "arrived values that are not finite"),
+        (
+            {"elevator": anser.doublet(1.0) + anser.multisine(1.0, (0.5, 3.0), 2.0)},
+            r"controls\['elevator'\]: arrived a frequency of 3 Hz; expected at most 2 Hz, half the rate",
+        ),
+        ({"elevator": anser.sine_sweep(1.0, (0.5, 3.0), 2.0)}, "arrived a frequency of 3 Hz; expected at most 2 Hz"),
         ({"elevator": ([0.0, 0.0], [1.0, 2.0])}, "expected rows of equal length, with rising times"),
         ({"elevator": (0.0, 1.0, 2.0)}, "arrived a tuple of 3"),
         ("missing.csv", "missing.csv cannot be read as CSV"),

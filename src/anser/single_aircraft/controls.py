@@ -36,13 +36,15 @@ def sample_inputs(
         True: numbers, arrays and tables are increments to the reference, as signals always are.
     """
     columns = inputs if _is_by_name(inputs) else _read_table(inputs, subject)
-    columns = {name if name in reference else name.removesuffix("_deg"): value for name, value in columns.items()}
     sampled = np.tile(np.array(list(reference.values()), dtype=float), (time_s.size, 1))
-    for name, value in columns.items():
+    for key, value in columns.items():
+        name = key if key in reference else key.removesuffix("_deg")
         if name not in reference:
-            raise ValueError(f"{subject}: arrived {name!r}; expected inputs among {', '.join(reference)}")
+            raise ValueError(f"{subject}: arrived {key!r}; expected inputs among {', '.join(reference)}")
         column = sampled[:, list(reference).index(name)]
         place = f"{subject}[{name!r}]"
+        if isinstance(value, InputSignal):
+            value.require_sampling(float(time_s[1] - time_s[0]), place)
         values = value(time_s) if isinstance(value, InputSignal) else _sample(value, time_s, place)
         if not np.all(np.isfinite(values)):
             raise ValueError(f"{place}: arrived values that are not finite; expected numbers throughout")

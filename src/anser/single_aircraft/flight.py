@@ -244,7 +244,7 @@ def simulate(
         guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
     else:
         raise ValueError("command: arrived without a controller; expected a controller that follows it")
-    test_inputs = read_excitation(airframe.actuators, excitation, flight_controller)
+    test_inputs = read_excitation(airframe.actuators, excitation, flight_controller, step_s)
     changes = read_changes(airframe, change)
     is_adaptive = controller == "adaptive"
     if estimator is None:
