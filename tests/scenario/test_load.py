@@ -111,6 +111,9 @@ def test_a_missing_file_is_reported_with_a_suggestion(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").touch()
     (problem,) = refused(tmp_path / "mien.toml").problems
     assert problem.expected == f"the path of a scenario file, perhaps {describe_value(str(tmp_path / 'mine.toml'))}"
+    (tmp_path / "e33_singlebr.toml").touch()
+    (problem,) = refused(tmp_path / "missing.toml").problems  # the suffix does not make the names similar
+    assert problem.expected == "the path of a scenario file"
     (problem,) = refused(tmp_path / "nowhere" / "mine.toml").problems
     assert problem.expected == "the path of a scenario file"
 

@@ -125,7 +125,7 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
     if not swept:
         raise ValueError("sweep: arrived no path; expected one at least, such as {'wind.speed_m_s': [0, 5, 10]}")
     for path, values in swept.items():
-        if isinstance(values, str) or not len(values):
+        if isinstance(values, str) or not isinstance(values, Iterable) or not len(list(values)):
             raise ValueError(f"sweep, {path}: arrived {values!r}; expected a list with one value at least")
         if any(values[k] == earlier for k in range(len(values)) for earlier in values[:k]):
             raise ValueError(f"sweep, {path}: arrived a value twice in {list(values)!r}; expected each once")

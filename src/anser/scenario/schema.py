@@ -13,6 +13,7 @@ from anser.aircraft_files.sources import entry_point_origin, read_airframe
 from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value
 from anser.config.key_paths import replace_values
 from anser.config.tables import content_hash
+from anser.config.toml_text import named_by
 from anser.config.validation_messages import validation_problems
 from anser.environment.air import STANDARD_LAYERS
 from anser.scenario import schema_airspace_checks as airspace
@@ -52,7 +53,8 @@ def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]
             continue
         file_path = Path(source).parent / path
         if file_path not in files:
-            files[file_path] = read_airframe(file_path)
+            with named_by(source, f"aircraft[{k}].airframe", path):
+                files[file_path] = read_airframe(file_path)
         tables_with_files.append({**aircraft, "airframe": files[file_path]})
     if problems:
         raise ScenarioError(source, problems)
@@ -82,7 +84,8 @@ def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
     if not isinstance(atmosphere, dict) or not isinstance(atmosphere.get("sounding"), str):
         return values
     path = atmosphere["sounding"]
-    measured = read_sounding(Path(source).parent / path)
+    with named_by(source, "atmosphere.sounding", path):
+        measured = read_sounding(Path(source).parent / path)
     values = {**values, "atmosphere": {**atmosphere, "sounding": {"level": measured.levels}}}
     if not measured.winds:
         return values
