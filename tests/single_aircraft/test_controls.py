@@ -70,6 +70,23 @@ def test_wrong_controls_are_refused_with_their_name(inputs, message):
         sampled(inputs)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,elevator\n", "stick.csv: arrived a table without rows"),
+        ("time_s,elevator\n0,1\n1,nan\n", "stick.csv: arrived nan in the column 'elevator', row 2; expected a finite"),
+        ("time_s,elevator\n0,1\n1,up\n", "stick.csv: arrived up in the column 'elevator', row 2; expected a finite"),
+        ("time_s,elevator\n0,1\n2,1\n1,1\n", r"stick.csv: arrived time_s = 1 in row 3, after 2; expected rising"),
+        ("time_s,elevater\n0,1\n", "stick.csv: arrived 'elevater'; expected inputs"),
+        ("time_s,throttle\n0,50\n", "stick.csv, column 'throttle': arrived 50 to 50"),
+    ],
+)
+def test_wrong_files_are_refused_with_file_and_row(tmp_path, text, message):
+    (tmp_path / "stick.csv").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        sampled(tmp_path / "stick.csv")
+
+
 @pytest.mark.parametrize(("duration", "step"), [(0.0, 0.01), (1.0, -0.01), (np.inf, 0.01), (1e9, 0.01), (0.001, 0.01)])
 def test_wrong_durations_are_refused(duration, step):
     with pytest.raises(ValueError, match=r"(duration|step)_s: arrived"):

@@ -360,8 +360,9 @@ def test_the_controller_does_not_know_of_a_change():
     [
         ({"drag": 1.2}, "time_s"),
         ({"time_s": 1.0, "drag": "1.2"}, "drag"),
-        ({"time_s": 1.0, "surface_effectiveness": {"flap": 0.5}}, "elevator, aileron, rudder"),
+        ({"time_s": 0.5, "surface_effectiveness": {"flap": 0.5}}, "elevator, aileron, rudder"),
         ([{"time_s": 1.0, "coefficients": {"Cmq": 0.5}}], "do not change during the flight"),
+        ({"time_s": 5.0, "drag": 1.2}, r"change\[0\].time_s: arrived 5; expected a time before the end of the flight"),
     ],
 )
 def test_a_change_that_is_not_valid_is_refused(change, message):

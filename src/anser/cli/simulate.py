@@ -96,7 +96,7 @@ def simulate(
     force: Force = False,
 ) -> None:
     """Fly one aircraft in open loop from a trim, under control inputs; write its dataset, figure and report."""
-    must_be_known_aircraft(aircraft, variant)
+    must_be_known_aircraft(aircraft, variant, "AIRCRAFT")
     must_be_in_range("--temperature-offset-k", temperature_offset_k, -60.0, 60.0)
     atmosphere = {"temperature_offset_k": temperature_offset_k} if temperature_offset_k else None
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))

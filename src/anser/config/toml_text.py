@@ -161,11 +161,15 @@ def named_by(source: str, key: str, name: str) -> Iterator[None]:
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """Return the line (from 1) of each key and table of valid TOML, by key path as in messages.
-
-    Keys inside a one-line table or list are not listed.
-    """
+    """Return the first line (from 1) of each key and table of valid TOML, by key path as in messages."""
     line_numbers: dict[str, int] = {}
+    for path, line in _keys_of(text):
+        line_numbers.setdefault(path, line)
+    return line_numbers
+
+
+def _keys_of(text: str) -> Iterator[tuple[str, int]]:
+    """Yield the key path and line of each key and table of valid TOML, without keys inside a one-line table or list."""
     last_item: dict[str, int] = {}
     table, at, line = "", 0, 1
     while at < len(text):
@@ -181,17 +185,16 @@ def _lines_of(text: str) -> dict[str, int]:
             table = _join_keys(table, name)
             if header[1] == "[[":
                 last_item[table] = last_item.get(table, -1) + 1
-                line_numbers.setdefault(table, line)
+                yield table, line
                 table += f"[{last_item[table]}]"
-            line_numbers[table] = line
+            yield table, line
         elif entry is not None:
             path = table
             for name in _names(entry[1]):
                 path = _join_keys(path, name)
-                line_numbers.setdefault(path, line)
+                yield path, line
         line += text.count("\n", at, end + 1)
         at = end + 1
-    return line_numbers
 
 
 def _names(dotted: str) -> list[str]:
@@ -249,6 +252,12 @@ def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) 
     line, column = int(position["line"]), int(position["column"])
     lines = text.replace("\r\n", "\n").split("\n")
     arrived = lines[line - 1].strip()
+    if reason == "Cannot overwrite a value":
+        keys = list(_keys_of("\n".join(lines[:line])))
+        first = next(number for path, number in keys if path == keys[-1][0])
+        if first < line:
+            expected = f"the key {keys[-1][0]} once: line {first} has it too"
+            return Problem(f"line {line}, column {column}", describe_value(arrived), expected)
     comma = _DECIMAL_COMMA.search(arrived)
     number = _BARE_UNIT.search(arrived)
     if comma is not None:

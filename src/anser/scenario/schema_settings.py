@@ -125,9 +125,9 @@ class Timing(Table):
             period_s = getattr(self, key)
             allowed_zero = key == "replan_period_s" and period_s == 0
             if not allowed_zero and not is_multiple(period_s, self.step_s):
-                problems.append(
-                    Problem(key, format_number(period_s), multiple_message(period_s, "step_s", self.step_s))
-                )
+                arrived = format_number(period_s)
+                arrived = arrived if key in self.model_fields_set else f"the default {arrived}"
+                problems.append(Problem(key, arrived, multiple_message(period_s, "step_s", self.step_s)))
         return [*problems, *ordering_problems(self, "freeze_s", "duration_s", "s")]
 
 

@@ -245,7 +245,7 @@ def simulate(
     else:
         raise ValueError("command: arrived without a controller; expected a controller that follows it")
     test_inputs = read_excitation(airframe.actuators, excitation, flight_controller, step_s)
-    changes = read_changes(airframe, change)
+    changes = read_changes(airframe, change, duration_s)
     is_adaptive = controller == "adaptive"
     if estimator is None:
         estimator = TrackingEstimator(model=None if changes is None and not is_adaptive else airframe)

@@ -179,8 +179,10 @@ class Simulator:
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
         """Return to a checkpoint of `save`, of this simulator or of an equal one.
 
-        Raises ValueError for a checkpoint of another aircraft or another number of aircraft.
+        Raises ValueError for anything but a checkpoint, and for one of another aircraft or number of aircraft.
         """
+        if not isinstance(checkpoint, Mapping) or not checkpoint.keys() >= self._start.keys():
+            raise ValueError(f"checkpoint: arrived {checkpoint!r:.60}; expected one that `save` has returned")
         packed, inputs = np.asarray(checkpoint["motion"]), np.asarray(checkpoint["inputs"])
         shape = self._start["motion"].shape
         if packed.shape != shape or inputs.shape != self._start["inputs"].shape:
