@@ -125,6 +125,14 @@ def test_trim_by_name(anser):
     assert 'perhaps "aerosonde"' in err
 
 
+def test_a_simulation_that_cannot_be_flown_is_refused_by_argument_and_option(anser):
+    level = ("--speed-m-s", 150, "--altitude-m", 1000)
+    assert anser("simulate", "f17", *level)[2].startswith("AIRCRAFT: arrived 'f17'; expected perhaps \"f16\"")
+    code, _, err = anser("simulate", "f16", *level, "--step-s", 0.25)
+    assert code == 2
+    assert "--step-s: arrived 0.25; expected a number from 0.001 to 0.05; --record-period-s gives a coarser" in err
+
+
 @pytest.mark.long
 def test_linearize_by_file(anser, tmp_path):
     path = tmp_path / "my.toml"

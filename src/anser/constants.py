@@ -1,4 +1,4 @@
-"""Physical constants with sources, and minimum stand-off distances, SI units; a name ends with its unit, if any."""
+"""Constants: physical ones with sources, stand-off distances, steps; SI units, and a name ends with its unit."""
 
 # [WGS84] NIMA TR8350.2: the two defining parameters of the ellipsoid; `anser.spatial.Ellipsoid` derives the others.
 WGS84_A_M = 6378137.0
@@ -32,3 +32,6 @@ AIRBORNE_STAND_OFF_MIN_M = 100.0
 """Least permitted distance of an aircraft from an airborne goal; above, from a goal on the surface.
 
 Part of the product's scope, enforced for every scenario."""
+
+STEP_MIN_S, STEP_MAX_S = 0.001, 0.05
+"""Range of the integration step: the classical Runge-Kutta method is unstable beyond 2.8 lags of the surfaces."""

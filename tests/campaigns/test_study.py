@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from anser.campaigns import load_study
+from anser.campaigns.campaign_folder import open_campaign_store
 from anser.campaigns.flights import applied_values, create_store
 from anser.config import ScenarioError
 from campaigns.study_cases import STUDIES, THREE, study_of, text_of
@@ -98,7 +99,9 @@ def test_an_unknown_precision_is_refused():
 
 def test_a_missing_scenario_is_reported_by_name(tmp_path):
     (tmp_path / "study.toml").write_text(text_of(scenario="nowhere.toml"))
-    with pytest.raises(ScenarioError, match=r"nowhere.toml: 1 problem\n.*no file of this name"):
+    with pytest.raises(
+        ScenarioError, match=r'study.toml: 1 problem\n  line 3, scenario: arrived "nowhere.toml", no file'
+    ):
         load_study(tmp_path / "study.toml")
 
 
@@ -116,6 +119,15 @@ def test_an_unknown_path_is_refused_before_flying(tmp_path):
     with pytest.raises(ScenarioError, match=r"test, what varies of three-aircraft: 1 problem\n.*the unknown key"):
         create_store(tmp_path, study, THREE, {})
     assert not any(tmp_path.iterdir())
+
+
+def test_an_unknown_path_is_refused_with_the_file_of_the_study_and_its_line(tmp_path):
+    (tmp_path / "three.toml").write_text((STUDIES.parent / "scenarios" / "three-aircraft.toml").read_text())
+    varied = '[[vary]]\npath = "wind.sped_m_s"\ndistribution = "uniform"\nlow = 0.0\nhigh = 5.0\n'
+    (tmp_path / "study.toml").write_text(text_of() + varied)
+    line = text_of().count("\n") + 2
+    with pytest.raises(ScenarioError, match=rf"study.toml, what varies of .*\n  line {line}, wind.sped_m_s: arrived"):
+        open_campaign_store(tmp_path / "study.toml", tmp_path / "out", resume=False)
 
 
 def test_values_invalid_for_every_flight_are_refused_before_flying(tmp_path):

@@ -197,12 +197,18 @@ def test_no_arrival_after_the_latest_is_requested():
 
 @pytest.mark.parametrize(
     ("later_s", "found", "said"),
-    [(10.0, True, "planned anew"), (10.0, False, "no new plan"), (50.0, True, "not put off: an arrival at 110.0 s")],
+    [
+        (10.0, True, "planned anew"),
+        (10.0, False, "no new plan"),
+        (50.0, True, "not put off: an arrival at 110.0 s"),
+        (10.0, True, "no aircraft is left that could be replanned"),
+    ],
 )
 def test_an_arrival_is_put_off_to_the_time_that_is_asked_for_or_not_at_all(monkeypatch, later_s, found, said):
+    is_flying = not said.startswith("no aircraft")
     replacements = {
         "snapshot_at": lambda *_: SimpleNamespace(
-            replannable_tasks=SimpleNamespace(active=np.ones(2)), flying_tasks=None
+            replannable_tasks=SimpleNamespace(active=np.full(2, float(is_flying))), flying_tasks=None
         ),
         "aircraft_planner": lambda _: SimpleNamespace(correction_limits=lambda limits: limits, airspace=None),
         "_with_limits": lambda tasks, limits: tasks,
@@ -226,7 +232,7 @@ def test_an_arrival_is_put_off_to_the_time_that_is_asked_for_or_not_at_all(monke
     after, is_planned, message = event_replanning._replan_if_needed(
         scenario, None, current, 2000, event, times_s, lambda message: None
     )
-    is_possible = later_s < 39.0
+    is_possible = is_flying and later_s < 39.0
     assert asked == ([50.0] if is_possible else [])
     assert is_planned is (found and is_possible)
     assert after == ("new" if is_planned else current)

@@ -63,7 +63,15 @@ TWO_NAMES = {"aircraft[1].start.speed_m_s": [150.0], "aircraft[aircraft-2].start
 
 
 @pytest.mark.parametrize(
-    "swept", [{}, {"wind.speed_m_s": []}, {"wind.speed_m_s": [1, 1.0]}, {"wind.speed_m_s": "5"}, TWO_NAMES]
+    "swept",
+    [
+        {},
+        {"wind.speed_m_s": []},
+        {"wind.speed_m_s": [1, 1.0]},
+        {"wind.speed_m_s": "5"},
+        {"wind.speed_m_s": 5},
+        TWO_NAMES,
+    ],
 )
 def test_an_invalid_sweep_is_refused(swept):
     with pytest.raises(ValueError, match=r"sweep.*arrived.*expected"):

@@ -131,7 +131,7 @@ def test_a_scenario_file_names_its_parts(tmp_path):
 @pytest.mark.parametrize(
     ("result", "message"),
     [
-        (lambda u, s: u, r"Returns.control: arrived .* expected \(controls, signals, state\)"),
+        (lambda u, s: u, r"Returns.control: arrived an array of shape \(3,\); expected \(controls, signals, state\)"),
         (lambda u, s: (Controls(u[:2], u[0]), None, s), r"surfaces of shape \(2,\)"),
         (lambda u, s: (Controls(u, u[0]), None, jnp.zeros(3)), "the state in the structure of init"),
         (lambda u, s: (Controls(u + s, u[0]), None, s), "expected a method that JAX can trace"),

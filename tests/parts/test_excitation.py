@@ -133,6 +133,14 @@ def test_the_recorded_command_contains_the_excitation(level):
     [
         ({"excitation": {"elevator": anser.doublet(1.0)}}, "arrived without a controller"),
         ({"excitation": {"flap": anser.doublet(1.0)}, "controller": "inversion"}, "arrived 'flap'; expected inputs"),
+        (
+            {"excitation": {"bank_m_s": anser.doublet(1.0)}, "controller": "inversion"},
+            "arrived 'bank_m_s'; expected inputs among .*, throttle, airspeed_m_s, .*, bank_deg, .*, yaw_rate_deg_s",
+        ),
+        (
+            {"excitation": {"elevator": anser.multisine(1.0, (10.0, 60.0), 0.5)}, "controller": "inversion"},
+            r"excitation\['elevator'\]: arrived a frequency of 60 Hz; expected at most 50 Hz",
+        ),
         ({"excitation": {"elevator": 1.0}, "controller": "inversion"}, "arrived float; expected a signal"),
         ({"excitation": anser.doublet(1.0), "controller": "inversion"}, "expected signals by input"),
     ],

@@ -1,5 +1,7 @@
 """Input signals of flight tests: shapes in time, energy by octave, orthogonality, and refusals."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -53,6 +55,17 @@ def test_multisines_of_several_channels_are_orthogonal_and_of_low_peak_factor():
             assert abs(np.mean(signals[k] * signals[j])) < 1e-12 * norms[k] * norms[j] + 1e-12
 
 
+@pytest.mark.parametrize("power_exponent", [0.0, -1.0])
+def test_a_multisine_of_many_harmonics_has_the_phases_of_schroeder_at_once(power_exponent):
+    begin = time.process_time()
+    signal = anser.multisine(2.0, (0.1, 10.0), 20.0, 0.0, power_exponent=power_exponent)
+    assert time.process_time() - begin < 1.0  # with optimized phases, 10 s
+    values = signal(np.arange(0.0, 20.0, 1.0 / 1024.0))
+    assert np.abs(values).max() == pytest.approx(2.0, rel=2e-3)
+    assert abs(values[0]) < 0.1
+    assert np.ptp(values) / (2.0 * np.sqrt(2.0) * np.sqrt(np.mean(values**2))) < 1.4  # of equal phases, 20
+
+
 @given(st.floats(0.1, 50.0), st.floats(0.0, 5.0), st.floats(0.1, 3.0))
 def test_doublet_and_3211_leave_no_mean_of_their_first_pulses(amplitude, start, width):
     t = start + width * (np.arange(2000) + 0.5) / 1000
@@ -66,6 +79,9 @@ def test_doublet_and_3211_leave_no_mean_of_their_first_pulses(amplitude, start, 
         (lambda: anser.doublet(1.0, width_s=0.0), "width_s: arrived 0"),
         (lambda: anser.sine_sweep(1.0, (1.0, 2.0), 10.0, start_s=np.nan), "start_s: arrived nan"),
         (lambda: anser.multisine(1.0, (0.1, 1.0), 10.0, start_s=np.inf), "start_s: arrived inf"),
+        (lambda: anser.doublet(1.0, start_s=-1.0), "start_s: arrived -1.0; expected 0 or later"),
+        (lambda: anser.step_input(1.0, start_s=-1.0), "start_s: arrived -1.0; expected 0 or later"),
+        (lambda: anser.sine_sweep(1.0, (0.1, 1.0), 10.0, start_s=-1.0), "start_s: arrived -1.0; expected 0 or later"),
         (lambda: anser.sine_sweep(1.0, (2.0, 1.0), 10.0), "frequencies_hz: arrived 2 and 1"),
         (lambda: anser.multisine(1.0, (0.01, 0.02), 5.0), "a range with a harmonic of 0.2 Hz"),
         (lambda: anser.multisine(1.0, (0.1, 1.0), 10.0, channel=2, channels=2), "channel: arrived 2 of 2"),

@@ -94,7 +94,9 @@ def test_problems_of_an_aircraft_file_name_that_file(folder):
         load(folder / "fleet.toml")
     (folder / "my-uav.toml").unlink()
     (folder / "my-uaf.toml").touch()
-    with pytest.raises(ScenarioError, match=r"expected the path of an aircraft file, perhaps .*my-uaf"):
+    with pytest.raises(
+        ScenarioError, match=r"fleet.toml: 1 problem\n  line \d+, aircraft\[0\]\.airframe: .* perhaps .*my-uaf"
+    ):
         load(folder / "fleet.toml")
 
 
@@ -106,7 +108,7 @@ def test_problems_of_an_aircraft_file_name_that_file(folder):
             "aircraft[0].airframe",
             "either airframe, the path of a file, or type",
         ),
-        ('airframe = "my-uav.txt"', "", "a name that ends with"),
+        ('airframe = "my-uav.txt"', "aircraft[0].airframe", "a name that ends with"),
         ('type = "aerosond"', "aircraft[0].type", 'perhaps "aerosonde"'),
         ('type = "aerosonde"\nvariant = "s119"', "aircraft[0].variant", "F-16 alone"),
         ('type = "aerosonde"\nx_cg_over_c = 0.3', "aircraft[0].x_cg_over_c", "F-16 alone"),

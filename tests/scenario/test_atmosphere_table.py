@@ -182,7 +182,7 @@ def test_wrong_soundings_are_refused_with_the_place(tmp_path, text, message):
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({"sounding": "missing.csv"}, "no file of this name"),
+        ({"sounding": "missing.csv"}, r'\n  atmosphere.sounding: arrived "missing.csv", no file of this name'),
         ({"sounding": {"level": []}}, "at least two"),
         ({"temperature_offset_k": 61.0}, "temperature_offset_k: arrived 61"),
         ({"sea_level_pressure_hpa": 29.92}, "sea_level_pressure_hpa: arrived 29.92"),

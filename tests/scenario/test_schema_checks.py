@@ -168,6 +168,13 @@ CASES = {
         [("record_period_s = 0.1", "record_period_s = 0.015")],
         ("timing.record_period_s", "", "0.015", "a whole multiple of step_s, which is 0.01 s, such as 0.01 or 0.02"),
     ),
+    "default records between steps": (
+        [
+            ("record_period_s = 0.1\nreplan_period_s = 1.0", "replan_period_s = 1.6"),
+            ("duration_s = 120.0\nstep_s = 0.01", "duration_s = 121.6\nstep_s = 0.016"),
+        ],
+        ("timing.record_period_s", "", "the default 0.1", "a whole multiple of step_s, which is 0.016 s"),
+    ),
     "plans between steps": (
         [("replan_period_s = 1.0", "replan_period_s = 0.005")],
         ("timing.replan_period_s", "", "0.005", "a whole multiple of step_s, which is 0.01 s"),

@@ -9,7 +9,7 @@ import anser
 from anser.single_aircraft.controls import sample_inputs, sample_times
 
 REFERENCE = {"elevator": -2.0, "aileron": 0.0, "throttle": 0.2}
-TIME = sample_times(1.0, 0.25)
+TIME = np.arange(5) * 0.25
 
 
 def sampled(inputs, **options):
@@ -49,9 +49,15 @@ def test_tables_of_all_kinds_give_the_same_controls(tmp_path):
     ("inputs", "message"),
     [
         ({"elevater": 1.0}, "arrived 'elevater'; expected inputs among elevator, aileron, throttle"),
+        ({"heading_deg": 1.0}, "arrived 'heading_deg'; expected inputs"),
         ({"elevator": "up"}, r"controls\['elevator'\]: arrived str 'up'"),
         ({"elevator": np.zeros(4)}, "arrived 4 values; expected one for each of the 5 samples"),
         ({"elevator": np.nan}, "arrived values that are not finite"),
+        (
+            {"elevator": anser.doublet(1.0) + anser.multisine(1.0, (0.5, 3.0), 2.0)},
+            r"controls\['elevator'\]: arrived a frequency of 3 Hz; expected at most 2 Hz, half the rate",
+        ),
+        ({"elevator": anser.sine_sweep(1.0, (0.5, 3.0), 2.0)}, "arrived a frequency of 3 Hz; expected at most 2 Hz"),
         ({"elevator": ([0.0, 0.0], [1.0, 2.0])}, "expected rows of equal length, with rising times"),
         ({"elevator": (0.0, 1.0, 2.0)}, "arrived a tuple of 3"),
         ("missing.csv", "missing.csv cannot be read as CSV"),
@@ -62,6 +68,23 @@ def test_tables_of_all_kinds_give_the_same_controls(tmp_path):
 def test_wrong_controls_are_refused_with_their_name(inputs, message):
     with pytest.raises(ValueError, match=message):
         sampled(inputs)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,elevator\n", "stick.csv: arrived a table without rows"),
+        ("time_s,elevator\n0,1\n1,nan\n", "stick.csv: arrived nan in the column 'elevator', row 2; expected a finite"),
+        ("time_s,elevator\n0,1\n1,up\n", "stick.csv: arrived up in the column 'elevator', row 2; expected a finite"),
+        ("time_s,elevator\n0,1\n2,1\n1,1\n", r"stick.csv: arrived time_s = 1 in row 3, after 2; expected rising"),
+        ("time_s,elevater\n0,1\n", "stick.csv: arrived 'elevater'; expected inputs"),
+        ("time_s,throttle\n0,50\n", "stick.csv, column 'throttle': arrived 50 to 50"),
+    ],
+)
+def test_wrong_files_are_refused_with_file_and_row(tmp_path, text, message):
+    (tmp_path / "stick.csv").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        sampled(tmp_path / "stick.csv")
 
 
 @pytest.mark.parametrize(("duration", "step"), [(0.0, 0.01), (1.0, -0.01), (np.inf, 0.01), (1e9, 0.01), (0.001, 0.01)])

@@ -279,7 +279,8 @@ def test_a_saved_flight_is_read_again_with_its_picture_and_page(tmp_path):
         ({"start": {"airspeed_m_s": 150.0, "altitude_m": 1000.0, "elevator_deg": 90.0}}, "-25 to 25, the stops"),
         ({"start": {"airspeed_m_s": 150.0, "altitude_m": 1000.0, "alpha_deg": float("nan")}}, "nan as alpha_deg"),
         ({"duration_s": "1"}, "duration_s: arrived '1'"),
-        ({"duration_s": 1.0, "step_s": 0.3}, "duration_s: arrived 1 s; expected a multiple of the step, 0.3 s"),
+        ({"duration_s": 1.0, "step_s": 0.03}, "duration_s: arrived 1 s; expected a multiple of the step, 0.03 s"),
+        ({"step_s": 0.25}, r"step_s: arrived 0.25; expected a number from 0.001 to 0.05 s.* record_period_s"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_sentence(change, message):
@@ -359,8 +360,9 @@ def test_the_controller_does_not_know_of_a_change():
     [
         ({"drag": 1.2}, "time_s"),
         ({"time_s": 1.0, "drag": "1.2"}, "drag"),
-        ({"time_s": 1.0, "surface_effectiveness": {"flap": 0.5}}, "elevator, aileron, rudder"),
+        ({"time_s": 0.5, "surface_effectiveness": {"flap": 0.5}}, "elevator, aileron, rudder"),
         ([{"time_s": 1.0, "coefficients": {"Cmq": 0.5}}], "do not change during the flight"),
+        ({"time_s": 5.0, "drag": 1.2}, r"change\[0\].time_s: arrived 5; expected a time before the end of the flight"),
     ],
 )
 def test_a_change_that_is_not_valid_is_refused(change, message):

@@ -126,8 +126,10 @@ def test_the_state_has_the_names_of_a_dataset():
         (lambda: one().step(np.array([np.nan, 0.0, 0.0, 0.1])), "expected finite numbers"),
         (lambda: one().step(np.zeros(3)), r"arrived an array of shape \(3,\); expected \(4,\)"),
         (lambda: four().restore(one().save()), "as many of them"),
+        (lambda: one().restore(None), "checkpoint: arrived None; expected one that `save` has returned"),
         (lambda: anser.Simulator("f16", [], 0.01), "arrived an empty sequence"),
         (lambda: anser.Simulator("f16", level(), -0.01), "step_s: arrived -0.01"),
+        (lambda: anser.Simulator("f16", level(), 0.25), r"arrived 0.25; expected a number from 0.001 to 0.05 s"),
     ],
 )
 def test_wrong_use_is_refused(act, message):

@@ -16,7 +16,7 @@ from anser.aircraft.f16 import AbstractF16
 from anser.analysis.linearization import CHANNELS, LinearModel, linearize_loop
 from anser.analysis.linearization import linearize as linear_model
 from anser.analysis.modes import Mode, modes_of, wind_axis_states
-from anser.analysis.trim_points import ConditionError, flight_point, require_seconds, resolve_airframe, steady_trim
+from anser.analysis.trim_points import ConditionError, flight_point, require_step, resolve_airframe, steady_trim
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.control.gains import AutopilotGains, published_gains
 from anser.control.inversion_autopilot import Loop
@@ -308,7 +308,7 @@ def linearize(
         Gains of the autopilot; None: the published gains.
     """
     enable_compilation_cache()
-    require_seconds("step_s", step_s)
+    require_step(step_s)
     airframe, attributes = resolve_airframe(aircraft, variant, x_cg_over_c)
     if isinstance(airframe, AbstractF16) and airframe is not aircraft:
         attributes["x_cg_over_c"] = float(airframe.x_cg)

@@ -33,7 +33,7 @@ from anser.analysis.trim_points import (
     flight_point,
     map_points,
     require_inversion,
-    require_seconds,
+    require_step,
     survey_gains,
 )
 from anser.control.gains import AutopilotGains
@@ -252,7 +252,7 @@ def margins_at(
     """
     if model is not None and inversion == "model":
         raise ValueError('inversion: arrived "model" with an onboard model; expected "incremental"')
-    require_seconds("step_s", step_s)
+    require_step(step_s)
     require_inversion(inversion)
     survey = Survey(aircraft, variant)
     airframe, environment = survey.airframe, survey.environment
@@ -303,7 +303,7 @@ def survey_margins(
     Parameters: see `margins_at` and `survey_envelope`. Raises ValueError as `survey_envelope`, and if the grid has no
     trimmable point.
     """
-    require_seconds("step_s", step_s)
+    require_step(step_s)
     require_inversion(inversion)
     survey = Survey(aircraft, variant, progress)
     trims = trim_map(survey, altitudes_m, machs, coarse=coarse)

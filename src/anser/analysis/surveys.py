@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.dispersions import F16Dispersion
-from anser.analysis.trim_points import dispersed_airframe, require_seconds, resolve_airframe
+from anser.analysis.trim_points import dispersed_airframe, require_seconds, require_step, resolve_airframe
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.compiling.program import Program
 from anser.control.gains import AutopilotGains
@@ -190,7 +190,7 @@ def _fly(
 def sample_count(duration_s: float, step_s: float) -> int:
     """Return the number of samples of a flight. Raises ValueError for fewer than 100, and for times not positive."""
     require_seconds("duration_s", duration_s)
-    require_seconds("step_s", step_s)
+    require_step(step_s)
     count = round(duration_s / step_s)
     if count < 100:
         raise ValueError(f"duration_s: arrived {duration_s:g} with step_s {step_s:g}; expected 100 samples or more")

@@ -22,6 +22,7 @@ from anser.aircraft.motion import air_data_and_forces
 from anser.aircraft_files.library import load_airframe
 from anser.aircraft_files.sources import VARIANTS
 from anser.compiling.options import compiled, compiled_quickly, enable_compilation_cache
+from anser.constants import STEP_MAX_S, STEP_MIN_S
 from anser.control.gains import AutopilotGains, Bandwidths, automatic_gains, derived_bandwidths, published_gains
 from anser.environment.air import AIRSPEED_FORMS, true_airspeed
 from anser.environment.atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
@@ -92,6 +93,15 @@ def require_seconds(name: str, value: Any) -> None:
     """Raise ValueError, with the name of the argument, for a value that is no positive number of seconds."""
     if not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
         raise ValueError(f"{name}: arrived {value!r}; expected a positive number of seconds")
+
+
+def require_step(step_s: Any) -> None:
+    """Raise ValueError for a step of the integration, or period of the autopilot, outside a scenario's range."""
+    if not isinstance(step_s, int | float | np.number) or not STEP_MIN_S <= step_s <= STEP_MAX_S:
+        raise ValueError(
+            f"step_s: arrived {step_s!r}; expected a number from {STEP_MIN_S:g} to {STEP_MAX_S:g} s, as in a scenario "
+            "(a coarser output of a flight: record_period_s)"
+        )
 
 
 def require_inversion(inversion: str) -> None:

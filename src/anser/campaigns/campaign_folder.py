@@ -23,7 +23,7 @@ from anser.campaigns.replay import archive_worst
 from anser.campaigns.sensitivity import Influences, influences
 from anser.campaigns.store import CampaignStore, repair_base
 from anser.campaigns.store_integrity import refuse_existing
-from anser.campaigns.study import load_study, validate_study
+from anser.campaigns.study import load_study, located_in, validate_study
 from anser.files import new_folder
 from anser.missions.batches import Progress, no_progress
 from anser.scenario.schema import Scenario
@@ -172,13 +172,14 @@ def open_campaign_store(
     if precision is not None or outputs:
         requested = validate_study(values, os.fspath(study))
     if resume:
-        applied = applied_values(requested, scenario, table_columns)
+        with located_in(study, requested):
+            applied = applied_values(requested, scenario, table_columns)
         repair_base(folder, requested, scenario, applied, campaign_seeds(requested, applied))
         store = CampaignStore.open(folder, verify_chunks=False)
         store.refuse_unless_same(requested, scenario)
         store.refuse_other_values(applied)
         return store
     refuse_existing(folder)
-    with new_folder(folder) as staging:
+    with new_folder(folder) as staging, located_in(study, requested):
         create_store(staging, requested, scenario, table_columns)
     return CampaignStore.open(folder)

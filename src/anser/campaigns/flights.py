@@ -189,7 +189,7 @@ def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarr
     `applied` has an array over the flights for each key path.
     """
     changes = {"seed": seed, **{path: values[number].item() for path, values in applied.items()}}
-    return base.replace(*itertools.chain.from_iterable(changes.items()))  # pyright: ignore[reportArgumentType]
+    return base.replace(*itertools.chain.from_iterable(changes.items()))
 
 
 def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:

@@ -11,7 +11,7 @@ import xarray as xr
 from anser.campaigns.processes import choose_processes, process_limit, worker_processes
 from anser.campaigns.rare_flights import RareFlights, RareStore, fly_repetitions
 from anser.campaigns.store_integrity import refuse_existing
-from anser.campaigns.study import RareEventConfig, load_study
+from anser.campaigns.study import RareEventConfig, load_study, located_in
 from anser.campaigns.subset import Repetition, SubsetEstimate, estimate
 from anser.missions.batches import Progress, no_progress
 from anser.missions.flight_batches import FlightCase
@@ -245,13 +245,15 @@ def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool
     """Create a new store, or with `resume` open the store to continue; raises the errors of `rare`."""
     requested, scenario, _ = load_study(study)
     flights = RareFlights(requested, scenario)
-    _ = flights.config
+    with located_in(study, requested):
+        _ = flights.config
     if resume:
         store = RareStore.open(folder, verify_chunks=False)
         store.refuse_unless_same(requested, scenario)
         return store
     refuse_existing(folder)
-    flights.refuse_early()
+    with located_in(study, requested):
+        flights.refuse_early()
     return RareStore.create(folder, requested, scenario)
 
 

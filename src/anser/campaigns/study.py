@@ -1,10 +1,11 @@
 """The study file: schema, checks and reading."""
 
+import contextlib
 import csv
 import difflib
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,7 +16,7 @@ from anser.campaigns.distributions import Dispersion
 from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value, format_number, quoted_list
 from anser.config.key_paths import repeated_paths
 from anser.config.tables import Table, content_hash, expects, number, slug, table, tables, whole_number
-from anser.config.toml_text import attach_line_numbers, read_text
+from anser.config.toml_text import attach_line_numbers, named_by, number_lines, read_text
 from anser.config.validation_messages import validation_problems
 from anser.files import MIB
 from anser.missions.flight_outputs import FlightOutput
@@ -440,13 +441,30 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
     text = read_text(path, "study")
     with attach_line_numbers(text, source):
         study = validate_study(parse_scenario(text, source), source)
-    scenario = load(Path(path).parent / study.scenario)
-    file = None if study.sampling is None else study.sampling.file
-    table_columns = {} if file is None else _read_columns(Path(path).parent / file)
+        with named_by(source, "scenario", study.scenario):
+            scenario = load(Path(path).parent / study.scenario)
+        table_columns: dict[str, np.ndarray] = {}
+        if study.sampling is not None and study.sampling.file is not None:
+            with named_by(source, "sampling.file", study.sampling.file):
+                table_columns = _read_columns(Path(path).parent / study.sampling.file)
     repeated = repeated_paths(scenario, [*(dispersion.path for dispersion in study.vary), *table_columns])
     if repeated is not None:
         raise ScenarioError(source, [Problem(repeated[1], f"the key of {repeated[0]} again", "each key once")])
     return study, scenario, table_columns
+
+
+@contextlib.contextmanager
+def located_in(path: str | os.PathLike[str], study: Study) -> Iterator[None]:
+    """Let the problems of a study, found after its file was read, tell the file and its lines."""
+    try:
+        yield
+    except ScenarioError as error:
+        name, comma, rest = error.source.partition(", ")
+        if name != study.name:
+            raise
+        places = {dispersion.path: f"vary[{k}].path" for k, dispersion in enumerate(study.vary)}
+        problems = number_lines(error.problems, read_text(path, "study"), places)
+        raise ScenarioError(f"{os.fspath(path)}{comma}{rest}", problems) from None
 
 
 def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:

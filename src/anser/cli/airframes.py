@@ -76,7 +76,7 @@ def show(
     force: Force = False,
 ) -> None:
     """Show an airframe: mass, geometry, surfaces, engine, range of validity, and airspeeds of level flight."""
-    must_be_known_aircraft(aircraft, variant)
+    must_be_known_aircraft(aircraft, variant, "AIRCRAFT")
     must_be_new_file("--out", out, force=force)
     must_be_in_range("--altitude-m", altitude_m, 0.0, 20_000.0)
     if performance:
@@ -149,7 +149,7 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     For an aircraft by DAVE-ML, the check shots of its files come first; the F-16 has tables only. For a DAVE-ML file
     (.dml) alone, the inputs and outputs are listed if the file has no check data.
     """
-    must_be_known_aircraft(aircraft, variant)
+    must_be_known_aircraft(aircraft, variant, "AIRCRAFT")
     from anser.analysis.airframes import check_airframe, check_dave_ml, find_aircraft_file
 
     if Path(aircraft).suffix == DAVE_ML_SUFFIX:

@@ -256,10 +256,10 @@ def refuse_on(error_type: type[Exception], prefix: str = "") -> Iterator[None]:
         raise InputError(f"{prefix}{error}") from None
 
 
-def must_be_in_range(option: str, value: float, low: float, high: float) -> None:
-    """Raise InputError if a number is outside a range."""
+def must_be_in_range(option: str, value: float, low: float, high: float, advice: str = "") -> None:
+    """Raise InputError if a number is outside a range; `advice` follows the message."""
     if not (math.isfinite(value) and low <= value <= high):
-        raise InputError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
+        raise InputError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}{advice}")
 
 
 @dataclass(frozen=True)
@@ -386,11 +386,14 @@ def must_be_f16(aircraft: str, instead: str) -> None:
         raise InputError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
 
-def must_be_known_aircraft(aircraft: str, variant: str) -> None:
-    """Raise InputError if an airframe's name or variant is unknown; paths of aircraft files are not checked."""
+def must_be_known_aircraft(aircraft: str, variant: str, parameter: str = "--aircraft") -> None:
+    """Raise InputError if an airframe's name or variant is unknown; paths of aircraft files are not checked.
+
+    `parameter` is the option or argument of the name.
+    """
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
         expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
-        raise InputError(f"--aircraft: arrived {aircraft!r}; expected {expected}")
+        raise InputError(f"{parameter}: arrived {aircraft!r}; expected {expected}")
     variants = VARIANTS.get(aircraft, ("textbook",))
     if variant not in variants:
         expected = f"one of {', '.join(variants)}" if aircraft in VARIANTS else f"none: {aircraft} has no variants"

@@ -23,6 +23,7 @@ from anser.cli.console import (
     trim_progress,
 )
 from anser.cli.folders import Force, must_be_new_file, note_if_written, open_output_folder, write_if_requested
+from anser.constants import STEP_MAX_S, STEP_MIN_S
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,7 +70,7 @@ def margins(
 ) -> None:
     """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, with one loop open at a time."""
     must_be_known_aircraft(aircraft, variant)
-    must_be_in_range("--step-s", step_s, 0.001, 0.05)
+    must_be_in_range("--step-s", step_s, STEP_MIN_S, STEP_MAX_S)
     if envelope:
         for option, value in (("--at", at), ("--bode", bode)):
             if value is not None:

@@ -33,6 +33,7 @@ from anser.cli.console import (
     true_airspeed_of,
 )
 from anser.cli.folders import Force, open_output_folder
+from anser.constants import STEP_MAX_S, STEP_MIN_S
 from anser.environment.air import AIRSPEED_FORMS, standard_layers
 
 _SHOWN = (
@@ -77,7 +78,10 @@ def simulate(
         bool, typer.Option("--increments", help="The numbers of the CSV file are added to the trim.")
     ] = False,
     duration_s: Annotated[float, typer.Option(help="Length of the flight.")] = 20.0,
-    step_s: Annotated[float, typer.Option(help="Period of samples and integration.")] = 0.01,
+    step_s: Annotated[float, typer.Option(help="Period of integration and controls.")] = 0.01,
+    record_period_s: Annotated[
+        float | None, typer.Option(help="Period of the rows of flight.nc, a multiple of the step; without: every step.")
+    ] = None,
     wind_m_s: Annotated[float, typer.Option(help="Wind speed.")] = 0.0,
     wind_from_deg: Annotated[float, typer.Option(help="Direction that the wind comes from.")] = 0.0,
     temperature_offset_k: Annotated[
@@ -92,7 +96,7 @@ def simulate(
     force: Force = False,
 ) -> None:
     """Fly one aircraft in open loop from a trim, under control inputs; write its dataset, figure and report."""
-    must_be_known_aircraft(aircraft, variant)
+    must_be_known_aircraft(aircraft, variant, "AIRCRAFT")
     must_be_in_range("--temperature-offset-k", temperature_offset_k, -60.0, 60.0)
     atmosphere = {"temperature_offset_k": temperature_offset_k} if temperature_offset_k else None
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
@@ -101,7 +105,8 @@ def simulate(
     condition |= {"path_angle_deg": path_angle_deg, "turn_rate_deg_s": turn_rate_deg_s}
     must_be_flight_condition(condition | {"cg": cg})
     must_be_in_range("--duration-s", duration_s, 0.01, 36_000.0)
-    must_be_in_range("--step-s", step_s, 1e-4, 1.0)
+    coarser = "; --record-period-s gives a coarser output"
+    must_be_in_range("--step-s", step_s, STEP_MIN_S, STEP_MAX_S, coarser)
     if input_ and controls is not None:
         raise InputError("--controls: arrived with --input; expected one of the two")
     from anser.parts.input_signals import parse_signal
@@ -129,6 +134,7 @@ def simulate(
             signals if controls is None else controls,
             duration_s=duration_s,
             step_s=step_s,
+            record_period_s=record_period_s,
             increments=increments,
             wind={"speed_m_s": wind_m_s, "from_deg": wind_from_deg},
             atmosphere=atmosphere,

@@ -36,6 +36,7 @@ from anser.cli.console import (
     true_airspeed_of,
 )
 from anser.cli.folders import Force, must_be_new_file, note_if_written, write_if_requested
+from anser.constants import STEP_MAX_S, STEP_MIN_S
 from anser.environment.air import AIRSPEED_FORMS
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def linearize(
         "pitch_rate_deg_s": pitch_rate_deg_s,
     }
     must_be_flight_condition(condition | {"x_cg": x_cg})
-    must_be_in_range("--step-s", step_s, 0.001, 0.05)
+    must_be_in_range("--step-s", step_s, STEP_MIN_S, STEP_MAX_S)
     if actuators and loop != "open":
         raise InputError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
     must_be_new_file("--out", out, _SUFFIXES, force)

@@ -8,7 +8,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -89,7 +89,7 @@ def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: in
         content = read_file(Path(path), size_max)
     except FileNotFoundError:
         raise problem_error(
-            source, "no file of this name", f"the path of {a_file}{_similar_file_hint(Path(path))}"
+            source, "no file of this name", f"the path of {a_file}{_similar_file_hint(Path(path), kind)}"
         ) from None
     except IsADirectoryError:
         raise problem_error(source, "a folder", f"the path of {a_file}{_run_folder_hint(Path(path))}") from None
@@ -133,17 +133,43 @@ def attach_line_numbers(text: str, source: str) -> Iterator[None]:
     except ScenarioError as error:
         if error.source != source:  # error in a referenced file
             raise
-        lines = _lines_of(text)
-        problems = [dataclasses.replace(problem, line=_line_at(problem.path, lines)) for problem in error.problems]
-        raise ScenarioError(source, problems) from None
+        raise ScenarioError(source, number_lines(error.problems, text)) from None
+
+
+def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str] | None = None) -> list[Problem]:
+    """Return problems with their lines in a text; `keys` are keys of the text by the paths that stand for them."""
+    lines, places = _lines_of(text), keys or {}
+    return [
+        dataclasses.replace(problem, line=_line_at(places.get(problem.path, problem.path), lines))
+        for problem in problems
+    ]
+
+
+@contextlib.contextmanager
+def named_by(source: str, key: str, name: str) -> Iterator[None]:
+    """Let the refusal of a whole file, which a key of another file (`source`) names, tell that file and key.
+
+    A problem inside the named file keeps its own file and key.
+    """
+    try:
+        yield
+    except ScenarioError as error:
+        problem = error.problems[0]
+        if problem.path:
+            raise
+        raise problem_error(source, f"{describe_value(name)}, {problem.arrived}", problem.expected, key) from None
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """Return the line (from 1) of each key and table of valid TOML, by key path as in messages.
-
-    Keys inside a one-line table or list are not listed.
-    """
+    """Return the first line (from 1) of each key and table of valid TOML, by key path as in messages."""
     line_numbers: dict[str, int] = {}
+    for path, line in _keys_of(text):
+        line_numbers.setdefault(path, line)
+    return line_numbers
+
+
+def _keys_of(text: str) -> Iterator[tuple[str, int]]:
+    """Yield the key path and line of each key and table of valid TOML, without keys inside a one-line table or list."""
     last_item: dict[str, int] = {}
     table, at, line = "", 0, 1
     while at < len(text):
@@ -159,17 +185,16 @@ def _lines_of(text: str) -> dict[str, int]:
             table = _join_keys(table, name)
             if header[1] == "[[":
                 last_item[table] = last_item.get(table, -1) + 1
-                line_numbers.setdefault(table, line)
+                yield table, line
                 table += f"[{last_item[table]}]"
-            line_numbers[table] = line
+            yield table, line
         elif entry is not None:
             path = table
             for name in _names(entry[1]):
                 path = _join_keys(path, name)
-                line_numbers.setdefault(path, line)
+                yield path, line
         line += text.count("\n", at, end + 1)
         at = end + 1
-    return line_numbers
 
 
 def _names(dotted: str) -> list[str]:
@@ -199,19 +224,21 @@ def _run_folder_hint(folder: Path) -> str:
     )
 
 
-def _similar_file_hint(path: Path) -> str:
-    """Suggest an existing file with a similar name; empty without a match."""
-    shipped = Path("scenarios", path.name).with_suffix(".toml")
-    if path.parent == Path() and shipped.is_file():
-        return f", perhaps {describe_value(str(shipped))}"
-    if path.parent == Path() and path.stem in shipped_files():
-        return f"; a copy of the shipped one is written by anser new {path.stem}.toml --from {path.stem}"
+def _similar_file_hint(path: Path, kind: str) -> str:
+    """Suggest an existing file of the same suffix with a similar name; empty without a match."""
+    suffix = path.suffix if kind in ("sounding", "table") else ".toml"
+    if suffix == ".toml" and path.parent == Path():
+        shipped = Path("scenarios", path.name).with_suffix(suffix)
+        if shipped.is_file():
+            return f", perhaps {describe_value(str(shipped))}"
+        if path.stem in shipped_files():
+            return f"; a copy of the shipped one is written by anser new {path.stem}.toml --from {path.stem}"
     try:
-        file_names = [entry.name for entry in path.parent.iterdir() if entry.suffix == ".toml"]
+        stems = [entry.stem for entry in path.parent.iterdir() if entry.suffix == suffix]
     except OSError:
         return ""
-    matches = difflib.get_close_matches(path.name, file_names, n=1)
-    return f", perhaps {describe_value(str(path.with_name(matches[0])))}" if matches else ""
+    matches = difflib.get_close_matches(path.stem, stems, n=1)
+    return f", perhaps {describe_value(str(path.with_name(matches[0] + suffix)))}" if matches else ""
 
 
 def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) -> Problem:
@@ -225,6 +252,12 @@ def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) 
     line, column = int(position["line"]), int(position["column"])
     lines = text.replace("\r\n", "\n").split("\n")
     arrived = lines[line - 1].strip()
+    if reason == "Cannot overwrite a value":
+        keys = list(_keys_of("\n".join(lines[:line])))
+        first = next(number for path, number in keys if path == keys[-1][0])
+        if first < line:
+            expected = f"the key {keys[-1][0]} once: line {first} has it too"
+            return Problem(f"line {line}, column {column}", describe_value(arrived), expected)
     comma = _DECIMAL_COMMA.search(arrived)
     number = _BARE_UNIT.search(arrived)
     if comma is not None:

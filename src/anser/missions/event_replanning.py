@@ -309,8 +309,9 @@ def _replan_if_needed(
         is_clear = bool(np.all(holds.clear))
     held_state = replace_plan(state, dataclasses.replace(plan_state, holds=holds)) if is_clear else state
     if not can_replan.any():
-        # Aircraft about to arrive keep their paths, but fly the new holds.
-        return held_state, is_clear and bool(is_satisfied.all()), "no aircraft is left that could be replanned"
+        # Aircraft about to arrive keep their paths, but fly the new holds; their arrivals are not put off.
+        is_planned = event.kind != "arrival-put-off" and is_clear and bool(is_satisfied.all())
+        return held_state, is_planned, "no aircraft is left that could be replanned"
     if is_unchanged and is_clear and is_satisfied[can_replan].all():
         plan = dataclasses.replace(plan_state.plan, certificate=certificate)
         certified_state = replace_plan(state, dataclasses.replace(plan_state, plan=plan, holds=holds))

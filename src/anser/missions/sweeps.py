@@ -125,7 +125,7 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
     if not swept:
         raise ValueError("sweep: arrived no path; expected one at least, such as {'wind.speed_m_s': [0, 5, 10]}")
     for path, values in swept.items():
-        if isinstance(values, str) or not len(values):
+        if isinstance(values, str) or not hasattr(values, "__getitem__") or not len(values):
             raise ValueError(f"sweep, {path}: arrived {values!r}; expected a list with one value at least")
         if any(values[k] == earlier for k in range(len(values)) for earlier in values[:k]):
             raise ValueError(f"sweep, {path}: arrived a value twice in {list(values)!r}; expected each once")
@@ -135,8 +135,7 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
     for values_by_path in itertools.product(*swept.values()):
         combination = dict(zip(swept, values_by_path, strict=True))
         try:
-            (path, value), *further_items = combination.items()
-            variant = scenario.replace(path, value, *itertools.chain(*further_items))
+            variant = scenario.replace(*itertools.chain(*combination.items()))
         except ScenarioError as error:
             problems.append((combination, error.problems))
             continue

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anser.numerics.arrays import namespace
-from anser.numerics.multisine_phases import multisine_phases
+from anser.numerics.multisine_phases import multisine_phases, sum_of_harmonics
 from anser.shapes import ScalarLike, Vector
 
 TimeHistory = Float[np.ndarray, " time"]
@@ -27,6 +27,10 @@ class AbstractSignal(eqx.Module):
     @abc.abstractmethod
     def scaled(self, factor: float) -> Self:
         """Return the signal times a factor."""
+
+    def highest_frequency(self) -> float:
+        """Return the highest frequency of its sines, Hz; 0 for pulses."""
+        return 0.0
 
 
 class PulseSignal(AbstractSignal):
@@ -70,6 +74,10 @@ class SweepSignal(AbstractSignal):
         """Return the signal times a factor."""
         return eqx.tree_at(lambda s: s.amplitude, self, self.amplitude * factor)
 
+    def highest_frequency(self) -> float:
+        """Return the frequency at the end of the sweep, Hz."""
+        return float(self.frequency * np.exp(self.rate * self.duration))
+
 
 class SineSumSignal(AbstractSignal):
     """Sum of cosines with amplitudes, frequencies (Hz) and phases (rad), from `start` on, for a `duration` (s)."""
@@ -92,6 +100,10 @@ class SineSumSignal(AbstractSignal):
         """Return the signal times a factor."""
         return eqx.tree_at(lambda s: s.amplitudes, self, self.amplitudes * factor)
 
+    def highest_frequency(self) -> float:
+        """Return the frequency of the highest harmonic, Hz."""
+        return float(np.max(self.frequencies))
+
 
 class SignalSum(AbstractSignal):
     """Sum of signals."""
@@ -105,6 +117,10 @@ class SignalSum(AbstractSignal):
     def scaled(self, factor: float) -> "SignalSum":
         """Return the sum times a factor."""
         return SignalSum(tuple(term.scaled(factor) for term in self.terms))
+
+    def highest_frequency(self) -> float:
+        """Return the highest frequency of its terms, Hz."""
+        return max(term.highest_frequency() for term in self.terms)
 
 
 _EDGE_TOLERANCE_S = 1e-9
@@ -122,6 +138,15 @@ class InputSignal:
     def __call__(self, time_s: Sequence[float] | TimeHistory) -> TimeHistory:
         """Return the increments at times, s."""
         return self.signal.at(np.asarray(time_s, dtype=float))
+
+    def require_sampling(self, step_s: float, place: str) -> None:
+        """Raise ValueError, with the name of the input, for sines faster than half the rate of samples."""
+        highest_hz = self.signal.highest_frequency()
+        if highest_hz > 0.5 / step_s * (1.0 + 1e-9):
+            raise ValueError(
+                f"{place}: arrived a frequency of {highest_hz:g} Hz; expected at most {0.5 / step_s:g} Hz, half the "
+                f"rate of the samples, with a step of {step_s:g} s"
+            )
 
     def __add__(self, other: "InputSignal") -> "InputSignal":
         if not isinstance(other, InputSignal):
@@ -180,7 +205,7 @@ def sine_sweep(
 
     The sweep spends equal time in each octave, from `start_s` on for a time of `duration_s`; before and after the sweep
     the signal is zero. Raises ValueError unless the frequencies are positive and do not fall, amplitude and start are
-    finite, and the duration is positive.
+    finite, the start is not negative, and the duration is positive.
     """
     low, high = _frequencies(frequencies_hz)
     _require_numbers(amplitude=amplitude, duration_s=duration_s, start_s=start_s)
@@ -203,7 +228,8 @@ def multisine(
 
     The harmonics are dealt out in turn to `channels` inputs; signals of different `channel` with the same duration are
     orthogonal, so that several surfaces can move at once. The sum is scaled to a greatest magnitude of `amplitude` and
-    shifted to a zero crossing, so that it starts near zero. For the phases see `multisine_phases`.
+    shifted to a zero crossing, so that it starts near zero. The phases are optimized (relative peak factor 1.0 to 1.15)
+    for up to about 60 harmonics, in about a second; beyond, they are those of Schroeder (peak factor 1.2 to 1.5).
 
     Parameters
     ----------
@@ -235,7 +261,7 @@ def multisine(
     phases = multisine_phases(tuple(harmonics.tolist()), tuple(amplitudes.tolist()))
     # shares of the period
     grid = np.linspace(0.0, 1.0, _SAMPLES_PER_PERIOD * int(harmonics[-1]) + 1)
-    samples = np.sum(amplitudes * np.cos(2.0 * np.pi * grid[:, None] * harmonics + phases), axis=1)
+    samples = sum_of_harmonics(harmonics, amplitudes, np.asarray(phases), grid)
     rising = np.flatnonzero((samples[:-1] <= 0.0) & (samples[1:] > 0.0))[0]
     fraction = samples[rising] / (samples[rising] - samples[rising + 1])
     zero = grid[rising] + fraction * (grid[1] - grid[0])
@@ -270,10 +296,16 @@ def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
 
 
 def _require_numbers(**numbers: float) -> None:
-    """Raise ValueError, with the argument, for a number that is not finite, or a duration or width not positive."""
+    """Raise ValueError, with the argument, for a number that is not finite, or a time that does not fit a flight.
+
+    Durations and widths are positive; no signal starts before the flight.
+    """
     for name, value in numbers.items():
         low, kind = (0.0, "positive") if name in ("duration_s", "width_s") else (-np.inf, "finite")
-        if not isinstance(value, int | float | np.number) or not low < value < np.inf:
+        is_number = isinstance(value, int | float | np.number)
+        if is_number and name == "start_s" and -np.inf < value < 0.0:
+            raise ValueError(f"{name}: arrived {value!r}; expected 0 or later, the signal within the flight")
+        if not is_number or not low < value < np.inf:
             raise ValueError(f"{name}: arrived {value!r}; expected a {kind} number")
 
 

@@ -13,6 +13,7 @@ from anser.aircraft_files.sources import entry_point_origin, read_airframe
 from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value
 from anser.config.key_paths import replace_values
 from anser.config.tables import content_hash
+from anser.config.toml_text import named_by
 from anser.config.validation_messages import validation_problems
 from anser.environment.air import STANDARD_LAYERS
 from anser.scenario import schema_airspace_checks as airspace
@@ -52,7 +53,8 @@ def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]
             continue
         file_path = Path(source).parent / path
         if file_path not in files:
-            files[file_path] = read_airframe(file_path)
+            with named_by(source, f"aircraft[{k}].airframe", path):
+                files[file_path] = read_airframe(file_path)
         tables_with_files.append({**aircraft, "airframe": files[file_path]})
     if problems:
         raise ScenarioError(source, problems)
@@ -82,7 +84,8 @@ def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
     if not isinstance(atmosphere, dict) or not isinstance(atmosphere.get("sounding"), str):
         return values
     path = atmosphere["sounding"]
-    measured = read_sounding(Path(source).parent / path)
+    with named_by(source, "atmosphere.sounding", path):
+        measured = read_sounding(Path(source).parent / path)
     values = {**values, "atmosphere": {**atmosphere, "sounding": {"level": measured.levels}}}
     if not measured.winds:
         return values
@@ -192,20 +195,18 @@ class Scenario(ScenarioTables):
         """Return the SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
         return scenario_hash(self)
 
-    def replace(self, path: str, value: object, /, *further_changes: object) -> "Scenario":
+    def replace(self, *changes: object) -> "Scenario":
         """Return a scenario with changed values, validated like one from a file; this scenario is unchanged.
 
         Parameters
         ----------
-        path
-            Key path as in messages: keys joined by dots, list items in brackets by number from 0 or by name (a name
-            that is a number in quotes): "wind.speed_m_s", "aircraft[1].start.speed_m_s", "goal[boat-north].course_deg",
-            "keep_out".
-        value
-            New value as a file would give it: a number, text, list, or a dictionary (or table of a scenario), which
-            replaces the whole table. None leaves out an optional key.
-        *further_changes
-            Further paths and values, alternately. All changes are made in order; only the result is validated.
+        *changes
+            Paths and values in turn, such as `scenario.replace("wind.speed_m_s", 8.0, "seed", 3)`. All changes are
+            made in order; only the result is validated. A path is a key path as in messages: keys joined by dots, list
+            items in brackets by number from 0 or by name (a name that is a number in quotes): "wind.speed_m_s",
+            "aircraft[1].start.speed_m_s", "goal[boat-north].course_deg", "keep_out". A value is as a file would give
+            it: a number, text, list, or a dictionary (or table of a scenario), which replaces the whole table. None
+            leaves out an optional key.
 
         Raises
         ------
@@ -214,13 +215,13 @@ class Scenario(ScenarioTables):
         TypeError
             If a path has no value.
         """
-        arguments = (path, value, *further_changes)
-        if len(arguments) % 2:
-            raise TypeError(f"replace takes paths and values in turn; the path {arguments[-1]!r} has no value")
-        changes = tuple(zip(arguments[::2], arguments[1::2], strict=True))
-        source = f"{self.name} with {', '.join(str(key_path) for key_path in arguments[::2])} replaced"
+        if not changes or len(changes) % 2:
+            arrived = f"the path {changes[-1]!r} has no value" if changes else "nothing arrived"
+            raise TypeError(f'replace takes paths and values in turn, such as ("wind.speed_m_s", 8.0); {arrived}')
+        paths, values = changes[::2], changes[1::2]
+        source = f"{self.name} with {', '.join(map(str, paths))} replaced"
         try:
-            replaced = validate(replace_values(self, changes), source)
+            replaced = validate(replace_values(self, tuple(zip(paths, values, strict=True))), source)
         except ScenarioError as error:
             raise ScenarioError(source, error.problems) from None
         replaced._attached_parts = self._attached_parts

@@ -8,6 +8,7 @@ from pydantic import Field, PrivateAttr
 from anser.aircraft_files.sources import ALTITUDE_MAX_M, SPEED_MAX_M_S, AirframeRange
 from anser.config.errors import Problem, format_number
 from anser.config.tables import Table, expects, number, ordering_problems
+from anser.constants import STEP_MAX_S, STEP_MIN_S
 from anser.environment.air import AIRSPEED_FORMS, AirspeedForm, Layers, air_in_layers, true_airspeed
 
 DURATION_MAX_S = 7200.0
@@ -107,7 +108,7 @@ class Timing(Table):
     """Duration of the flight, and the periods of integration, recording and planning."""
 
     duration_s: float = number("duration of the flight", 1, DURATION_MAX_S, "s")
-    step_s: float = number("step of the integration", 0.001, 0.05, "s", 0.01)
+    step_s: float = number("step of the integration", STEP_MIN_S, STEP_MAX_S, "s", 0.01)
     record_period_s: float = number("time between two recorded states", 0.001, 60, "s", 0.1)
     replan_period_s: float = number("time between two plans; 0 plans once, at the start", 0, 600, "s", 1.0)
     freeze_s: float = number("time before arrival during which the plan is frozen", 0, 600, "s", 4.0)
@@ -124,9 +125,9 @@ class Timing(Table):
             period_s = getattr(self, key)
             allowed_zero = key == "replan_period_s" and period_s == 0
             if not allowed_zero and not is_multiple(period_s, self.step_s):
-                problems.append(
-                    Problem(key, format_number(period_s), multiple_message(period_s, "step_s", self.step_s))
-                )
+                arrived = format_number(period_s)
+                arrived = arrived if key in self.model_fields_set else f"the default {arrived}"
+                problems.append(Problem(key, arrived, multiple_message(period_s, "step_s", self.step_s)))
         return [*problems, *ordering_problems(self, "freeze_s", "duration_s", "s")]
 
 

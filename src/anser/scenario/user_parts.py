@@ -235,7 +235,7 @@ def _described(value: Any) -> str:
     if isinstance(value, Controls):
         surfaces, throttle = np.shape(value.surfaces), np.shape(value.throttle)
         return f"Controls with surfaces of shape {surfaces} and a throttle of shape {throttle}"
-    return f"{type(value).__name__} of shape {np.shape(value)}" if hasattr(value, "shape") else type(value).__name__
+    return f"an array of shape {np.shape(value)}" if hasattr(value, "shape") else type(value).__name__
 
 
 def _signature(state: Any) -> str:

@@ -9,7 +9,7 @@ from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.changes import AirframeChanges
 from anser.aircraft_files.build import build_changes
 from anser.aircraft_files.deviations import CoefficientFactors, Deviation
-from anser.config.errors import Problem, ScenarioError
+from anser.config.errors import Problem, ScenarioError, format_number
 from anser.config.tables import Table, number, tables
 from anser.config.validation_messages import validation_problems
 from anser.scenario.schema_settings import DURATION_MAX_S
@@ -32,9 +32,9 @@ class _Changes(Table):
 
 
 def read_changes(
-    airframe: AbstractAirframe, change: Mapping[str, Any] | Sequence[Mapping[str, Any]]
+    airframe: AbstractAirframe, change: Mapping[str, Any] | Sequence[Mapping[str, Any]], duration_s: float
 ) -> AirframeChanges | None:
-    """Validate changes of an aircraft and build them for the flight; None without any.
+    """Validate changes of an aircraft and build them for a flight of `duration_s`; None without any.
 
     Raises
     ------
@@ -46,6 +46,14 @@ def read_changes(
         changes = _Changes.model_validate(values).change
     except ValidationError as error:
         raise ScenarioError("change of the aircraft", validation_problems(error, _Changes, values)) from None
+    expected = f"a time before the end of the flight, duration_s = {format_number(duration_s)} s"
+    late = [
+        Problem(f"change[{k}].time_s", format_number(item.time_s), expected)
+        for k, item in enumerate(changes)
+        if item.time_s >= duration_s
+    ]
+    if late:
+        raise ScenarioError("change of the aircraft", late)
     if not changes:
         return None
     return build_changes(airframe, [(item.time_s, item) for item in changes], "change of the aircraft")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from anser.analysis.trim_points import require_seconds
+from anser.analysis.trim_points import require_seconds, require_step
 from anser.parts.input_signals import InputSignal
 
 
@@ -35,14 +35,18 @@ def sample_inputs(
     increments
         True: numbers, arrays and tables are increments to the reference, as signals always are.
     """
-    columns = inputs if _is_by_name(inputs) else _read_table(inputs, subject)
-    columns = {name if name in reference else name.removesuffix("_deg"): value for name, value in columns.items()}
+    is_by_name = _is_by_name(inputs)
+    subject = f"{subject}, {inputs}" if isinstance(inputs, str | os.PathLike) else subject
+    columns = inputs if is_by_name else _read_table(inputs, subject)
     sampled = np.tile(np.array(list(reference.values()), dtype=float), (time_s.size, 1))
-    for name, value in columns.items():
+    for key, value in columns.items():
+        name = key if key in reference else key.removesuffix("_deg")
         if name not in reference:
-            raise ValueError(f"{subject}: arrived {name!r}; expected inputs among {', '.join(reference)}")
+            raise ValueError(f"{subject}: arrived {key!r}; expected inputs among {', '.join(reference)}")
         column = sampled[:, list(reference).index(name)]
-        place = f"{subject}[{name!r}]"
+        place = f"{subject}[{name!r}]" if is_by_name else f"{subject}, column {key!r}"
+        if isinstance(value, InputSignal):
+            value.require_sampling(float(time_s[1] - time_s[0]), place)
         values = value(time_s) if isinstance(value, InputSignal) else _sample(value, time_s, place)
         if not np.all(np.isfinite(values)):
             raise ValueError(f"{place}: arrived values that are not finite; expected numbers throughout")
@@ -81,13 +85,13 @@ def _sample(value: Any, time_s: np.ndarray, place: str) -> np.ndarray:
 
 def _read_table(table: Any, subject: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Read inputs over time from a CSV file, a DataFrame or a Dataset: pairs (times, values) by name of the column."""
-    if isinstance(table, str | os.PathLike):
-        import pandas as pd
+    import pandas as pd
 
+    if isinstance(table, str | os.PathLike):
         try:
             table = pd.read_csv(table)
         except (OSError, ValueError) as error:
-            raise ValueError(f"{subject}: {table} cannot be read as CSV: {error}") from None
+            raise ValueError(f"{subject} cannot be read as CSV: {error}") from None
     if hasattr(table, "data_vars"):
         columns = {"time_s": table["time"].values} | {str(name): v.values for name, v in table.data_vars.items()}
     elif hasattr(table, "columns"):
@@ -99,10 +103,20 @@ def _read_table(table: Any, subject: str) -> dict[str, tuple[np.ndarray, np.ndar
         )
     if "time_s" not in columns:
         raise ValueError(f"{subject}: arrived a table with {', '.join(columns)}; expected a column time_s")
+    if not columns["time_s"].size:
+        raise ValueError(f"{subject}: arrived a table without rows; expected one row at least")
     for name, values in columns.items():
-        if values.dtype.kind not in "fiu":
-            raise ValueError(f"{subject}: arrived text in the column {name!r}; expected numbers in every row")
+        is_number = np.isfinite(pd.to_numeric(np.ravel(values), errors="coerce").astype(float))
+        if not np.all(is_number) or values.dtype.kind not in "fiu":
+            row = int(np.argmin(is_number))
+            arrived = f"{np.ravel(values)[row]} in the column {name!r}"
+            raise ValueError(f"{subject}: arrived {arrived}, row {row + 1}; expected a finite number in every row")
     times = columns.pop("time_s")
+    rises = np.diff(times) > 0.0
+    if not np.all(rises):
+        row = int(np.argmin(rises)) + 1
+        arrived = f"time_s = {times[row]:g} in row {row + 1}, after {times[row - 1]:g}"
+        raise ValueError(f"{subject}: arrived {arrived}; expected rising times")
     return {name: (times, values) for name, values in columns.items()}
 
 
@@ -131,7 +145,7 @@ def sample_times(duration_s: float, step_s: float) -> Float[np.ndarray, " sample
     more than ten million samples.
     """
     require_seconds("duration_s", duration_s)
-    require_seconds("step_s", step_s)
+    require_step(step_s)
     count = round(duration_s / step_s)
     if not 1 <= count <= 10_000_000:
         raise ValueError(

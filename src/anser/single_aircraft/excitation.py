@@ -9,11 +9,18 @@ from anser.parts.excitation import LOOP_INPUTS, PATH_INPUTS, Excitation, build_e
 from anser.parts.input_signals import InputSignal
 from anser.simulation.open_loop import FeedbackControls, PrescribedControls
 
-_UNITS = ("_deg_s", "_deg", "_m_s")
+_COMMANDS = {
+    f"{name}_{'m_s' if name == 'airspeed' else 'deg_s' if name.endswith('rate') else 'deg'}": name
+    for name in (*PATH_INPUTS, *LOOP_INPUTS)
+}
+"""Commands by their names with unit."""
 
 
 def read_excitation(
-    actuators: AbstractActuators, excitation: Mapping[str, InputSignal] | None, controller: AbstractController
+    actuators: AbstractActuators,
+    excitation: Mapping[str, InputSignal] | None,
+    controller: AbstractController,
+    step_s: float,
 ) -> Excitation | None:
     """Build the test inputs of a flight with a controller; None without any.
 
@@ -22,14 +29,17 @@ def read_excitation(
     actuators
         Actuators of the aircraft, whose commanded surfaces can be excited.
     excitation
-        Signals by input; the names may have a unit suffix.
+        Signals by input; names of commands with their unit (`bank_deg`) or without.
     controller
         Controller of the flight.
+    step_s
+        Period of the samples.
 
     Raises
     ------
     ValueError
-        The flight has no controller, an input is unknown or not part of the loop, or a value is no signal.
+        The flight has no controller, an input is unknown or not part of the loop, or a value is no signal or a signal
+        too fast for the samples.
     """
     if not excitation:
         return None
@@ -44,15 +54,17 @@ def read_excitation(
             '{"elevator": anser.doublet(1.0)}'
         )
     surfaces = [name for name, commanded in zip(actuators.names, actuators.is_commanded, strict=True) if commanded]
-    inputs, terms = (*surfaces, "throttle", *PATH_INPUTS, *LOOP_INPUTS), []
+    keys, terms = {f"{name}_deg": name for name in surfaces} | {"throttle": "throttle"} | _COMMANDS, []
     for name, signal in excitation.items():
-        key = name if name in inputs else _without_unit(name)
-        if key not in inputs:
-            raise ValueError(f"excitation: arrived {name!r}; expected inputs among {', '.join(inputs)}")
+        key = keys.get(name, name)
+        if key not in keys.values():
+            inputs = ", ".join((*surfaces, "throttle", *_COMMANDS))
+            raise ValueError(f"excitation: arrived {name!r}; expected inputs among {inputs}")
         if not isinstance(signal, InputSignal):
             raise ValueError(
                 f"excitation[{name!r}]: arrived {type(signal).__name__}; expected a signal, such as anser.doublet(1.0)"
             )
+        signal.require_sampling(step_s, f"excitation[{name!r}]")
         has_loops = isinstance(controller, InversionAutopilot) and controller.loop == "velocity"
         if key in LOOP_INPUTS and not has_loops:
             raise ValueError(
@@ -61,8 +73,3 @@ def read_excitation(
             )
         terms.append((key, signal))
     return build_excitation(terms)
-
-
-def _without_unit(name: str) -> str:
-    suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
-    return name.removesuffix(suffix)

@@ -170,7 +170,7 @@ def simulate(
         `jax.numpy`. Signals are increments to the start, the rest absolute; inputs left out keep their value at the
         start. Controls are constant between samples.
     duration_s, step_s
-        Length of the flight, and period of samples and integration, s.
+        Length of the flight, and period of samples and integration, s; a step from 0.001 to 0.05 s.
     record_period_s
         Period of the rows of the dataset, a multiple of the step; None: every sample.
     increments
@@ -244,8 +244,8 @@ def simulate(
         guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
     else:
         raise ValueError("command: arrived without a controller; expected a controller that follows it")
-    test_inputs = read_excitation(airframe.actuators, excitation, flight_controller)
-    changes = read_changes(airframe, change)
+    test_inputs = read_excitation(airframe.actuators, excitation, flight_controller, step_s)
+    changes = read_changes(airframe, change, duration_s)
     is_adaptive = controller == "adaptive"
     if estimator is None:
         estimator = TrackingEstimator(model=None if changes is None and not is_adaptive else airframe)

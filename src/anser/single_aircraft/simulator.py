@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, Controls
 from anser.aircraft.motion import MotionState, to_local_state, to_motion_state
-from anser.analysis.trim_points import require_seconds
+from anser.analysis.trim_points import require_step
 from anser.compiling.options import blocks_on_cores, call_on_cores, compiled_quickly, enable_compilation_cache
 from anser.compiling.single_kernel import as_single_kernel
 from anser.environment.environment import Environment
@@ -66,7 +66,7 @@ class Simulator:
     start
         Start of `anser.simulate`; or a sequence of starts, one for each of several aircraft.
     step_s
-        Period of a step, s: the motion is integrated over a step by the classical Runge-Kutta method.
+        Period of a step, 0.001 to 0.05 s: the motion is integrated over a step by the classical Runge-Kutta method.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Simulator:
         engine_lag: bool = True,
     ) -> None:
         enable_compilation_cache()
-        require_seconds("step_s", step_s)
+        require_step(step_s)
         airframe = load_aircraft(aircraft).airframe
         environment = read_air(earth, wind, atmosphere=atmosphere).environment()
         starts = list(start) if isinstance(start, Sequence) else [start]
@@ -179,8 +179,10 @@ class Simulator:
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
         """Return to a checkpoint of `save`, of this simulator or of an equal one.
 
-        Raises ValueError for a checkpoint of another aircraft or another number of aircraft.
+        Raises ValueError for anything but a checkpoint, and for one of another aircraft or number of aircraft.
         """
+        if not isinstance(checkpoint, Mapping) or not checkpoint.keys() >= self._start.keys():
+            raise ValueError(f"checkpoint: arrived {checkpoint!r:.60}; expected one that `save` has returned")
         packed, inputs = np.asarray(checkpoint["motion"]), np.asarray(checkpoint["inputs"])
         shape = self._start["motion"].shape
         if packed.shape != shape or inputs.shape != self._start["inputs"].shape:
