@@ -5,7 +5,7 @@ import pytest
 
 from anser.campaigns import load_study
 from anser.campaigns.campaign_folder import open_campaign_store
-from anser.campaigns.flights import applied_values, create_store
+from anser.campaigns.flights import applied_values, create_store, find_bound_cautions
 from anser.config import ScenarioError
 from campaigns.study_cases import STUDIES, THREE, study_of, text_of
 
@@ -136,6 +136,13 @@ def test_values_invalid_for_every_flight_are_refused_before_flying(tmp_path):
         create_store(tmp_path, study, THREE, {})
     assert "wind.speed_m_s: arrived -" in str(caught.value)
     assert not any(tmp_path.iterdir())
+
+
+def test_bounds_outside_the_range_of_a_scenario_get_a_caution():
+    wind = {"path": "wind.speed_m_s", "distribution": "uniform", "low": 0.0, "high": 500.0}
+    (caution,) = find_bound_cautions(study_of(vary=[wind]), THREE)
+    assert caution.startswith("vary[0].high = 500: wind.speed_m_s: arrived 500.0; expected a number from 0 to 100")
+    assert find_bound_cautions(study_of(vary=[{**wind, "high": 5.0}]), THREE) == []
 
 
 def test_values_are_set_added_and_multiplied():

@@ -85,12 +85,16 @@ def test_missing_holds_are_reported_without_padding_aircraft():
     ratios = np.full((4, 4), np.inf)
     ratios[0, 1] = ratios[1, 0] = 0.4
     ratios[3, :3] = ratios[:3, 3] = 0.1  # one that only fills the fleet up
-    holds = SimpleNamespace(clear=np.array([False, False, False, False]), clearance_ratio=ratios)
+    holds = SimpleNamespace(clear=np.zeros(4, bool), clearance_ratio=ratios, keep_out_clearance=np.full((4, 1), np.inf))
     messages = refusal.diagnose_missing_holds(scenario, fleet, holds)
     assert len(messages) == 2
     assert messages[0].startswith('"alpha" and "bravo" can arrive, but no holds afterwards keep them apart')
     assert "0.40 of the separation" in messages[0]
     assert messages[1].startswith('aircraft "charlie" can arrive, but no hold afterwards keeps it within')
+    scenario.keep_out, holds.keep_out_clearance[2] = [SimpleNamespace(name="storm")], -20.0
+    message = refusal.diagnose_missing_holds(scenario, fleet, holds)[1]
+    assert 'keeps it out of the keep-out "storm"; a rendezvous farther from it would help' in message
+    assert message.keys == ("keep_out[0].radius_m",)
 
 
 def sequence_case():

@@ -21,7 +21,7 @@ from anser.campaigns.processes import (
 from anser.campaigns.sampling import flight_seeds, sample_study
 from anser.campaigns.store import CampaignStore
 from anser.campaigns.study import Study, feature_required, recorded_keys_of, refuse_series, select_series
-from anser.config.errors import Problem, ScenarioError, describe_value, quoted_list
+from anser.config.errors import Problem, ScenarioError, describe_value, format_number, quoted_list
 from anser.config.expressions import parse_expression, suggest_variable
 from anser.config.key_paths import value_at
 from anser.missions.batches import BATCH, Progress, no_progress
@@ -66,6 +66,22 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
         is_integer = isinstance(base, int) and not isinstance(base, bool) and values.dtype.kind == "f"
         applied[path] = values.astype(int) if is_integer and np.all(values == np.rint(values)) else values
     return applied
+
+
+def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
+    """Tell bounds of varied values with which the scenario is not valid: flights near them do not start."""
+    cautions = []
+    for k, dispersion in enumerate(study.vary):
+        for key in ("low", "high"):
+            bound = getattr(dispersion, key)
+            if bound is None:
+                continue
+            applied = apply_samples(study, scenario, {dispersion.path: np.array([bound])})
+            try:
+                dispersed_scenario(scenario, scenario.seed, applied, 0)
+            except ScenarioError as error:
+                cautions.append(f"vary[{k}].{key} = {format_number(bound)}: {error.problems[0]}; such flights fail")
+    return cautions
 
 
 def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:

@@ -211,11 +211,11 @@ def _locked(store: "CampaignStore") -> Iterator[None]:
 def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
     """Fly the missing flights of a campaign, print the estimates and write the report."""
     from anser.campaigns.campaign_folder import Campaign
-    from anser.campaigns.flights import campaign_process_limit, fly_campaign
+    from anser.campaigns.flights import campaign_process_limit, find_bound_cautions, fly_campaign
     from anser.campaigns.replay import archive_worst
     from anser.campaigns.store_integrity import StoreError
 
-    for caution in find_cautions(store.scenario):
+    for caution in (*find_cautions(store.scenario), *find_bound_cautions(store.study, store.scenario)):
         print_note(f"caution: {caution}")
     flown, flown_before = Campaign(store), store.flown.size
     if processes is None and cluster is None:

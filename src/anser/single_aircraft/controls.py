@@ -37,7 +37,7 @@ def sample_inputs(
     """
     is_by_name = _is_by_name(inputs)
     subject = f"{subject}, {inputs}" if isinstance(inputs, str | os.PathLike) else subject
-    columns = inputs if is_by_name else _read_table(inputs, subject)
+    columns: Any = inputs if is_by_name else _read_table(inputs, subject)
     sampled = np.tile(np.array(list(reference.values()), dtype=float), (time_s.size, 1))
     for key, value in columns.items():
         name = key if key in reference else key.removesuffix("_deg")
@@ -106,7 +106,7 @@ def _read_table(table: Any, subject: str) -> dict[str, tuple[np.ndarray, np.ndar
     if not columns["time_s"].size:
         raise ValueError(f"{subject}: arrived a table without rows; expected one row at least")
     for name, values in columns.items():
-        is_number = np.isfinite(pd.to_numeric(np.ravel(values), errors="coerce").astype(float))
+        is_number = np.isfinite(np.asarray(pd.to_numeric(np.ravel(values), errors="coerce"), dtype=float))
         if not np.all(is_number) or values.dtype.kind not in "fiu":
             row = int(np.argmin(is_number))
             arrived = f"{np.ravel(values)[row]} in the column {name!r}"
