@@ -195,18 +195,20 @@ class Scenario(ScenarioTables):
         """Return the SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
         return scenario_hash(self)
 
-    def replace(self, *changes: object) -> "Scenario":
+    def replace(self, path: str, value: object, /, *further_changes: object) -> "Scenario":
         """Return a scenario with changed values, validated like one from a file; this scenario is unchanged.
 
         Parameters
         ----------
-        *changes
-            Paths and values in turn, such as `scenario.replace("wind.speed_m_s", 8.0, "seed", 3)`. All changes are
-            made in order; only the result is validated. A path is a key path as in messages: keys joined by dots, list
-            items in brackets by number from 0 or by name (a name that is a number in quotes): "wind.speed_m_s",
-            "aircraft[1].start.speed_m_s", "goal[boat-north].course_deg", "keep_out". A value is as a file would give
-            it: a number, text, list, or a dictionary (or table of a scenario), which replaces the whole table. None
-            leaves out an optional key.
+        path
+            Key path as in messages: keys joined by dots, list items in brackets by number from 0 or by name (a name
+            that is a number in quotes): "wind.speed_m_s", "aircraft[1].start.speed_m_s", "goal[boat-north].course_deg",
+            "keep_out".
+        value
+            New value as a file would give it: a number, text, list, or a dictionary (or table of a scenario), which
+            replaces the whole table. None leaves out an optional key.
+        *further_changes
+            Further paths and values, alternately. All changes are made in order; only the result is validated.
 
         Raises
         ------
@@ -215,13 +217,13 @@ class Scenario(ScenarioTables):
         TypeError
             If a path has no value.
         """
-        if not changes or len(changes) % 2:
-            arrived = f"the path {changes[-1]!r} has no value" if changes else "nothing arrived"
-            raise TypeError(f'replace takes paths and values in turn, such as ("wind.speed_m_s", 8.0); {arrived}')
-        paths, values = changes[::2], changes[1::2]
-        source = f"{self.name} with {', '.join(map(str, paths))} replaced"
+        arguments = (path, value, *further_changes)
+        if len(arguments) % 2:
+            raise TypeError(f"replace takes paths and values in turn; the path {arguments[-1]!r} has no value")
+        changes = tuple(zip(arguments[::2], arguments[1::2], strict=True))
+        source = f"{self.name} with {', '.join(str(key_path) for key_path in arguments[::2])} replaced"
         try:
-            replaced = validate(replace_values(self, tuple(zip(paths, values, strict=True))), source)
+            replaced = validate(replace_values(self, changes), source)
         except ScenarioError as error:
             raise ScenarioError(source, error.problems) from None
         replaced._attached_parts = self._attached_parts
