@@ -179,6 +179,7 @@ def test_the_demo_flies_without_a_file_and_says_how_to_see_the_flight(anser, tmp
     assert (tmp_path / "runs" / "three-aircraft" / "report.html").is_file()
 
 
+@pytest.mark.long
 def test_trim_and_its_diagnosis(anser):
     arguments = ("trim", "--aircraft", "f16", "--speed-m-s", "150", "--altitude-m", "1000")
     code, printed, _ = anser(*arguments)

@@ -9,6 +9,7 @@ from anser.analysis.step_tests import PUBLISHED_STEPS
 PITCH = ("step", "--loop", "rates", "--channel", "q", "--size", "-5", "--at", "150,2000")
 
 
+@pytest.mark.long
 def test_step_prints_its_metrics_and_draws(anser, tmp_path):
     out = tmp_path / "pitch.svg"
     code, printed, said = anser(*PITCH, "--duration-s", "1.5", "--out", out)

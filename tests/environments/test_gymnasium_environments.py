@@ -257,6 +257,7 @@ def fly(single, seed):
     return Episode(single.environment, start, *rows, terminated, info["is_success"])
 
 
+@pytest.mark.long
 def test_the_flight_of_an_episode_has_the_observed_variables(single):
     episode = fly(single, seed=1)
     flight, steps = single.flight(), single.environment.decision_steps

@@ -91,6 +91,7 @@ def distance_min(path, hold):
     return float(jnp.min(jnp.linalg.norm(_position_at(path, times) - _position_at(hold, times), axis=1)))
 
 
+@pytest.mark.long
 def test_an_exit_path_keeps_clear_of_a_hold_that_another_aircraft_flies():
     state, tasks = fleet_state(jnp.array(ARRIVALS))
     hold = jax.tree.map(lambda leaf: leaf[1], state.holds.paths)

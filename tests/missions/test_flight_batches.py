@@ -19,6 +19,7 @@ from anser.results.variable_labels import catalogue_variable
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 THREE = anser.load(SCENARIOS / "three-aircraft.toml")
+ONE = anser.load(SCENARIOS / "single-aircraft.toml")
 SHORT = anser.load(SCENARIOS.parent / "studies" / "short-approach.toml")
 _SCALE = 1e-9  # of each number: batches of another shape round otherwise
 
@@ -85,9 +86,16 @@ def test_a_scenario_that_does_not_allow_float32_gives_a_row_with_the_reason():
         anser.run(lost, precision="float32")
 
 
-def test_rows_are_the_summaries_of_single_flights():
-    # The arrival is at 60 s, in wind at 63 s.
-    nominal = THREE.replace("timing.duration_s", 66.0, "timing.step_s", 0.02)
+@pytest.mark.parametrize(
+    "nominal",
+    [
+        ONE.replace("timing.step_s", 0.02),
+        # the arrival is at 60 s, in wind at 63 s
+        pytest.param(THREE.replace("timing.duration_s", 66.0, "timing.step_s", 0.02), marks=pytest.mark.long),
+    ],
+    ids=["one aircraft", "three aircraft"],
+)
+def test_rows_are_the_summaries_of_single_flights(nominal):
     windy = nominal.replace("wind.speed_m_s", 3.0, "wind.from_deg", 250.0)
     calls = []
     flight_rows = fly_many(
@@ -96,7 +104,7 @@ def test_rows_are_the_summaries_of_single_flights():
         on_rows=lambda k, r: calls.append(k),
     )
     assert flight_rows[0].met
-    assert flight_rows[0].fleet != flight_rows[1].fleet
+    assert flight_rows[0].aircraft != flight_rows[1].aircraft
     assert_row_equals_summary(flight_rows[0], anser.run(nominal))
     assert_row_equals_summary(flight_rows[1], anser.run(windy))
     *shares, rows, last_share = calls

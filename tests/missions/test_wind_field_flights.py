@@ -73,6 +73,7 @@ def test_a_short_duration_gives_no_caution_in_the_unread_wind_of_a_field() -> No
     assert not any("timing.duration_s" in caution for caution in cautions)
 
 
+@pytest.mark.long
 def test_the_certificate_of_a_plan_holds_in_the_wind_of_the_field() -> None:
     planned = anser.plan(scenario({"field": field(1.5)}))
     bounds = jax.tree.map(lambda leaf: np.asarray(leaf)[0], planned.plan.certificate.bounds)

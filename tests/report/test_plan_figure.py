@@ -38,6 +38,7 @@ def test_names_stay_within_the_map():
     assert all(box.x0 <= start < stop <= box.x1 for start, stop in extents), (box, extents)
 
 
+@pytest.mark.long
 def test_the_plan_of_a_small_fleet_has_separation_and_a_moving_keep_out(tmp_path):
     dataset, svg = _draw(tmp_path, separation_m=(500.0, 150.0), keep_outs=(CELL,))
     texts = _texts(svg)

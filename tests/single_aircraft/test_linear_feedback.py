@@ -67,6 +67,7 @@ def linear_response(step_deg):
     return dict(zip(model.states, (x + np.asarray(model.x)).T, strict=True))
 
 
+@pytest.mark.long
 def test_small_steps_approach_the_linear_model_with_the_square_of_the_step():
     errors = {}
     for step_deg in (0.01, 0.02):
