@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.missions.plan_samples import sample_extremes, sample_paths, sample_plan, sample_times
+from anser.missions.plan_samples import sample_extremes, sample_paths, sample_plan, sample_times, sampled_motion
 from anser.planning import TimedPath
 from anser.planning.published.trajectory import fit_trajectory
 from anser.scenario.schema_airspace import KeepOut
@@ -102,6 +102,12 @@ def test_a_steady_climb_has_constant_samples(sampled):
     }.items():
         np.testing.assert_allclose(samples[key][:, 1], value, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(samples["altitude"][:, 1], 500.0 + 20.0 * times, rtol=1e-12)
+
+
+def test_the_motion_over_the_ground_has_the_vertical_wind(sampled):
+    times, _, samples = sampled
+    motion = sampled_motion(times, samples | {"climb_rate": samples["climb_rate"] + 3.0})
+    np.testing.assert_allclose(motion.velocities_n[:, 1, 2], -20.0, rtol=1e-9)
 
 
 def test_samples_after_the_arrival_are_nan(sampled):

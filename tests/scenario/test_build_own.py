@@ -133,3 +133,11 @@ def test_a_mixed_fleet_has_limits_and_airspeeds_by_aircraft():
 def test_airspeeds_that_do_not_suit_an_aircraft_are_refused(make, path, expected):
     with pytest.raises(ScenarioError, match=f"(?s){path}.*{expected}"):
         make()
+
+
+@pytest.mark.long
+def test_limits_left_out_are_those_of_the_scenario_s_air(uav_scenario, capability):
+    thin = resolve_fleet(uav_scenario.replace("atmosphere.temperature_offset_k", 40.0))[0].capability
+    density_ratio = 288.15 / (288.15 + 40.0)  # about, below 200 m
+    assert thin.speed_min == pytest.approx(capability.speed_min / np.sqrt(density_ratio), rel=0.03)
+    assert thin.climb_rate_max < 0.9 * capability.climb_rate_max

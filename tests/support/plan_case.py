@@ -34,6 +34,7 @@ def plan_case(
         "altitude": known(1000.0 + 100.0 * np.arange(len(names)) + 0.0 * to_go),
         "velocity_north": known(-SPEED * np.cos(angle) + 0.0 * to_go),
         "velocity_east": known(-SPEED * np.sin(angle) + 0.0 * to_go),
+        "velocity_down": known(0.0 * to_go),
         "airspeed": known(SPEED + 0.0 * to_go),
         "ground_speed": known(SPEED + 0.0 * to_go),
         "course": known(course + 0.0 * to_go),

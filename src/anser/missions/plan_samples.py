@@ -46,9 +46,9 @@ class SampledMotion(eqx.Module):
 
 
 def sampled_motion(times_s: np.ndarray, history: Mapping[str, np.ndarray]) -> SampledMotion:
-    """Compute the motion of a fleet over the ground from the result of `sample_paths`; the wind is horizontal."""
+    """Compute the motion of a fleet over the ground from the result of `sample_paths`."""
     positions = np.stack([history["north"], history["east"], -history["altitude"]], axis=-1)
-    velocities = np.stack([history["velocity_north"], history["velocity_east"], -history["climb_rate"]], axis=-1)
+    velocities = np.stack([history[f"velocity_{axis}"] for axis in ("north", "east", "down")], axis=-1)
     return SampledMotion(*map(as_array, (times_s, positions, velocities)))
 
 
@@ -309,6 +309,7 @@ def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) 
         "altitude": -position[2],
         "velocity_north": ground_velocity[0],
         "velocity_east": ground_velocity[1],
+        "velocity_down": ground_velocity[2],
         "airspeed": through_air.V,
         "ground_speed": safe_hypot(ground_velocity[0], ground_velocity[1]),
         "course": through_air.chi,

@@ -101,7 +101,9 @@ def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> x
     is_before_hold = dataset["phase"].values != HOLD
     names = ("position_error_m", *(f"reference_{axis}" for axis in _AXES))
     derived = dataset.assign({name: dataset[name].where(is_before_hold) for name in names})
-    derived[_CLIMB_RATE.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
+    # relative to the air, as in plans and limits
+    airspeed = dataset["airspeed_mean_wind_m_s" if "airspeed_mean_wind_m_s" in dataset else "airspeed_m_s"]
+    derived[_CLIMB_RATE.name] = (airspeed * np.sin(np.radians(dataset["path_angle_deg"]))).assign_attrs(
         units=_CLIMB_RATE.unit, symbol=_CLIMB_RATE.symbol, long_name=_CLIMB_RATE.long_name
     )
     for direction, values in zip(("along", "across", "height"), _errors(dataset), strict=True):

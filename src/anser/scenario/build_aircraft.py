@@ -5,6 +5,7 @@ from a trim map, gains from the trim, both at the start altitude (rounded to 500
 library's F-16 has published gains and the scenario's default limits.
 """
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -35,6 +36,7 @@ from anser.control.limits import NORMAL_TURNING_G, FlightLimits
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.planning.limits import PathLimits
+from anser.scenario.build_environment import build_atmosphere
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateGains, VelocityGains
 from anser.scenario.schema_settings import Limits
@@ -129,38 +131,51 @@ class _FlightCase:
     speed_m_s: float
     speeds_m_s: tuple[float, float]
     step_s: float
+    air: str  # hash of the scenario's atmosphere; empty: the standard atmosphere
+    environment: Environment = field(compare=False)
 
 
 def _derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
-    """Derive limits and bandwidths of an aircraft at its rounded start altitude and preferred airspeed, cached.
+    """Derive limits and bandwidths of an aircraft in the scenario's air, cached.
 
-    The atmosphere is the standard atmosphere.
+    They hold at its rounded start altitude and preferred airspeed.
     """
     speed, data_range = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
     altitude = round(aircraft.start.altitude_m / _ALTITUDE_STEP_M) * _ALTITUDE_STEP_M
     speeds = (_SPEED_SEARCH_RANGE[0] * speed, _SPEED_SEARCH_RANGE[1] * speed) if data_range is None else data_range
     file = "" if aircraft.airframe is None else content_hash(aircraft.airframe)
     content = (aircraft.type, aircraft.variant, aircraft.x_cg_over_c, file)
-    return _defaults_of(_FlightCase(content, airframe, altitude, speed, speeds, scenario.timing.step_s))
+    air, environment = "", standard_environment()
+    if scenario.atmosphere is not None:
+        air = content_hash(scenario.atmosphere)
+        environment = dataclasses.replace(environment, atmosphere=build_atmosphere(scenario.atmosphere))
+    return _defaults_of(
+        _FlightCase(content, airframe, altitude, speed, speeds, scenario.timing.step_s, air, environment)
+    )
 
 
 @functools.lru_cache(maxsize=64)
 def _defaults_of(case: _FlightCase) -> DerivedDefaults:
-    return compute_defaults(case.airframe, case.altitude_m, case.speed_m_s, case.speeds_m_s, case.step_s)
+    numbers = case.altitude_m, case.speed_m_s, case.speeds_m_s, case.step_s
+    return compute_defaults(case.airframe, *numbers, case.environment)
 
 
 def compute_defaults(
-    airframe: AbstractAirframe, altitude_m: float, speed_m_s: float, speeds_m_s: tuple[float, float], step_s: float
+    airframe: AbstractAirframe,
+    altitude_m: float,
+    speed_m_s: float,
+    speeds_m_s: tuple[float, float],
+    step_s: float,
+    environment: Environment | None = None,  # None: the standard atmosphere
 ) -> DerivedDefaults:
-    """Compute performance limits and loop bandwidths of an airframe at one altitude, in the standard atmosphere.
+    """Compute performance limits and loop bandwidths of an airframe at one altitude.
 
     Turns, climbs and bandwidths are those at `speed_m_s`; level flight is searched for between the two `speeds_m_s`;
     `step_s` is the sampling period of the autopilot.
     """
     altitude, speed, step, slow, fast = map(as_array, (altitude_m, speed_m_s, step_s, *speeds_m_s))
-    points, bandwidths = _capability_and_bandwidths(
-        airframe, standard_environment(), altitude, speed, step, (slow, fast)
-    )
+    environment = standard_environment() if environment is None else environment
+    points, bandwidths = _capability_and_bandwidths(airframe, environment, altitude, speed, step, (slow, fast))
     capability = capability_from_points(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
     bandwidths = jax.tree.map(np.asarray, bandwidths)
     return DerivedDefaults(capability, bandwidths, automatic_gains(bandwidths))

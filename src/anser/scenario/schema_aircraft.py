@@ -163,9 +163,14 @@ class Rendezvous(Table):
     stand_off_up_m: float = number("height above the goal", -STAND_OFF_MAX_M, STAND_OFF_MAX_M, "m", 300.0)
     stand_off_north_m: float = number("distance north of the goal", -STAND_OFF_MAX_M, STAND_OFF_MAX_M, "m", 0.0)
     stand_off_east_m: float = number("distance east of the goal", -STAND_OFF_MAX_M, STAND_OFF_MAX_M, "m", 0.0)
-    course_deg: float | None = number("final course over the ground; left out: along the line", -360, 360, "deg", None)
+    course_deg: float | None = number(
+        "final course over the ground; left out: any (published planner: along the line from the start)",
+        *(-360, 360, "deg", None),
+    )
     path_angle_deg: float | None = number(
-        "final climb angle; left out: along the line", -PATH_ANGLE_MAX_DEG, PATH_ANGLE_MAX_DEG, "deg", None
+        "final climb angle over the ground; left out: the climb rate of the goal, or any with a spline (published "
+        "planner: along the line from the start)",
+        *(-PATH_ANGLE_MAX_DEG, PATH_ANGLE_MAX_DEG, "deg", None),
     )
 
     @property

@@ -35,7 +35,8 @@ def performance_at(
 
     `condition` is the trimmed condition, `surfaces` (rad) are the control surfaces of the trim. The idle deceleration
     at other airspeeds and load factors, relative to the trim, is tabulated for the same surfaces: for the F-16 the
-    error of drag less idle thrust is within 3 % and 0.06 m/s^2 (95 to 200 m/s, load factors 0.5 to 1).
+    error of drag less idle thrust is within 5 % and 0.06 m/s^2 (at load factors 0.5 to 1, from 0.6 to 1.25 times the
+    airspeed of the trim; beyond, the last value holds).
     """
     data = condition.air_data
     level, pushed_over = _idle_decelerations(airframe, environment, condition, surfaces)
