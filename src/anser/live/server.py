@@ -188,7 +188,9 @@ class LiveServer:
         in_notebook: bool = False,
         prepares: bool = False,
     ) -> None:
-        documents = DocumentFolder(folder, document.get("parts"), dict(document.get("wind") or {}).get("field"))
+        wind = document.get("wind")
+        field = wind.get("field") if isinstance(wind, Mapping) else None
+        documents = DocumentFolder(folder, document.get("parts"), field)
         documents.scenario(dict(document))  # raises ScenarioError before anything is served
         self.workbench = Workbench(documents, name, dict(document))
         if prepares:

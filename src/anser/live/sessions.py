@@ -173,7 +173,7 @@ class Session:
             case messages.ResumeRequest():
                 for identifier, message in list(self._flight_messages.items()):
                     if identifier not in request.flight_ids and identifier in self.workbench.flights:
-                        self._tell(message | {"number": 0})  # a page that was loaded anew numbers its requests anew
+                        self._tell(message | {"number": 0})  # no request of a page that was loaded anew
             case _:
                 self._guarded(request.number, lambda: self._answer_file_request(request))
 

@@ -168,6 +168,7 @@ class EventOutcome:
     subject: str  # name of the aircraft, goal or keep-out
     has_valid_plan: bool  # whether the fleet has a valid plan afterwards
     message: str  # the action, in one sentence
+    goal: str | None = None  # goal that the aircraft took over
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of the list `events` in `summary.json`, with the keys of the file."""
@@ -177,7 +178,7 @@ class EventOutcome:
             "whom": self.subject,
             "planned": self.has_valid_plan,
             "message": self.message,
-        }
+        } | ({} if self.goal is None else {"goal": self.goal})
 
 
 def apply_event(

@@ -114,8 +114,8 @@ def reassign_goals(
     )
     open_goals: list[int] = []  # aircraft that have left a goal to which nobody else flies
 
-    def outcome(aircraft: int, is_planned: bool, message: str) -> EventOutcome:
-        return EventOutcome(now_s, GOAL_TAKEN_OVER, names[aircraft], is_planned, message)
+    def outcome(aircraft: int, is_planned: bool, message: str, goal: str | None = None) -> EventOutcome:
+        return EventOutcome(now_s, GOAL_TAKEN_OVER, names[aircraft], is_planned, message, goal)
 
     def without_successor(departed: int) -> EventOutcome:
         return outcome(departed, False, f'no aircraft can take over its goal "{goals[departed]}" in time')
@@ -139,7 +139,7 @@ def reassign_goals(
             new_goals = tuple(goals[givers.get(aircraft, aircraft)] for aircraft in range(len(goals)))
             for taker, giver in givers.items():
                 message = f'goes to the goal "{goals[giver]}" of "{names[giver]}" instead of "{goals[taker]}"'
-                outcomes.append(outcome(taker, True, message))
+                outcomes.append(outcome(taker, True, message, goals[giver]))
             unassigned = [departed for departed in open_goals if departed not in givers.values()]
             return reassigned_flight, replanned_state, new_goals, [*outcomes, *map(without_successor, unassigned)]
         distances[max(pairs, key=lambda pair: distances[pair])] = _INFEASIBLE_M

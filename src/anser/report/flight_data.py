@@ -407,9 +407,9 @@ def flight_data(
         "every": stride,
         "timeStep": columns[0][1],
         "aircraft": [
-            {key: aircraft[key] for key in _FACT_KEYS} | {"form": form, "before": earlier_goal}
-            for aircraft, form, earlier_goal in zip(
-                summary["aircraft"], goal_forms(dataset, scenario), earlier_goals(summary, scenario), strict=True
+            {key: aircraft[key] for key in _FACT_KEYS} | {"form": form, "goals": goals}
+            for aircraft, form, goals in zip(
+                summary["aircraft"], goal_forms(dataset, scenario), goals_over_time(summary, scenario), strict=True
             )
         ],
         "variables": variables,
@@ -428,15 +428,13 @@ def scene_keep_outs(scenario: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [{**table, "from_s": from_s} for table, from_s in [*standing, *appearing]]
 
 
-def earlier_goals(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:
-    """Return the earlier goal of each aircraft that took over another, and the time of the takeover, s; else None."""
-    assigned_goal = {
-        str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry
+def goals_over_time(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[tuple[str, float]]]:
+    """Return the goals of each aircraft in their order, each with the time from which it is the goal, s."""
+    assigned = {str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry}
+    goals = {
+        str(entry["name"]): [(assigned.get(entry["name"], str(entry["goal"])), 0.0)] for entry in summary["aircraft"]
     }
-    events = [entry for entry in summary.get("events", ()) if entry["kind"] == "goal-taken-over"]
-    takeover_s = {str(entry["whom"]): float(entry["time_s"]) for entry in events}
-    names = [str(aircraft["name"]) for aircraft in summary["aircraft"]]
-    return [
-        [assigned_goal[name], takeover_s[name]] if name in assigned_goal and name in takeover_s else None
-        for name in names
-    ]
+    for entry in summary.get("events", ()):
+        if "goal" in entry:
+            goals[str(entry["whom"])].append((str(entry["goal"]), float(entry["time_s"])))
+    return list(goals.values())

@@ -161,7 +161,11 @@ def test_a_goal_that_is_taken_over_is_one_track_and_the_takers_former_goal_anoth
     fleet = [dict(aircraft) for aircraft in summary["aircraft"]]
     # the second aircraft leaves its goal for that of the first at 3 s
     fleet[1]["goal"] = fleet[0]["goal"]
-    events = [{"kind": "goal-taken-over", "whom": fleet[1]["name"], "time_s": 3.0}]
+    events = [
+        {"kind": "goal-taken-over", "whom": fleet[1]["name"], "time_s": 3.0, "goal": fleet[0]["goal"]},
+        # nobody takes over its goal after it has left
+        {"kind": "goal-taken-over", "whom": fleet[1]["name"], "time_s": 4.0},
+    ]
     taken = dataset.copy()
     taken.attrs["scenario"] = json.dumps({"aircraft": assigned})
     summary = summary | {"aircraft": fleet, "events": events}

@@ -139,7 +139,11 @@ class Handles {
 
   _key(event) {
     const one = this._of(event), arrow = ARROWS[event.key];
-    if (event.key === "Delete" && one && !event.repeat) this.page.remove(one.select);
+    if (event.key === "Delete" && one && !event.repeat) {
+      event.target.blur(); // the handle with this number is that of the next one afterwards
+      this.page.remove(one.select);
+      return;
+    }
     if (!one || !arrow || this.page.fixed || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     const factor = event.shiftKey ? 10 : 1;

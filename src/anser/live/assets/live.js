@@ -258,7 +258,7 @@ class LivePage {
   }
 
   remove({ key, k }) {
-    if (this.scenario.list(key)[k]) this.scenario.remove(key, k);
+    if (!this.fixed && this.scenario.list(key)[k]) this.scenario.remove(key, k);
   }
 
   nameOfKey(key) {

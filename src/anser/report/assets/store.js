@@ -73,8 +73,7 @@ class Run {
 
   /** Name of an aircraft's goal at a time; a takeover of another goal changes it. */
   goalAt(k, time) {
-    const { goal, before } = this.aircraft[k];
-    return before && time < before[1] ? before[0] : goal;
+    return this.aircraft[k].goals.findLast(([, from]) => time >= from || from === 0)[0];
   }
 
   /** Index of an aircraft by name, or -1. */

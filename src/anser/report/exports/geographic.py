@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from anser.report.flight_data import earlier_goals
+from anser.report.flight_data import goals_over_time
 from anser.report.labels import printed_unit
 from anser.report.style import color_of
 from anser.spatial.wgs84 import recorded_geodetic_from_flat
@@ -85,11 +85,10 @@ def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: in
 
 def _goal_spans(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, np.ndarray]]:
     """Return the goals that an aircraft flew to, in their order, each with whether it did at the recorded times."""
-    time_s, goal = dataset["time"].values, str(summary["aircraft"][index]["goal"])
-    earlier = earlier_goals(summary, json.loads(dataset.attrs.get("scenario", "{}")))[index]
-    if earlier is None or earlier[0] == goal:
-        return [(goal, np.ones(time_s.size, dtype=bool))]
-    return [(earlier[0], time_s < earlier[1]), (goal, time_s >= earlier[1])]
+    time_s = dataset["time"].values
+    goals = goals_over_time(summary, json.loads(dataset.attrs.get("scenario", "{}")))[index]
+    ends_s = [from_s for _, from_s in goals[1:]] + [np.inf]
+    return [(goal, (time_s >= from_s) & (time_s < end_s)) for (goal, from_s), end_s in zip(goals, ends_s, strict=True)]
 
 
 def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
