@@ -205,9 +205,18 @@ def test_the_assignment_serves_the_most_goals_with_the_least_total_distance():
     """Of the two aircraft to each goal one must stay: the shortest pairs alone would leave a goal open."""
     far = events_module._INFEASIBLE_M
     distances = np.array([[100.0, 90.0], [far, 10.0], [far, 20.0], [far, far]])
-    fleet = SimpleNamespace(goals=("G", "G", "H", "H"), aircraft_with_goal=lambda goal: ["one", "another"])
+    fleet = SimpleNamespace(goals=("G", "G", "H", "H"), aircraft_with_goal={"G": [0, 1], "H": [2, 3]}.get)
     departures = [SimpleNamespace(goal_taken_over_by="spare")] * 2
     assert sorted(events_module._least_assignment(fleet, distances, departures)) == [(0, 0), (2, 1)]
     nearest = [SimpleNamespace(goal_taken_over_by="nearest")] * 2
     assert sorted(events_module._least_assignment(fleet, distances, nearest)) == [(0, 0), (1, 1)]
     assert events_module._least_assignment(fleet, np.full((4, 2), far), departures) == []
+    # the one that must not leave its goal alone stays, also beside a nearest taker
+    mixed = [SimpleNamespace(goal_taken_over_by=rule) for rule in ("spare", "nearest")]
+    distances = np.array([[100.0, far], [far, 100.0], [far, 5000.0], [far, far]])
+    assert sorted(events_module._least_assignment(fleet, distances, mixed)) == [(0, 0), (2, 1)]
+    # five spare aircraft of one goal for five goals: one of them stays, found at once
+    five = SimpleNamespace(goals=("G",) * 5, aircraft_with_goal=lambda goal: list(range(5)))
+    departures = [SimpleNamespace(goal_taken_over_by="spare")] * 5
+    distances = np.random.default_rng(0).uniform(100.0, 900.0, (5, 5))
+    assert len(events_module._least_assignment(five, distances, departures)) == 4

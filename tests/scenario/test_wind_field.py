@@ -59,7 +59,9 @@ def test_values_of_the_era5_layout_are_those_of_xarray_in_the_coordinates_of_the
     assert np.max(np.abs(expected_n[:, 2])) > 0.1
 
 
-@pytest.mark.parametrize("meridians_deg", [np.arange(0.0, 360.0, 5.0), np.arange(-180.0, 180.1, 5.0)])
+@pytest.mark.parametrize(
+    "meridians_deg", [np.arange(0.0, 360.0, 5.0), np.arange(-180.0, 180.1, 5.0), np.arange(-190.0, 190.1, 5.0)]
+)
 @pytest.mark.parametrize("origin_deg", [0.0, 2.5, 179.0, -178.0])
 def test_a_field_around_the_globe_has_no_seam(tmp_path: Path, meridians_deg: Any, origin_deg: float) -> None:
     latitudes_deg, altitudes_m = np.array([30.0, 50.0]), np.array([0.0, 20_000.0])

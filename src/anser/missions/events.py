@@ -46,18 +46,14 @@ class _FleetGoals:
     arrival_times_s: np.ndarray  # planned arrival times, s
     now_s: float  # time of the sample, s
 
-    def aircraft_with_goal(self, goal: str) -> list[str]:
-        """Names of the aircraft that fly to a goal and have not left the fleet."""
+    def aircraft_with_goal(self, goal: str) -> list[int]:
+        """Indices of the aircraft that fly to a goal and have not left the fleet."""
         events = self.scenario.event
         departed = {
             event.aircraft for event in events if event.kind == "aircraft-leaves" and event.time_s <= self.now_s
         }
         names = [aircraft.name for aircraft in self.scenario.aircraft]
-        return [
-            name
-            for name, assigned_goal in zip(names, self.goals, strict=True)
-            if assigned_goal == goal and name not in departed
-        ]
+        return [k for k, name in enumerate(names) if self.goals[k] == goal and name not in departed]
 
     def distances_m(self, departures: Sequence[tuple[int, Event]]) -> np.ndarray:
         """Distance of every aircraft to the rendezvous of every departed aircraft, (aircraft, departure), m.
@@ -124,7 +120,7 @@ def reassign_goals(
     for departed in event_of:
         remaining = fleet.aircraft_with_goal(goals[departed])
         if remaining:
-            message = f'its goal "{goals[departed]}" is not free: "{remaining[0]}" flies to it'
+            message = f'its goal "{goals[departed]}" is not free: "{names[remaining[0]]}" flies to it'
             outcomes.append(outcome(departed, True, message))
         else:
             open_goals.append(departed)
@@ -149,12 +145,13 @@ def reassign_goals(
 def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]) -> list[tuple[int, int]]:
     """Return the pairs (taker, departure) that serve the most goals, with the least sum of distances among those.
 
-    No goal is abandoned by takers that must be spare. Branch and bound: an assignment that abandons one is divided into
-    those without one of the pairs at fault.
+    No goal is abandoned by takers that must be spare. Branch and bound: in place of an assignment that abandons a goal,
+    one of its aircraft stays, or none of them takes over a goal that asks for spare ones.
     """
     from scipy.optimize import linear_sum_assignment  # half a second, for flights with a departure only
 
     order, queue = itertools.count(), []
+    asks_for_spare = np.flatnonzero([event.goal_taken_over_by != "nearest" for event in departures])
 
     def add(table: np.ndarray) -> None:
         rows, columns = linear_sum_assignment(table)
@@ -164,12 +161,14 @@ def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Seq
     while True:
         _, _, table, assigned = heapq.heappop(queue)
         pairs = [(int(taker), int(column)) for taker, column in assigned if table[taker, column] < _INFEASIBLE_M]
-        abandoning = [pair for pair in pairs if _abandons_goal(fleet, pair, pairs, departures)]
-        if not abandoning:
+        abandoning = (pair for pair in pairs if _abandons_goal(fleet, pair, pairs, departures))
+        taker = next(abandoning, (None, None))[0]
+        if taker is None:
             return pairs
-        for pair in abandoning:
+        rows = fleet.aircraft_with_goal(fleet.goals[taker])
+        for excluded in (*((row, slice(None)) for row in rows), np.ix_(rows, asks_for_spare)):
             without = table.copy()
-            without[pair] = _INFEASIBLE_M
+            without[excluded] = _INFEASIBLE_M
             add(without)
 
 

@@ -234,15 +234,14 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
     for k in np.flatnonzero(~np.asarray(holds.clear)[scenario_aircraft] & fleet.active):
         nearest = int(np.argmin(ratios[k]))
         if ratios[k, nearest] >= 1.0:
-            clearance = np.asarray(holds.keep_out_clearance)[k]
-            cause, keys = "within the limits of altitude and off its goal", ["hold.radius_m", "limits.altitude_min_m"]
-            remedy = "a greater stand-off of its rendezvous"
-            if clearance.size and np.min(clearance) < 0.0:
-                j = int(np.argmin(clearance))
-                cause, keys = f'out of the keep-out "{scenario.keep_out[j].name}"', [f"keep_out[{j}].radius_m"]
-                remedy = "a rendezvous farther from it"
-            text = f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it {cause}; {remedy} would help'
-            messages.append(Refusal(text, [names[k]], keys))
+            # The clearance is that of one circle: whether a keep-out is the cause of all refusals, it does not tell.
+            has_keep_outs = np.isfinite(np.asarray(holds.keep_out_clearance)[k]).any()
+            text = (
+                f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it within the limits of altitude'
+                f"{', off its goal and out of the keep-outs' if has_keep_outs else ' and off its goal'}; a greater "
+                f"stand-off of its rendezvous{', or one farther from them,' if has_keep_outs else ''} may help"
+            )
+            messages.append(Refusal(text, [names[k]], ["hold.radius_m", "limits.altitude_min_m"]))
         elif k < nearest or ratios[nearest, k] >= 1.0:
             text = (
                 f'"{names[k]}" and "{names[nearest]}" can arrive, but no holds afterwards keep them apart until the '

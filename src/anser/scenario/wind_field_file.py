@@ -76,7 +76,7 @@ class WindField:
         gap_deg = _GLOBE_DEG - (self.east[-1] - self.east[0])
         if not self.is_geographic or gap_deg > 1.5 * np.max(np.diff(self.east)):
             return self
-        meridians = self.east[:-1] if gap_deg < 1e-6 else self.east  # a last meridian may repeat the first
+        meridians = self.east[self.east < self.east[0] + _GLOBE_DEG - 1e-6]  # the last ones may repeat the first
         first_deg = longitude_deg - 0.5 * _GLOBE_DEG
         east = first_deg + (meridians - first_deg) % _GLOBE_DEG
         order = np.argsort(east)

@@ -154,6 +154,10 @@ def test_a_conflict_with_an_exit_path_that_no_plan_resolved_does_not_stop_the_co
     np.testing.assert_allclose(end[1], 4060.0, atol=1e-3)
     # The conflict stays in the certificate.
     assert new_plan.certificate.clearance_ratio[0, 2] < 1.0
+    # One that grows by much does: in force, the first path was almost clear of the exit path.
+    almost_clear = plan.certificate.clearance_ratio.at[0, 2].set(0.96).at[2, 0].set(0.96)
+    grown = eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, almost_clear)
+    assert replan(grown, moved, has_left=(False, False, True))[1] != CORRECTED
 
 
 def test_a_plan_stays_unchanged_after_every_aircraft_has_stopped(plan):

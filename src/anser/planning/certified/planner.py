@@ -287,7 +287,10 @@ class CertifiedPlanner(AbstractPlanner):
         plan, status = correct_or_replace_plan(in_flight)
         holds, tasks = former, in_flight.tasks
         if former is not None and (is_outdated or status == REPLANNED):
-            end_time = _end_of_holds(former)
+            # up to the end of the exit paths, after which no holds follow
+            end_time = min(
+                _end_of_holds(former), np.min(np.asarray(plan.arrival_times), where=has_left, initial=np.inf)
+            )
             active, arrivals = np.asarray(tasks.active) > 0.0, np.asarray(plan.arrival_times)
             flying_tasks = eqx.tree_at(lambda t: t.active, tasks, as_array(active | has_left))
             holds = self.assign_holds(plan.paths, flying_tasks, time, end_time, former)

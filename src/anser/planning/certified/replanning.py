@@ -44,6 +44,8 @@ _SAME_POSITION_M = 1e-6
 SIGNIFICANT_DEVIATIONS = 3.0
 """Shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan. A smaller shift may
 well be reversed by the next measurements."""
+_INHERITED_SHARE = 0.98
+"""Least part of a clearance ratio from an exit path, below 1, that one correction of the other path must leave."""
 CORRECTION_FRACTIONS = (1.0, 0.75, 0.5, 0.25)
 """Fractions of a correction that are tried if the whole correction is infeasible and no new plan is found."""
 DELAY_FRACTIONS = (0.0, 0.03, 0.08, 0.15)
@@ -232,10 +234,12 @@ class PlanInFlight(eqx.Module):
     def accepts(self, plan: CertifiedPlan) -> Flag:
         """Whether a certified plan satisfies every constraint of the aircraft under way.
 
-        Conflicts with exit paths that the plan in force already has do not count: no plan resolved them at the event.
+        Conflicts with exit paths that the plan in force already has do not count where they hardly grow: no plan
+        resolved them at the event.
         """
-        is_inherited = self.has_left[None, :] & (self.plan.certificate.clearance_ratio < 1.0)
-        ratios = jnp.where(is_inherited, jnp.inf, plan.certificate.clearance_ratio)
+        ratios, given = plan.certificate.clearance_ratio, self.plan.certificate.clearance_ratio
+        is_inherited = self.has_left[None, :] & (given < 1.0) & (ratios >= _INHERITED_SHARE * given)
+        ratios = jnp.where(is_inherited, jnp.inf, ratios)
         certificate = dataclasses.replace(plan.certificate, clearance_ratio=ratios)
         return jnp.all((plan.valid & certificate.satisfied) | ~self.under_way)
 
