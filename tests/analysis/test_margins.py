@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 import control
-from anser.analysis.loop_margins import FREQUENCY_MIN, _structured_gain, frequencies, largest_pole, margins_of
+from anser.analysis.loop_margins import (
+    FREQUENCY_MIN,
+    LoopAnalysis,
+    _structured_gain,
+    frequencies,
+    largest_pole,
+    margins_of,
+)
+from anser.analysis.margins import _margin_variables
+from anser.cli.margins import _gain
 
 STEP = 0.01
 OMEGA = frequencies(STEP)
@@ -114,6 +123,24 @@ def test_a_static_response_has_no_search_bound(K):
     result = margins(lambda s: K / (s + 1))
     assert float(result.gain_up) == float(result.gain_up_searched) == np.inf
     assert float(result.gain_down) == float(result.gain_down_searched) == 0.0
+
+
+def test_a_gain_margin_is_at_most_the_searched_change_of_gain():
+    """L(0) = -0.76: a pole passes 0 at a gain of 1 / 0.76 (2.4 dB); the boundary of the frequencies is at 83.5 dB."""
+    result = margins(lambda s: -0.76 / (1 + s / 0.01) / (1 + s) ** 4)
+    assert 20 * np.log10(float(result.gain_up)) == pytest.approx(83.5, abs=0.1)
+    analysis = LoopAnalysis(
+        A=jnp.full((1, 1, 1), 0.5),
+        limited=jnp.zeros((1, 5), dtype=bool),
+        margins=jax.tree.map(lambda values: values[None, None], result),
+        actuators_disk=jnp.ones(1),
+    )
+    variables = _margin_variables(analysis, STEP, np.array([True]))
+    assert variables["gain_margin_db"][0].item() == pytest.approx(-20 * np.log10(0.76), abs=0.1)
+    assert variables["short"][0].item()
+    up, searched = (variables[name][0].item() for name in ("gain_up_db", "gain_up_searched_db"))
+    assert _gain(up, searched, 1.0) == "none to 2.4"
+    assert _gain(2.0, searched, 1.0) == 2.0
 
 
 def test_each_margin_is_the_least_of_several_crossovers():

@@ -346,6 +346,33 @@ def test_a_flight_without_experiment_gets_a_caution():
     assert not any(note.startswith("Caution") for note in estimated().notes)
 
 
+def test_surfaces_that_jump_between_samples_get_a_caution():
+    """A log of servo commands: the deflections of a doublet without the lag of the actuator."""
+    record = clean_record("doublet")
+    start, moved = record["elevator"][0], record["elevator"] - record["elevator"][0]
+    commands = record.with_channels(elevator=start + np.round(moved / np.radians(1.0)) * np.radians(1.0))
+    for recording, is_jumping in ((record, False), (commands, True)):
+        notes = anser.identify(recording, "short-period", aircraft=f16(), align=False).notes
+        assert any("elevator: a change between neighbouring samples" in note for note in notes) == is_jumping
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("record_period_s", "is_cautioned"), [(0.01, False), (0.02, True)])
+def test_surfaces_without_lag_are_held_over_the_step_before_the_sample(record_period_s, is_cautioned):
+    """Straight lines between the samples made the pitch damping greater by 4 % at 0.01 s, and by 8 % at 0.02 s."""
+    trim = f16().trim(speed_m_s=150.0, altitude_m=1000.0)
+    controls = {"elevator": anser.three_two_one_one(0.7, width_s=0.5)}
+    options = {"duration_s": 10.0, "step_s": 0.01, "record_period_s": record_period_s}
+    result = anser.identify(
+        anser.simulate(f16(), trim, controls, actuator_lag=False, **options), "short-period", aircraft=f16()
+    )
+    assert any("Caution: elevator: a change" in note for note in result.notes) == is_cautioned
+    if not is_cautioned:
+        truth = linear_parameters(150.0, 1000.0)
+        assert result["M_q"] == pytest.approx(truth["M_q"], rel=0.01)
+        assert result["M_elevator"] == pytest.approx(truth["M_elevator"], rel=0.015)
+
+
 def test_a_window_and_a_run_with_several_aircraft():
     fleet = flight("multisine").dataset.expand_dims(aircraft=["a", "b"]).transpose("time", "aircraft")
     whole = anser.identify(flight("multisine"))

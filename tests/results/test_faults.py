@@ -17,6 +17,7 @@ SURFACES = ("left_elevon", "right_elevon", "rudder")
     ("code", "size", "text"),
     [
         (1, 0.052, "centre of gravity, 5.2 % of the mean chord, aft, found at 4.0 s"),
+        (1, -0.052, "centre of gravity, 5.2 % of the mean chord, forward, found at 4.0 s"),
         (2, 0.9, "ice, drag up by 18 %, lift down by 9 %, found at 4.0 s"),
         (3, 0.204, "engine, 20.4 % of the thrust lost, found at 4.0 s"),
         (5, 0.487, "right elevon, 48.7 % of the effectiveness lost, found at 4.0 s"),
@@ -26,7 +27,7 @@ def test_a_fault_has_name_time_and_size_in_words(code, size, text):
     """The codes are those of the variable `fault`: 4 + k is surface k; the size is the last estimate."""
     codes, sizes = np.where(TIME < 4.0, 0, code), np.where(TIME < 4.0, 0.0, np.where(TIME < 9.0, 0.3, size))
     fault = find_fault(TIME, codes, sizes, SURFACES)
-    assert (fault.time_s, fault.size) == (4.0, size)
+    assert (fault.time_s, fault.size) == (4.0, abs(size))
     assert format_fault(fault.as_dict()) == text
 
 

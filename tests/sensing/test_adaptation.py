@@ -163,6 +163,13 @@ def test_faults_of_the_aircraft_are_named_with_their_size(change, code, size):
 
 
 @pytest.mark.long
+def test_in_straight_flight_a_shift_forward_is_not_taken_for_the_elevator():
+    """Shift and half an elevator ask for the same moment there: neither explains clearly more than the other."""
+    flight = fly({"time_s": 4.0, "cg_shift": -0.05}, manoeuvre_s=40.0, duration_s=40.0)
+    assert not np.any(flight["fault"])
+
+
+@pytest.mark.long
 def test_with_the_true_model_nothing_is_learnt_and_nothing_changes():
     adaptive = fly()
     nominal = fly(controller="incremental")

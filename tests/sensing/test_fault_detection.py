@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.sensing.fault_detection import FAULT_SIZES, NO_FAULT, fault_detection
+from anser.sensing.fault_detection import CENTRE_OF_GRAVITY, FAULT_SIZES, NO_FAULT, fault_detection
 
 STEP_S, SAMPLES, SURFACES = 0.02, 1000, 3
 FAULT_COUNT = 3 + SURFACES
@@ -40,6 +40,14 @@ def test_a_fault_is_named_with_its_size(fault):
     assert int(state.code) == fault + 1
     unit = [*FAULT_SIZES[:-1], *[FAULT_SIZES[-1]] * SURFACES][fault]
     np.testing.assert_allclose(float(state.size), unit, rtol=0.1)
+
+
+def test_of_the_faults_the_centre_of_gravity_alone_has_both_signs():
+    state = detect(-np.eye(FAULT_COUNT)[CENTRE_OF_GRAVITY - 1], noise=1.0)
+    assert int(state.code) == CENTRE_OF_GRAVITY
+    np.testing.assert_allclose(float(state.size), -FAULT_SIZES[0], rtol=0.1)
+    for fault in range(CENTRE_OF_GRAVITY, FAULT_COUNT):
+        assert int(detect(-np.eye(FAULT_COUNT)[fault], noise=1.0).code) != fault + 1
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, 3.0])

@@ -44,11 +44,13 @@ def test_a_second_order_system_has_its_known_overshoot(damping):
     assert float(metrics.overshoot[0]) == pytest.approx(np.exp(-np.pi * damping / np.sqrt(1 - damping**2)), abs=1e-4)
 
 
-def test_an_unreached_step_has_infinite_rise_time():
-    metrics = metrics_of(_channels(0.5 * (1 - np.exp(-TIME))), jnp.array([1.0, 0.0, 0.0]))
+@pytest.mark.parametrize("share", [0.5, 0.05])
+def test_an_unreached_step_has_infinite_rise_time(share):
+    """Half of the step, or not even the 10 percent at which the rise begins."""
+    metrics = metrics_of(_channels(share * (1 - np.exp(-TIME))), jnp.array([1.0, 0.0, 0.0]))
     assert float(metrics.rise_time[0]) == np.inf
     assert float(metrics.settling_time[0]) == np.inf
-    assert float(metrics.final_error[0]) == pytest.approx(0.5, abs=1e-6)
+    assert float(metrics.final_error[0]) == pytest.approx(1.0 - share, abs=1e-6)
     np.testing.assert_array_equal(metrics.rise_time[1:], [0.0, 0.0])
 
 

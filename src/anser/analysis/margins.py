@@ -104,13 +104,15 @@ def _margin_variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarr
     with np.errstate(divide="ignore"):
         up, up_searched = (20 * np.log10(margins[name]) for name in ("gain_up", "gain_up_searched"))
         down, down_searched = (-20 * np.log10(margins[name]) for name in ("gain_down", "gain_down_searched"))
-    gain, phase = np.minimum(up, down), margins["phase"] * RAD_DEG
+    # beyond the searched change of gain, another boundary could lie below the searched frequencies
+    gain = np.min([up, up_searched, down, down_searched], axis=0)
+    phase = margins["phase"] * RAD_DEG
     numbers = {
         "gain_up_db": (up, "dB", "Factor by which the gain can rise"),
         "gain_down_db": (down, "dB", "Factor by which the gain can fall"),
         "gain_up_searched_db": (up_searched, "dB", "Rise of the gain up to which a boundary was searched"),
         "gain_down_searched_db": (down_searched, "dB", "Fall of the gain down to which a boundary was searched"),
-        "gain_margin_db": (gain, "dB", "Gain margin, the lesser of both ways"),
+        "gain_margin_db": (gain, "dB", "Gain margin, the lesser of both ways, within the searched changes"),
         "phase_margin_deg": (phase, "degree", "Phase margin, either way"),
         "delay_margin_ms": (margins["delay"] * 1000.0, "ms", "Delay margin"),
         "disk_margin": (margins["disk"], "1", "Radius of the symmetric disk margin"),

@@ -196,7 +196,7 @@ def _disk(radius: float) -> tuple[float, float]:
 
 
 def _gain(margin_db: float, searched_db: float, sign: float) -> str | float:
-    """Return the gain margin in one direction, dB; without a stability boundary, the searched range as text."""
-    if math.isfinite(margin_db) or not math.isfinite(searched_db):
+    """Return the gain margin in one direction, dB; without a boundary in the searched range, that range as text."""
+    if margin_db <= searched_db:
         return sign * margin_db
     return f"none to {sign * searched_db:.1f}"

@@ -15,8 +15,9 @@ from anser.identification.estimates import Estimate
 from anser.identification.filter_error import estimate_filter_error
 from anser.identification.fits import Fit
 from anser.identification.frequency_regression import regress_spectra
-from anser.identification.models import MODELS, Equation, ModelData, Series, arrange_linear
+from anser.identification.models import MODELS, SURFACE_MIN, Equation, ModelData, Series, arrange_linear
 from anser.identification.output_error import estimate_output_error
+from anser.identification.records import FlightRecord
 from anser.identification.regression import regress
 from anser.identification.smoothing import smooth
 
@@ -26,6 +27,9 @@ _PROCESS_NOISE = 1e-6
 """Start value of the spectral density of the noise in the rates of a linear model."""
 _PASSES = 2
 """Number of times that the linear model of the instruments is estimated: the second time by instruments."""
+_JUMP_SHARE = 0.5
+"""Greatest change of a surface between neighbouring samples without a caution, part of its range. Actuators with a
+time constant of 0.05 s move by 0.33 of a step within 0.02 s."""
 _BAND_HZ = 1.5
 """Highest frequency of regressions, Hz, and lowest in periods per record: rigid-body motion of an aircraft."""
 
@@ -101,6 +105,8 @@ def _solve(
             time_s,
             harmonics / duration,
             differentiate=equation.is_rate,
+            held=[name for name in held_surfaces(data.record) if name in regressors],
+            hold="preceding",
             noise=noise,
             instruments=instruments,
         )
@@ -109,6 +115,48 @@ def _solve(
         values = smoothed.rate[0] if equation.is_rate else smoothed.values[0]
         solution = regress(dict(zip(regressors, smoothed.values[1:], strict=True)), values, time_s)
     return _with_constant(equation, solution)
+
+
+def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
+    """Return the surfaces whose recorded deflection was held over the step before the sample.
+
+    These are the surfaces of a flight of the package without lag of the actuators, recorded at every step.
+    """
+    if not _is_without_lag(record) or not np.isclose(record.attributes["step_s"], record.step_s, rtol=1e-6):
+        return ()
+    return record.surfaces
+
+
+def jump_cautions(record: FlightRecord, method: str) -> list[str]:
+    """Return a caution for surfaces that move in jumps, where the estimator takes straight lines between samples."""
+    held = held_surfaces(record)
+    if held and method == "frequency":
+        return []
+    jumping = [name for name in record.surfaces if name in record and _jumps(record[name])]
+    if jumping:
+        subject = f"{', '.join(jumping)}: a change between neighbouring samples is more than half the range"
+    elif _is_without_lag(record):
+        subject = "the surfaces moved without lag, in jumps at every step of the flight"
+    else:
+        return []
+    remedy = "deflections measured behind the actuators, and more samples per second"
+    if _is_without_lag(record):
+        remedy = 'a flight with lag, or the method "frequency" and record_period_s = step_s'
+    return [
+        f"Caution: {subject}. The deflection between samples is taken as a straight line; damping and control "
+        f"derivatives can be off by much more than their intervals. Remedy: {remedy}."
+    ]
+
+
+def _is_without_lag(record: FlightRecord) -> bool:
+    return record.attributes.get("actuator_lag") == "no"
+
+
+def _jumps(deflection: Series) -> bool:
+    """Whether a moved surface changes between two neighbouring samples by more than `_JUMP_SHARE` of its range."""
+    if np.std(deflection) < SURFACE_MIN:
+        return False
+    return float(np.max(np.abs(np.diff(deflection)))) > _JUMP_SHARE * float(np.ptp(deflection))
 
 
 def _with_constant(equation: Equation, solution: Estimate) -> Estimate:

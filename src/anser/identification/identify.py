@@ -21,7 +21,7 @@ from anser.identification.aircraft_file import aircraft_file_text, slug
 from anser.identification.alignment import align_record
 from anser.identification.coefficients import airframe_derivatives
 from anser.identification.estimates import COLLINEARITY_NOTABLE, Estimate, parameter_variables, table_entries
-from anser.identification.estimation import METHODS, estimate, fit_model
+from anser.identification.estimation import METHODS, estimate, fit_model, jump_cautions
 from anser.identification.fits import Fit, PrintedTable
 from anser.identification.models import LATERAL, LONGITUDINAL, MODELS, ModelData, arrange
 from anser.identification.records import FlightRecord, flight_record, read_columns
@@ -93,6 +93,7 @@ class Identification(PrintedTable):
             if estimate.condition_number > COLLINEARITY_NOTABLE
         ]
         estimator_notes = [note for estimate in self.estimates for note in estimate.notes]
+        cautions += jump_cautions(self.record, self.method)
         return (*self.record.notes, *self.data.notes, *estimator_notes, *cautions)
 
     @property

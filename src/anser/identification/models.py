@@ -35,7 +35,7 @@ _EXCITATION_MIN = 0.5
 The noise within the band of the motion is a fifth of that, while a regressor with an effect must not be left out."""
 _MOTION_MIN = {"alpha": 2e-3, "beta": 2e-3, "p": 2e-4, "q": 2e-5, "r": 1e-4}
 """Ten times the least standard deviation of a regressor without noise: rad; rates non-dimensional, or in rad/s."""
-_SURFACE_MIN = 5e-4
+SURFACE_MIN = 5e-4
 """Least standard deviation of a surface that was moved, rad."""
 _EFFECT_MIN = 0.05
 """Least moment of a surface about an axis, relative to the surface's greatest moment coefficient."""
@@ -213,7 +213,7 @@ def _varies(values: Series, least: float) -> bool:
 
 
 def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:
-    moved = tuple(name for name in record.surfaces if name in record and _varies(record[name], _SURFACE_MIN))
+    moved = tuple(name for name in record.surfaces if name in record and _varies(record[name], SURFACE_MIN))
     if not moved:
         present = [name for name in record.surfaces if name in record]
         arrived = f"{', '.join(present)} that do not move" if present else f"none of {', '.join(record.surfaces)}"

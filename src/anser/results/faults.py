@@ -13,7 +13,6 @@ from anser.variables import surface_label
 
 _NAMES = {CENTRE_OF_GRAVITY: "centre of gravity", ICE: "ice", ENGINE: "engine"}
 _UNITS = {
-    CENTRE_OF_GRAVITY: "of the mean chord, aft",
     ICE: f"of ice that adds {100 * ICE_DRAG:g} % drag and takes {100 * ICE_LIFT:g} % lift",
     ENGINE: "of the thrust lost",
 }
@@ -26,7 +25,7 @@ class Fault:
 
     name: str  #: Name of the fault: "centre of gravity", "ice", "engine", or the control surface.
     time_s: float  #: Time at which the fault was confirmed, s.
-    size: float  #: Estimated size at the end of the record, a fraction.
+    size: float  #: Estimated size at the end of the record, a fraction, not negative.
     unit: str  #: Quantity of which the size is a fraction.
 
     def as_dict(self) -> dict[str, Any]:
@@ -55,7 +54,11 @@ def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surface
         return None
     code, size = int(codes[np.searchsorted(time_s, found_s)]), float(sizes[codes != NO_FAULT][-1])
     name = _NAMES[code] if code in _NAMES else surface_label(surfaces[code - SURFACE])
-    return Fault(name, round(found_s, 6), size, _UNITS.get(code, _SURFACE_UNIT))
+    if code == CENTRE_OF_GRAVITY:
+        unit = f"of the mean chord, {'forward' if size < 0.0 else 'aft'}"
+    else:
+        unit = _UNITS.get(code, _SURFACE_UNIT)
+    return Fault(name, round(found_s, 6), abs(size), unit)
 
 
 def dataset_fault(dataset: xr.Dataset) -> Fault | None:

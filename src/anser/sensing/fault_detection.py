@@ -21,7 +21,8 @@ NO_FAULT, CENTRE_OF_GRAVITY, ICE, ENGINE, SURFACE = range(5)
 """Codes of faults; `SURFACE` + k is surface k of the airframe."""
 FAULT_SIZES = (0.05, 1.0, 0.2, 0.5)
 """Size of a fault of 1: shift of the centre of gravity aft, part of the mean chord; ice, see `ICE_DRAG`; loss of
-thrust; loss of effectiveness of a surface."""
+thrust; loss of effectiveness of a surface. A shift of the centre of gravity forward is negative; the other faults have
+no negative size."""
 ICE_DRAG, ICE_LIFT = 0.2, 0.1
 """Rise of the drag and loss of the lift slope by ice of size 1."""
 
@@ -34,7 +35,7 @@ class FaultDetection(eqx.Module):
     window, mean_time
         Time constants of the window and of the slow mean values, s.
     size_min
-        Least size of a reported fault, part of `FAULT_SIZES`.
+        Least size of a reported fault without its sign, part of `FAULT_SIZES`.
     ratio_min
         Least likelihood ratio of each hypothesis: the energy that it explains, in units of the noise times seconds,
         (fault,). The loops answer sensor noise by small deflections, which correlate with the missing coefficients.
@@ -98,12 +99,14 @@ class FaultDetection(eqx.Module):
         information = memory * state.information + step * jnp.sum(weighted**2, axis=1)
         correlation = memory * state.correlation + step * jnp.sum(weighted * normal[None, :], axis=1)
         energy = memory * state.energy + step * jnp.sum(normal**2)
-        size = jnp.maximum(correlation, 0.0) / jnp.maximum(information, jnp.finfo(energy.dtype).tiny)
+        size = correlation / jnp.maximum(information, jnp.finfo(energy.dtype).tiny)
+        is_of_both_signs = np.arange(size.shape[0]) == CENTRE_OF_GRAVITY - 1
+        size = jnp.where(is_of_both_signs, size, jnp.maximum(size, 0.0))
         explained = size * correlation
         best = jnp.argmax(explained)
         next_best = jnp.max(jnp.where(jnp.arange(explained.shape[0]) == best, 0.0, explained))
         is_found = (
-            (size[best] > self.size_min)
+            (jnp.abs(size[best]) > self.size_min)
             & (explained[best] > self.ratio_min[best])
             & (explained[best] > self.share_min * energy)
             & (explained[best] > self.lead_min * next_best)

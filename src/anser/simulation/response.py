@@ -204,9 +204,10 @@ def step_metrics(
     def only_stepped(metric: Vector3) -> Vector3:
         return jnp.where(stepped, metric, 0.0)
 
+    rise_start, rise_end = (_crossing_time(time, progress, level) for level in (_RISE_FROM, _RISE_TO))
     return StepMetrics(
         stepped=stepped,
-        rise_time=only_stepped(_crossing_time(time, progress, _RISE_TO) - _crossing_time(time, progress, _RISE_FROM)),
+        rise_time=only_stepped(jnp.where(jnp.isinf(rise_end), jnp.inf, rise_end - rise_start)),
         settling_time=only_stepped(jnp.where(outside[-1], jnp.inf, jnp.maximum(settled - time[0], 0.0))),
         overshoot=only_stepped(jnp.maximum(jnp.max(progress, axis=0) - 1.0, 0.0)),
         final_error=only_stepped(1.0 - jnp.sum(jnp.where(tail[:, None], progress, 0.0), axis=0) / jnp.sum(tail)),
