@@ -166,7 +166,7 @@ def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Seq
         if taker is None:
             return pairs
         rows = fleet.aircraft_with_goal(fleet.goals[taker])
-        for excluded in (*((row, slice(None)) for row in rows), np.ix_(rows, asks_for_spare)):
+        for excluded in (*((row, slice(None)) for row in rows), np.ix_(np.array(rows), asks_for_spare)):
             without = table.copy()
             without[excluded] = _INFEASIBLE_M
             add(without)

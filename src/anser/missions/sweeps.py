@@ -135,7 +135,8 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
     for values_by_path in itertools.product(*swept.values()):
         combination = dict(zip(swept, values_by_path, strict=True))
         try:
-            variant = scenario.replace(*itertools.chain(*combination.items()))
+            changes: list[Any] = list(itertools.chain(*combination.items()))
+            variant = scenario.replace(*changes)
         except ScenarioError as error:
             problems.append((combination, error.problems))
             continue
