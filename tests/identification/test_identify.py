@@ -146,6 +146,8 @@ def test_what_the_record_does_not_tell_is_taken_from_the_aircraft_and_said():
     assumed = next(line for line in text.splitlines() if line.startswith("assumed"))
     assert "Cn_beta" in assumed
     assert "Cm_alpha" not in assumed
+    # the engine of the F-16 is not described by a file
+    assert "thrust by a straight line from idle to full power" in assumed
 
 
 @pytest.mark.long
@@ -163,6 +165,7 @@ def test_an_aircraft_by_a_file_keeps_its_engine_and_actuators(tmp_path):
     for name, value in {"CL_alpha": 5.61, "Cm_alpha": -2.74, "Cm_q": -38.21, "Cl_p": -0.51, "CY_beta": -0.98}.items():
         assert result[name] == pytest.approx(value, rel=0.03), name
     (tmp_path / "estimated.toml").write_text(result.aircraft_file())
+    assert "straight line" not in result.aircraft_file()
     again = anser.aircraft(tmp_path / "estimated.toml")
     assert type(again.airframe.engine) is type(model.airframe.engine)
     assert again.trim(speed_m_s=30.0, altitude_m=300.0).diagnosis is None

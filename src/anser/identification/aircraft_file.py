@@ -25,6 +25,8 @@ from anser.units import RAD_DEG
 
 _ALTITUDES_M, _MACHS = np.linspace(0.0, 15_000.0, 6), np.linspace(0.0, 1.0, 6)
 """Axes of the thrust table of an engine that is not described by a file."""
+_JET_ASSUMED = "power in proportion to the throttle, thrust by a straight line from idle to full power, and one lag"
+"""What is assumed of an engine that is not described by a file."""
 _ACTUATOR_KEYS = (
     *("name", "limit_deg", "lower_deg", "upper_deg", "rate_limit_deg_s"),
     *("lag_s", "frequency_rad_s", "damping"),
@@ -52,8 +54,8 @@ def aircraft_file_text(
         Record of the estimate, from which the range of validity follows.
     airframe, file
         Aircraft of which mass properties, lengths, actuators and engine are taken, and its file; None: there is no
-        file. An engine that is not in the file is described by a table of thrust over altitude and Mach number; an
-        aircraft without an engine gets none.
+        file. An engine that is not in the file is described by tables of idle and full thrust over altitude and Mach
+        number, with the assumptions of `_JET_ASSUMED`, which the file names; an aircraft without an engine gets none.
     estimated, assumed
         Derivatives named as in `CL_alpha`, `CL0`: the estimates, and values of the aircraft, which are used for
         derivatives without an estimate.
@@ -73,12 +75,16 @@ def aircraft_file_text(
     actuators = [{key: s[key] for key in _ACTUATOR_KEYS if key in s} for s in given.get("surface", ())]
     if not actuators:
         actuators = [_actuator(airframe, k) for k in range(len(airframe.actuators.names))]
+    has_jet_table = "engine" not in given and not isinstance(airframe.engine, NoEngine)
+    assumed_parts = ["mass, geometry, actuators and engine"]
+    assumed_parts += [f"of the aircraft: {filled}"] if filled else []
+    assumed_parts += [_JET_ASSUMED] if has_jet_table else []
     tables: dict[str, Any] = {
         "format": 1,
         "name": name,
         "description": "Aircraft estimated from a flight",
         "source": source,
-        "assumed": f"mass, geometry, actuators and engine{f'; of the aircraft: {filled}' if filled else ''}",
+        "assumed": "; ".join(assumed_parts),
         "mass": given.get("mass") or _mass(airframe),
         "geometry": {
             "span_m": float(lengths.span),
@@ -94,7 +100,7 @@ def aircraft_file_text(
     }
     if "engine" in given:
         tables["engine"] = given["engine"]
-    elif not isinstance(airframe.engine, NoEngine):
+    elif has_jet_table:
         tables["engine"] = {"jet": _jet(airframe)}
     return _toml(tables)
 

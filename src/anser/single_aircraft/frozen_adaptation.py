@@ -99,6 +99,7 @@ def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Datas
     nominal, identity = resolve_airframe(dataset.attrs["aircraft"], variant, x_cg_over_c)
     increments, reference = jnp.asarray(row[_INCREMENTS].values), jnp.asarray(row[_REFERENCE].values)
     model = corrected_airframe(nominal, reference_lengths(nominal), reference, increments)
+    # the times were compared with the duration when the aircraft flew
     changes = read_changes(nominal, json.loads(dataset.attrs.get("change", "[]")), np.inf)
     aircraft = nominal if changes is None else changed_airframe(nominal, changes.at(float(row.time)))
     step_s, start = float(dataset.attrs["step_s"]), (float(first["airspeed_m_s"]), float(first["altitude_m"]))
