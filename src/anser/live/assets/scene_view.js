@@ -48,7 +48,7 @@ function runOf(fleet, page, events) {
   });
   const form = ({ kind, speed_m_s: speed = 0 } = {}) => (kind === "surface" ? (speed > 1 ? "ship" : "buoy") : kind === "airborne" ? (speed > 30 ? "flying" : "drifting") : "goal");
   const aircraft = answer.aircraft.map((one, index) => ({
-    name: one.name, goal: one.goal, index, form: form(goals.get(one.goal)), arrival_s: one.arrival_s ?? null, planned_arrival_s: one.arrival_s ?? null, before: null, get color() { return Theme.ink(page.hueOf(one.name)); },
+    name: one.name, goal: one.goal, index, form: form(goals.get(one.goal)), arrival_s: one.arrival_s ?? null, planned_arrival_s: one.arrival_s ?? null, goals: [[one.goal, 0]], get color() { return Theme.ink(page.hueOf(one.name)); },
   }));
   const keepOuts = page.keepOuts().map(({ table, from }) => ({ bottom_m: 0, top_m: 15240, speed_m_s: 0, course_deg: 0, from_s: from, ...table }));
   const variables = Object.fromEntries(names.map((name) => [name, { unit: "m" }]));
