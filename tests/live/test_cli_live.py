@@ -36,10 +36,11 @@ def test_wrong_input_is_refused_before_anything_is_served(anser, tmp_path):
     assert code == 2
     assert "no file of this name" in err
     broken = tmp_path / "broken.toml"
-    broken.write_text("format = 2\n")
-    code, _, err = anser("live", broken, "--no-open")
-    assert code == 2
-    assert "problems" in err
+    for text in ("format = 2\n", "format = 2\nwind = 5\n"):
+        broken.write_text(text)
+        code, _, err = anser("live", broken, "--no-open")
+        assert code == 2
+        assert "problems" in err
 
 
 def test_parts_attached_as_objects_are_refused():
