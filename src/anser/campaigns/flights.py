@@ -69,7 +69,7 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
 
 
 def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
-    """Tell bounds of varied values with which the scenario is not valid: flights near them do not start."""
+    """Return a sentence for each bound of a varied value that makes the scenario invalid, all else as it is there."""
     cautions = []
     for k, dispersion in enumerate(study.vary):
         for key in ("low", "high"):
@@ -80,7 +80,8 @@ def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
             try:
                 dispersed_scenario(scenario, scenario.seed, applied, 0)
             except ScenarioError as error:
-                cautions.append(f"vary[{k}].{key} = {format_number(bound)}: {error.problems[0]}; such flights fail")
+                place = f"vary[{k}].{key} = {format_number(bound)}"
+                cautions.append(f"{place}: {error.problems[0]}; such flights fail where all else is as in the scenario")
     return cautions
 
 

@@ -252,7 +252,7 @@ def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
     """
     responses, time_s = tuple(equation.response for equation in data.equations), data.record.time_s
     if not data.equations[0].is_rate:
-        measured = np.stack([equation.values + equation.known for equation in data.equations], axis=1)
+        measured = np.stack([equation.values + equation.assumed_part for equation in data.equations], axis=1)
         fitted = np.stack([_coefficient(equation, parameters) for equation in data.equations], axis=1)
         return Fit(responses=responses, measured=measured, fitted=fitted, sample_points=time_s)
     linear = _linear_series(data)

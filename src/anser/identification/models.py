@@ -58,9 +58,9 @@ class Equation(NamedTuple):
     noise: dict[str, float]  # standard deviations of the white noise of the regressors
     is_rate: bool  # whether the equation is for the time derivative of the response
     # Arguments of a coefficient that are no regressors; a constant where they vary no more than their noise. `values`
-    # is the coefficient less the part of these arguments by the derivatives of the aircraft, `known`.
+    # is the coefficient less the part of these arguments by the derivatives of the aircraft, `assumed_part`.
     other_arguments: Mapping[str, Series | float] = MappingProxyType({})
-    known: Series | float = 0.0
+    assumed_part: Series | float = 0.0
 
 
 class ModelData(NamedTuple):
@@ -143,9 +143,9 @@ def _derivatives(
         # The effects of other arguments are those of the aircraft, with their part of the coefficient's constant.
         others: dict[str, Series | float] = {name: float(np.mean(series[name])) for name in idle}
         others |= still | {name: series[name] for name in moved if name not in surfaces}
-        known = sum(own.get(f"{coefficient}_{name}", 0.0) * x for name, x in others.items())
-        values = history.coefficients[coefficient] - known
-        equations.append(Equation(coefficient, coefficient, values, regressors, levels, False, others, known))
+        assumed_part = sum(own.get(f"{coefficient}_{name}", 0.0) * x for name, x in others.items())
+        values = history.coefficients[coefficient] - assumed_part
+        equations.append(Equation(coefficient, coefficient, values, regressors, levels, False, others, assumed_part))
     if not equations:
         raise ValueError("record: arrived without excitation of flow angles and rates; expected a manoeuvre")
     return ModelData(record, tuple(equations), airframe, bool(gusts), tuple(notes))

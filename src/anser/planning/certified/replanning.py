@@ -237,8 +237,8 @@ class PlanInFlight(eqx.Module):
         Conflicts with exit paths that the plan in force already has do not count where they hardly grow: no plan
         resolved them at the event.
         """
-        ratios, given = plan.certificate.clearance_ratio, self.plan.certificate.clearance_ratio
-        is_inherited = self.has_left[None, :] & (given < 1.0) & (ratios >= _INHERITED_SHARE * given)
+        ratios, in_force = plan.certificate.clearance_ratio, self.plan.certificate.clearance_ratio
+        is_inherited = self.has_left[None, :] & (in_force < 1.0) & (ratios >= _INHERITED_SHARE * in_force)
         ratios = jnp.where(is_inherited, jnp.inf, ratios)
         certificate = dataclasses.replace(plan.certificate, clearance_ratio=ratios)
         return jnp.all((plan.valid & certificate.satisfied) | ~self.under_way)
