@@ -1,4 +1,4 @@
-"""Monte Carlo campaigns and rare events: study files, stores, estimates and reports."""
+"""Monte Carlo campaigns and rare-event analyses: study files, stored results, estimates and reports."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Campaigns for users: fly a study, resume a campaign, and read the results."""
+"""Fly the campaign of a study file, resume an interrupted campaign, and read its results."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -31,9 +31,9 @@ from anser.scenario.schema import Scenario
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign in a folder, complete or partial."""
+    """The flights of a study file, with results stored in a folder; complete, or with flights still to be flown."""
 
-    store: CampaignStore  #: Store of the campaign.
+    store: CampaignStore  #: Stored study, base scenario, sampled values and results.
 
     @property
     def folder(self) -> Path:
@@ -47,33 +47,38 @@ class Campaign:
 
     @property
     def series(self) -> xr.Dataset:
-        """Time series selected by the study's table [keep]; dimensions flight, aircraft and time.
+        """Time series that the study's table [keep] selects; dimensions flight (completed flights), aircraft and time.
 
-        Contains the completed flights. Raises StoreError if no series are selected.
+        Raises StoreError if the study selects no time series, or a file is damaged.
         """
         return self.store.series()
 
     def estimates(self) -> CampaignEstimates:
-        """Success probability, quantiles and failure causes, with confidence intervals."""
+        """Estimate success probability and quantiles, with confidence intervals, and count the causes of failures."""
         return estimate_campaign(self.dataset, self.store.flights, self.store.study)
 
     def influences(self) -> Influences:
-        """Sensitivity of outputs to inputs: Sobol indices with Saltelli sampling, otherwise rank correlations."""
+        """Compute the sensitivity of each output to each varied parameter.
+
+        The measures are Sobol indices with Saltelli sampling, otherwise Spearman's rank correlations.
+        """
         return influences(self.dataset, self.store.study, self.store.varied)
 
     def report(
         self, worst: int = WORST_FLIGHTS, background: int = BACKGROUND_FLIGHTS, progress: Progress | None = None
     ) -> tuple[Path, ...]:
-        """Write `report.html` and the tables into the folder and return their paths.
+        """Write `report.html`, figures and tables into the folder, replacing former files, and return their paths.
 
-        Arguments and errors are those of `anser.campaigns.campaign_report.write_campaign`.
+        The `worst` flights and `background` evenly spaced flights are flown again and drawn on the map; with `worst` =
+        0 the report has no map. `progress` is called with a message and the completed fraction, 0..1. Raises StoreError
+        if no flight is complete.
         """
         return write_campaign(self.store, worst, background, progress)
 
     def flight(self, number: int) -> Scenario:
-        """Return the scenario of flight `number`, for `anser.run`.
+        """Return the scenario of flight `number` (from 0) with its sampled values and seed, for `anser.run`.
 
-        Raises ValueError if out of range, ScenarioError if the sampled values are not a valid scenario.
+        Raises ValueError if `number` is out of range, ScenarioError if the sampled values make an invalid scenario.
         """
         return flight_scenario(self.store, number)
 
@@ -92,8 +97,9 @@ def campaign(
 ) -> Campaign:
     """Fly a study: one scenario many times, with dispersed parameters.
 
-    Each flight is a validated scenario with its own seed and values; a rejected or failed flight becomes a row with the
-    reason. In a script with several processes, call this function below ``if __name__ == "__main__":``.
+    Each flight is a validated scenario with its own seed and values. A flight whose scenario is invalid or that cannot
+    start is stored as failed, with the reason. In a script with several processes, call this function below
+    ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -116,8 +122,12 @@ def campaign(
     progress
         Called with a message and the completed fraction of the flights, 0..1.
     **user_parts
-        Names of user-defined parts, which the processes import: `controller="my_package:MyController"`, and likewise
-        `guidance`, `sensors`, `estimator`, `planner`; as the table `[parts]` of the scenario.
+        User-defined parts in place of the scenario's, by their import names: `controller="my_package:MyController"`;
+        further keys are `guidance`, `sensors`, `estimator` and `planner`. They extend the scenario's table `[parts]`.
+
+    Returns
+    -------
+    The campaign: every flight is complete, unless the study's stopping rule was satisfied earlier.
 
     Raises
     ------
@@ -144,7 +154,7 @@ def campaign(
 
 
 def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
-    """Open the campaign of a folder, complete or partial.
+    """Open the campaign in a folder, even if flights are still to be flown.
 
     Raises StoreError if the folder has no campaign, or a file is damaged.
     """
@@ -160,7 +170,7 @@ def open_campaign_store(
     user_parts: Mapping[str, str] | None = None,
     outputs: Sequence[Mapping[str, Any]] = (),
 ) -> CampaignStore:
-    """Create a new store, or with `resume` open the store to continue; raises the errors of `campaign`."""
+    """Create the store of a new campaign or, with `resume`, open an existing store. Errors are those of `campaign`."""
     requested, scenario, table_columns = load_study(study)
     if user_parts:
         scenario = scenario.replace("parts", {**dict(scenario.parts or {}), **user_parts})

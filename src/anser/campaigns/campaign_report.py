@@ -34,14 +34,18 @@ BAND_QUANTILES = (0.05, 0.5, 0.95)
 _TIMES_MAX = 400
 _AIRCRAFT_MAX = 6
 _VALUES_MAX = 1 << 26
-"""Maximum number of values of a variable in memory; of larger campaigns, evenly spaced flights are used."""
+"""Maximum number of values of one time series in memory; larger campaigns are represented by evenly spaced flights."""
 
 
 def series_bands(
     store: CampaignStore,
     flights: np.ndarray,  # numbers of the completed flights to include
 ) -> tuple[SeriesBands, ...]:
-    """Compute quantiles over the flights of the stored time series; empty without series or completed flights."""
+    """Compute the 5, 50 and 95 % quantiles over the flights for each stored time series of a quantity.
+
+    Codes and flags are omitted. At most 400 times and the first 6 aircraft are included. The result is empty if the
+    study stores no time series or `flights` is empty.
+    """
     if store.series_selection is None or not flights.size:
         return ()
     data, bands_by_variable = store.series(), []
@@ -69,7 +73,7 @@ def quantiles_over(
     # results may exceed 180
     circular: bool,
 ) -> np.ndarray:
-    """Compute `BAND_QUANTILES` over the flights, shape (quantiles, aircraft, times); NaN if every value is missing."""
+    """Compute `BAND_QUANTILES` over the flights; shape (quantiles, aircraft, times), NaN if every value is missing."""
     quantiles = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
     has_value = ~np.isnan(values).all(axis=0)
     selected = values[:, has_value].astype(float)
@@ -84,13 +88,13 @@ def quantiles_over(
 
 REPORT = "report.html"
 WORST_FLIGHTS, BACKGROUND_FLIGHTS = 5, 20
-"""Default numbers of replayed flights on the map: worst flights, and evenly spaced background flights."""
+"""Default numbers of flights that are flown again for the map: worst flights, and evenly spaced background flights."""
 _KEYS = ("east", "north")
 _TRACKS = [catalogue_variable(key).name for key in _KEYS]
 _RECORDS = 2000
-"""Maximum number of stored time steps of a replayed flight on the map."""
+"""Maximum number of points of a flight's track on the map."""
 _LISTED = 5
-"""Minimum number of worst flights in the list."""
+"""Minimum number of worst flights that the report lists."""
 
 
 def write_campaign(
@@ -99,7 +103,9 @@ def write_campaign(
     background: int = BACKGROUND_FLIGHTS,  # number of evenly spaced flights to replay as background of the map
     progress: Progress | None = None,  # called with a message and the completed fraction, 0..1
 ) -> tuple[Path, ...]:
-    """Write the report of a complete or partial campaign, with figures and tables, replacing former files.
+    """Write a campaign's report, figures and tables into its folder, replacing former files.
+
+    The report covers the completed flights; the campaign need not be complete.
 
     Returns the paths of the written files: `report.html`, for two or more flights `campaign.svg` and `campaign.png`,
     and with pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`. Raises StoreError
@@ -150,7 +156,7 @@ def write_campaign(
 
 
 def _spaced_indices(size: int, count_max: int) -> np.ndarray:
-    """Return evenly spaced indices of an array, at most `count_max`."""
+    """Return at most `count_max` evenly spaced indices of an array of `size` elements, first and last included."""
     return np.unique(np.linspace(0, size - 1, min(size, count_max)).round().astype(int))
 
 
@@ -160,9 +166,11 @@ def _replay(
     replay_worst: dict[int, bool],  # by number of the flight, whether it is one of the worst (otherwise background)
     report: Progress,
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
-    """Replay flights for the map; return their tracks, and the numbers of the flights whose results changed.
+    """Fly flights of the campaign again, for their tracks on the map.
 
-    Archived flights are read from file; the remaining flights fly in one batch.
+    Archived flights are read from file; the remaining flights fly in one batch. Returns the tracks, and the numbers of
+    the flights whose scenario is no longer valid or whose results differ from the stored results. Raises StoreError if
+    an archived flight is damaged.
     """
     tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}
@@ -208,7 +216,7 @@ def _sparse(records: int) -> slice:
 
 
 def _tracks(flight_row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
-    """Return the positions of a flight that flew in a batch, in the layout of `flight.nc`."""
+    """Return the recorded north and east positions of a flight, with the dimensions and names of `flight.nc`."""
     coordinates = record_coordinates(series.times_s(scenario), [aircraft.name for aircraft in scenario.aircraft])
     values = {catalogue_variable(key).name: (("time", "aircraft"), flight_row.series[key].T) for key in _KEYS}
     return xr.Dataset(values, coordinates)

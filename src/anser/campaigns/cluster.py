@@ -1,4 +1,7 @@
-"""Flying the chunks of a campaign on a cluster (dask.distributed): submission, supervision, and error handling."""
+"""Flights of a campaign on a cluster (dask.distributed): submission of chunks, supervision, and error handling.
+
+A chunk is a number of consecutive flights that one worker flies and stores together.
+"""
 
 import contextlib
 import importlib
@@ -15,15 +18,15 @@ from anser.results.documents import install_hint
 _CONNECT = "10s"
 """Timeout of the first connection to the scheduler."""
 _SUPERVISION_PERIOD_S = 5.0
-"""Time between two checks of the cluster's workers, s."""
+"""Time between two checks that the cluster has workers, s."""
 _WAIT_S = 0.05
-"""Period of polling for finished chunks."""
+"""Period of polling for finished chunks, s."""
 _ANSWER_S = 30.0
-"""Timeout of later scheduler requests: a busy scheduler may answer late."""
+"""Timeout of requests to the scheduler after the connection, s; long, since a busy scheduler may answer late."""
 _WITHOUT_WORKERS_S = 120.0
-"""Maximum time without workers: killed workers may be restarted."""
+"""Maximum time without workers, s; killed workers may be restarted within this time."""
 _RETRIES = 2
-"""Number of resubmissions of a chunk that dask gave up, that is, after four deaths of workers."""
+"""Number of resubmissions of a chunk; dask gives up each submission after four deaths of workers."""
 _CONSECUTIVE_FAILURES = 3
 """Number of chunks abandoned in a row after which no further chunk is submitted."""
 
@@ -38,9 +41,10 @@ def fly_on_cluster(
 ) -> Generator[int, None, None]:
     """Fly chunks of a campaign on the workers of a cluster; yield the number of each completed chunk.
 
-    A chunk that repeatedly kills workers is abandoned while the remaining chunks continue. Raises StoreError if the
-    cluster is unreachable or lacks anser, the scheduler died or does not answer, there are no workers for two minutes,
-    or a chunk was abandoned. Completed chunks remain complete.
+    A chunk that kills workers in three submissions is abandoned while the remaining chunks continue; after three chunks
+    abandoned in a row the flights end. Raises StoreError if the package `distributed` is missing, the cluster is
+    unreachable or lacks anser, the scheduler died or does not answer, the cluster has no workers for two minutes, or a
+    chunk was abandoned. An error of a flight itself is raised unchanged. Completed chunks remain complete.
     """
     with _client(address) as (client, distributed):
         watch = _Supervision(client, address)
@@ -72,7 +76,7 @@ def fly_on_cluster(
 
 
 class _Supervision:
-    """Supervision of a cluster: detects lost connections and missing workers, and limits the submitted chunks."""
+    """Supervision of a cluster: lost connections, missing workers, and the number of chunks submitted at a time."""
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
@@ -81,9 +85,9 @@ class _Supervision:
         self._poll_workers()
 
     def _poll_workers(self) -> None:
-        """Ask the scheduler for its workers.
+        """Update the number of chunks submitted at a time (`at_a_time`): two per thread of the cluster's workers.
 
-        Raises StoreError without an answer, or if the cluster has had no workers for two minutes.
+        Raises StoreError if the scheduler does not answer, or the cluster has had no workers for two minutes.
         """
         try:
             threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_ANSWER_S)
@@ -98,9 +102,10 @@ class _Supervision:
             raise self.lost(f"a scheduler without workers for {_WITHOUT_WORKERS_S:.0f} s")
 
     def ended(self, waiting: Collection[Any]) -> list[Any]:
-        """Return the finished submissions (dask futures) among `waiting`, after at most one supervision period.
+        """Wait for submissions (dask futures) to finish or fail, at most 5 s; return them, or an empty list.
 
-        Raises StoreError if the connection is broken, or as `_poll_workers`.
+        Raises StoreError if the connection is broken, the scheduler does not answer, or the cluster has no workers for
+        two minutes.
         """
         deadline, futures = time.monotonic() + _SUPERVISION_PERIOD_S, list[Any]()
         while time.monotonic() < deadline:
@@ -116,13 +121,13 @@ class _Supervision:
         return futures
 
     def lost(self, arrived: str) -> StoreError:
-        """Return the error that reports a lost cluster; `arrived` describes what happened."""
+        """Return the error for a lost cluster; `arrived` describes the failure."""
         expected = "expected one that lasts as long as the campaign; resume flies what is missing"
         return StoreError(f"cluster {self._address}: arrived {arrived}; {expected}")
 
 
 def _explain_import_error(error: BaseException, address: str) -> BaseException:
-    """Return a clear StoreError if the worker or scheduler lacks anser; otherwise the error itself."""
+    """Return a StoreError that says so if a worker or the scheduler lacks anser; otherwise return `error` unchanged."""
     # an import error of the scheduler is the cause of another error
     import_error = error if isinstance(error, ImportError) else error.__cause__
     if not isinstance(import_error, ImportError):
@@ -140,7 +145,10 @@ def _abandoned_error(address: str, chunks: list[int]) -> StoreError:
 
 @contextlib.contextmanager
 def _client(address: str) -> Iterator[tuple[Any, Any]]:
-    """Connect to a cluster in the `with` block; yield the client and the module `distributed`."""
+    """Connect to a cluster for the `with` block; yield the client and the module `distributed`.
+
+    Raises StoreError if `distributed` is not installed, or no scheduler answers at the address.
+    """
     try:
         distributed = importlib.import_module("distributed")
     except ImportError:

@@ -1,4 +1,4 @@
-"""Comparison of two campaigns with paired seeds, flight by flight."""
+"""Comparison of two campaigns, flight by flight: flight k of both has the same seed."""
 
 import os
 from dataclasses import dataclass
@@ -29,18 +29,18 @@ class Difference:
     name: str  # name of the quantity
     words: str  # description of the quantity
     unit: str  # unit of the quantity
-    # number of flights by outcome; alike includes pairs without a value in both campaigns
+    # numbers of pairs in which the second flight is better, both are equal (or both fail), and the first is better
     second_better: int
     alike: int
     first_better: int
-    # fraction of the flights in which the second is better, and the bounds of its Wilson interval
+    # fraction of the pairs in which the second flight is better, and the bounds of its Wilson interval
     share: float
     low: float
     high: float
-    # quantiles of the differences, each as (share, value, low, high) with the bounds of its confidence interval; None
-    # if unknown
+    # quantiles of the differences, each as (fraction of the pairs at or below the value, value, and lower and upper
+    # bound of its confidence interval); None if not finite
     quantiles: tuple[tuple[float, float | None, float | None, float | None], ...]
-    greater_is_better: bool = False  # otherwise smaller
+    greater_is_better: bool = False  # whether greater values of the quantity are better; otherwise smaller values are
 
     def as_dict(self) -> dict[str, Any]:
         """Return the difference as plain data for JSON."""
@@ -60,9 +60,9 @@ class CampaignComparison:
     first_only: int  #: Number of pairs in which only the first flight met every requirement.
     second_only: int  #: Number of pairs in which only the second flight met every requirement.
     neither: int  #: Number of pairs in which no flight met every requirement.
-    p_value: float  #: McNemar's exact test on the pairs with one success: probability of such a difference by chance.
-    differences: tuple[Difference, ...]  #: Differences of miss, spread and the outputs that both studies define.
-    #: Number of pairs whose sampled values differ, by key path; every pair for a path varied in one campaign only.
+    p_value: float  #: p-value of McNemar's exact test (two-sided) of equal success probabilities.
+    differences: tuple[Difference, ...]  #: Differences of miss distance, arrival spread and common outputs.
+    #: Number of pairs whose values of a varied parameter differ, by key path; all pairs if varied in one campaign only.
     applied: dict[str, int]
     #: Differences of the base scenarios: key path, first value, second value.
     scenario: tuple[tuple[str, Any, Any], ...]
@@ -87,9 +87,10 @@ def compare_campaigns(
 ) -> CampaignComparison:
     """Compare two campaigns, or their folders, flight by flight: flight k has the same seed in both.
 
-    Random effects are then identical, so the difference of a pair is due to the changed settings. A missing miss
-    distance counts as infinite; pairs with two missing values are alike. Raises StoreError if a folder has no campaign,
-    ValueError if the flights are not paired, or no flight was completed in both campaigns.
+    Random effects are then identical, so the difference of a pair is due to the changed settings. Confidence level and
+    quantiles are those of the first study. A failed flight without an arrival counts as infinitely bad in every
+    quantity; two such flights are equal. Raises StoreError if a folder has no campaign, ValueError if the numbers of
+    flights or the seeds differ, or no flight was completed in both campaigns.
     """
     store_1, store_2 = (_store(source) for source in (first, second))
     _refuse_unpaired(store_1, store_2)
@@ -140,7 +141,10 @@ def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
 
 
 def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> xr.Dataset:
-    """Return the results of the paired flights, dimensions campaign and flight, for the given flight numbers."""
+    """Return success, miss distance, arrival spread and common outputs of the flights `numbers` of both campaigns.
+
+    The dimensions are campaign and flight; each value is that of the worst aircraft, infinite for a missing arrival.
+    """
     datasets = [data.dataset().sel(flight=numbers) for data in (store_1, store_2)]
     is_met = np.stack([data["met"].values for data in datasets])
     dimensions = ("campaign", "flight")
@@ -157,7 +161,7 @@ def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) 
 
 
 def _difference(quantity: xr.DataArray, shares: list[float], confidence: float) -> Difference:
-    """Return the difference of one quantity; its dimensions are campaign (first and second) and flight."""
+    """Compare the paired values of one quantity; `quantity` has the dimensions campaign (first, second) and flight."""
     values_1, values_2 = quantity.values
     greater_is_better = bool(quantity.attrs.get("greater_is_better", False))
     alike = values_1 == values_2  # including two infinite values
@@ -177,7 +181,7 @@ def _difference(quantity: xr.DataArray, shares: list[float], confidence: float) 
 
 
 def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:
-    """Return the number of pairs whose sampled values differ, by key path; paths with equal values are omitted."""
+    """Return the number of pairs whose values of a varied parameter differ, by key path; zeros are left out."""
     values = [store.applied(slice(None))[1] for store in (store_1, store_2)]
     counts = {}
     for path in dict.fromkeys([*values[0], *values[1]]):

@@ -1,4 +1,4 @@
-"""Distributions of dispersed parameters: transformation of uniform numbers to values."""
+"""Distributions of dispersed parameters: keys of a table [[vary]], and values from cumulative probabilities."""
 
 from typing import Annotated, Literal
 
@@ -66,7 +66,7 @@ class Dispersion(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of missing, superfluous and inconsistent keys."""
+        """Return the problems of keys that the distribution lacks or does not have, and of inconsistent values."""
         required = _KEYS[self.distribution]
         superfluous = {key for keys in _KEYS.values() for key in keys} - {*required}
         if self.distribution != "choice":
@@ -111,9 +111,10 @@ class Dispersion(Table):
         return problems
 
     def quantile(self, shares: np.ndarray) -> np.ndarray:
-        """Return the values at the given cumulative probabilities (between 0 and 1, exclusive); shape as `shares`.
+        """Return the parameter's values at cumulative probabilities `shares` (0 to 1, exclusive); shape of `shares`.
 
-        For a the listed values share the interval from 0 to 1 in their order, by weight.
+        For the distribution "choice", the listed values divide the interval from 0 to 1 in their order, in proportion
+        to their weights.
         """
         low, mode, high, mean, sigma = (getattr(self, key) for key in ("low", "mode", "high", "mean", "sigma"))
         match self.distribution:
@@ -134,11 +135,11 @@ class Dispersion(Table):
 
     @property
     def is_number(self) -> bool:
-        """Whether the values are numbers."""
+        """Whether the values are numbers, not texts or truth values."""
         return self.values is None or _kind(self.values[0]) == "numbers"
 
     def _scaled_bounds(self) -> tuple[float, float]:
-        """Return the bounds of a truncated normal distribution, less the mean, in standard deviations."""
+        """Return `low` and `high` of a truncated normal distribution, less the mean, in standard deviations."""
         low, high, mean, sigma = (getattr(self, key) for key in ("low", "high", "mean", "sigma"))
         return (low - mean) / sigma, (high - mean) / sigma
 

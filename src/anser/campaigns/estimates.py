@@ -1,6 +1,6 @@
 """Estimates from a campaign: success probability, quantiles and failure causes, with confidence intervals.
 
-A flight succeeds if every aircraft arrives and every requirement is met.
+A flight succeeds ("met") if every aircraft arrives and every requirement of the scenario is met.
 """
 
 from collections import Counter
@@ -22,14 +22,14 @@ _UPPER = {
     "arrival_spread_s": ("arrival spread", "s"),
     "arrival_s": ("last arrival", "s"),
 }
-"""Quantities for which smaller is better, with description and unit; the greatest of the fleet counts."""
+"""Quantities for which smaller is better, with description and unit; the fleet's greatest value counts."""
 _LOWER = {
     "separation_min_m": ("least separation", "m"),
     "separation_ratio_min": ("least part of the separation asked for", "1"),
     "clearance_min_m": ("least distance to a goal", "m"),
     "keep_out_room_min_m": ("least distance outside the keep-outs", "m"),
 }
-"""Quantities for which greater is better, with description and unit; the least of the fleet counts."""
+"""Quantities for which greater is better, with description and unit; the fleet's least value counts."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class QuantileEstimate:
     name: str  # name of the quantity, such as "miss_m"
     words: str  # description of the quantity
     unit: str  # unit of the quantity
-    share: float  # fraction of the flights below the value, or above the value if `upper` is False
-    upper: bool  # whether the quantile is an upper bound
-    value: float | None  # the quantile; None if unknown because of too many failed or too few flights
-    # bounds of the confidence interval, two of the sorted values; None as for `value`
+    share: float  # fraction of the flights at or below the value, or at or above the value if `upper` is False
+    upper: bool  # whether the value is an upper bound for the fraction of the flights; otherwise a lower bound
+    value: float | None  # the quantile, in `unit`; None if infinite: too many flights without an arrival
+    # bounds of the confidence interval, two of the sorted values; None if infinite: too few flights or arrivals
     low: float | None
     high: float | None
 
@@ -53,17 +53,17 @@ class CampaignEstimates:
 
     flights: int  #: Number of planned flights.
     flown: int  #: Number of completed flights, including flights that could not start.
-    met: int  #: Number of flights with every requirement met.
+    met: int  #: Number of successful flights.
     confidence: float  #: Confidence level of the intervals.
-    #: Number of independent completed flights: all, except in the blocks of a Saltelli sampling. Probability and
-    #: quantiles use only independent flights; otherwise the intervals would be too narrow.
+    #: Number of completed flights that are statistically independent: all, or with Saltelli sampling two per block.
+    #: Probability and quantiles use only these flights; otherwise the intervals would be too narrow.
     independent: int
-    probability: float | None  #: Probability that every requirement is met; None before the first flight.
+    probability: float | None  #: Success probability of a flight; None before the first flight.
     low: float  #: Lower bound of the Wilson interval of the probability.
     high: float  #: Upper bound of the Wilson interval of the probability.
-    causes: dict[str, int]  #: Number of flights by failure cause, most frequent first.
-    quantiles: tuple[QuantileEstimate, ...]  #: Quantiles of each quantity.
-    worst: tuple[int, ...]  #: Numbers of at most ten flights: failed flights first, then by greatest miss.
+    causes: dict[str, int]  #: Number of failed flights by cause, most frequent first.
+    quantiles: tuple[QuantileEstimate, ...]  #: Quantiles of each quantity at the study's fractions.
+    worst: tuple[int, ...]  #: Numbers of the ten worst flights: failed flights first, then by miss distance.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimates as plain data for JSON."""
@@ -74,9 +74,9 @@ _WORST = 10
 
 
 def estimate_campaign(data: xr.Dataset, flights: int, study: Study) -> CampaignEstimates:
-    """Compute the estimates of a campaign with `flights` planned flights from its dataset of completed flights.
+    """Compute success probability, quantiles and failure causes from the dataset of a campaign's completed flights.
 
-    Failed flights count as failures in every estimate; they are never left out as missing.
+    `flights` is the number of planned flights. A flight without an arrival counts as infinitely bad in every quantile.
     """
     flown, met_count, settings = data.sizes["flight"], int(data["met"].sum()), study.answers
     independent = data.isel(flight=np.flatnonzero(is_independent(study, data["flight"].values)))
@@ -112,7 +112,11 @@ def estimate_campaign(data: xr.Dataset, flights: int, study: Study) -> CampaignE
 def _quantile_estimate(
     name: str, description: str, unit: str, values: np.ndarray, share: float, upper: bool, confidence: float
 ) -> QuantileEstimate:
-    """Estimate one quantile of the worst values of each flight, infinite for a failure."""
+    """Estimate one quantile, at the fraction `share`, of `values` with shape (flights,), with its confidence interval.
+
+    A flight without an arrival has the value infinity, or minus infinity if `upper` is False. For a lower bound
+    (`upper` False), `share` of the flights have values at or above the quantile.
+    """
     sign = 1.0 if upper else -1.0
     low, high = order_statistic_interval(sign * values, share, confidence)
     value = sign * quantile(sign * values, share)
@@ -121,10 +125,10 @@ def _quantile_estimate(
 
 
 def _causes(data: xr.Dataset) -> dict[str, int]:
-    """Count the failed flights by cause, most frequent first.
+    """Return the number of failed flights by cause, most frequent first.
 
-    The cause is the reason of a failed start, otherwise each status of a failed aircraft and each unmet
-    requirement; a flight may have several causes.
+    The causes of a flight are the reason for a failed start; otherwise each status of a failed aircraft and each unmet
+    requirement.
     """
     counts: Counter[str] = Counter()
     for k in np.flatnonzero(~data["met"].values):
@@ -136,7 +140,7 @@ def _causes(data: xr.Dataset) -> dict[str, int]:
 
 
 def worst_flights(data: xr.Dataset, count: int) -> tuple[int, ...]:
-    """Return the numbers of the worst flights, at most `count`: failed flights first, then by greatest miss."""
+    """Return the numbers of the `count` worst flights: failed flights first, then by the fleet's greatest miss."""
     misses = worst_of_fleet(data, "miss_m")
     order = np.lexsort((-misses, data["met"].values))
     return tuple(int(data["flight"].values[k]) for k in order[:count])

@@ -1,4 +1,7 @@
-"""Flights of a campaign: scenarios from the sampled values, checks before the first flight, and the missing chunks."""
+"""Flights of a campaign: scenarios with the sampled values, checks before the first flight, and flights in chunks.
+
+A chunk is a number of consecutive flights that one process flies and stores together.
+"""
 
 import contextlib
 import itertools
@@ -35,22 +38,24 @@ from anser.scenario.schema import Scenario
 from anser.variables import DERIVED_KEYS, OPTIONAL_KEYS, all_surface_names, catalogue
 
 _CHUNK_WITHOUT_BATCH = 4
-"""Flights per chunk if each is flown individually."""
+"""Number of flights per chunk for scenarios whose flights cannot be computed as a batch."""
 _BUILT_FLIGHTS = 8
-"""Number of flights built before flying; a varied path without effect in every one of them is rejected."""
+"""Number of flights built before flying; a varied key path that has no effect in any of them is refused."""
 VALIDATED_FLIGHTS = 64
 """Number of scenarios validated before flying; the study is rejected if every one of them is invalid."""
 
 
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample a study and apply the samples; see `apply_samples`."""
+    """Sample a study and return the values to write into each flight's scenario, by key path; see `apply_samples`."""
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
 def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the values to write into each flight's scenario, by key path: samples set, added to or multiplied.
+    """Combine samples with the scenario's values: replace, add or multiply, as each table [[vary]] says in `how`.
 
-    Raises ScenarioError if a path does not exist, or is not a number although the operation is add or multiply.
+    Returns the values to write into the flights' scenarios, by key path, shape (flights,); columns of a table replace.
+    Raises ScenarioError if a path does not exist, or if `how` is add or multiply and the scenario's value is not a
+    number.
     """
     operations, applied = {dispersion.path: dispersion.how for dispersion in study.vary}, {}
     for path, values in sampled.items():
@@ -69,7 +74,10 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
 
 
 def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
-    """Return a sentence for each bound of a varied value that makes the scenario invalid, all else as it is there."""
+    """Return a caution for each bound (`low`, `high`) of a varied parameter that makes the scenario invalid.
+
+    Each bound is tried alone, with the scenario's values for all other parameters.
+    """
     cautions = []
     for k, dispersion in enumerate(study.vary):
         for key in ("low", "high"):
@@ -86,7 +94,10 @@ def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
 
 
 def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:
-    """Check a study and create the campaign's store in an existing folder; raises ScenarioError and StoreError."""
+    """Check a study and create the campaign's store in an existing folder.
+
+    Raises ScenarioError if the flights cannot be flown as requested, StoreError if the disk space is insufficient.
+    """
     applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
     refuse_early(study, scenario, applied, seeds.size)
@@ -114,10 +125,10 @@ def fly_campaign(
     # folder
     cluster: str | None = None,
 ) -> None:
-    """Fly the missing or damaged flights of a campaign until all are complete or the stopping rule is satisfied.
+    """Fly the missing flights of a campaign until all are complete or the study's stopping rule is satisfied.
 
-    Raises StoreError if a process was killed, the cluster is unreachable or lost, or another process flies the
-    campaign. Completed chunks remain complete.
+    Damaged results are removed and flown again. Raises StoreError if a process was killed, the cluster is unreachable
+    or lost, or another process flies the campaign. Completed chunks remain complete.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(store.locked())
@@ -152,16 +163,16 @@ def fly_campaign(
 
 
 def campaign_process_limit(store: CampaignStore) -> ProcessLimit:
-    """Return how many processes may fly a campaign, limited by cores and free memory; see `process_limit`."""
+    """Return how many processes may fly a campaign at a time, limited by cores and free memory; see `process_limit`."""
     # flights flown individually take as much memory as a batch of one
     batch = 1 if needs_single_flight(store.scenario) else store.chunk
     return process_limit(store.scenario, batch, store.series_selection)
 
 
 def flight_scenario(store: CampaignStore, number: int) -> Scenario:
-    """Return the scenario of flight `number`.
+    """Return the scenario of flight `number` (from 0) of a campaign, with its sampled values and seed.
 
-    Raises ValueError if out of range, ScenarioError if the sampled values are not a valid scenario.
+    Raises ValueError if `number` is out of range, ScenarioError if the sampled values make an invalid scenario.
     """
     if not 0 <= number < store.flights:
         raise ValueError(f"flight: arrived {number}; expected one from 0 to {store.flights - 1}")
@@ -170,7 +181,11 @@ def flight_scenario(store: CampaignStore, number: int) -> Scenario:
 
 
 def fly_chunk(folder: Path, chunk: int) -> int:
-    """Fly a chunk of a campaign and write the results, unless already complete; return the chunk's number."""
+    """Fly a chunk of the campaign in `folder` and store the results; return the chunk's number.
+
+    A chunk that is already complete is not flown again. Flights with an invalid scenario are stored as failed starts.
+    Raises StoreError if software versions differ from the store's.
+    """
     store = CampaignStore.open(folder, verify_chunks=False)
     store.refuse_other_versions()
     if store.chunk_is_complete[chunk]:  # a cluster may submit it again when the worker dies
@@ -201,9 +216,9 @@ def fly_chunk(folder: Path, chunk: int) -> int:
 
 
 def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarray], number: int) -> Scenario:
-    """Return a scenario with a seed and the values of flight `number`; raises ScenarioError if it is invalid.
+    """Return the scenario `base` with a seed and the values of flight `number` in place of its own.
 
-    `applied` has an array over the flights for each key path.
+    `applied` has an array over the flights for each key path. Raises ScenarioError if the scenario is invalid.
     """
     changes = {"seed": seed, **{path: values[number].item() for path, values in applied.items()}}
     return base.replace(*itertools.chain.from_iterable(changes.items()))
@@ -212,8 +227,9 @@ def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarr
 def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
     """Raise ScenarioError before flying if the flights of a study cannot be flown as requested.
 
-    That is, in its precision; if all of the first flights (at most 64) have invalid scenarios; or if a varied path
-    changes nothing in any of the first flights.
+    The errors are: the precision does not suit the scenario; all of the first flights (at most 64) have invalid
+    scenarios; or a varied key path changes nothing in any of the first eight valid flights. `count` is the number of
+    flights.
     """
     check_precision(scenario, study.precision, study.name)
     cases = list(itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS))
@@ -228,7 +244,7 @@ def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray
 def _valid_cases(
     scenario: Scenario, applied: dict[str, np.ndarray], count: int
 ) -> Iterator[tuple[Scenario, dict[str, Any]]]:
-    """Yield the valid scenarios among the first flights, each with the values applied to it by key path."""
+    """Yield the valid scenarios among the first flights (at most 64), each with its applied values by key path."""
     for k in range(min(count, VALIDATED_FLIGHTS) if applied else 1):
         with contextlib.suppress(ScenarioError):
             dispersed = dispersed_scenario(scenario, 0, applied, k)
@@ -236,10 +252,10 @@ def _valid_cases(
 
 
 def refuse_outputs(study: Study, scenarios: list[Scenario]) -> None:
-    """Raise ScenarioError if the flights of some of a study's scenarios cannot have the outputs that it defines.
+    """Raise ScenarioError if the flights cannot have the outputs that the study defines in tables [[output]].
 
-    That is, if an expression names an unknown variable, or one that no flight has; if an aircraft is unknown; or if a
-    reduction needs a single aircraft.
+    The errors are: an expression names an unknown variable, or a variable that no flight of `scenarios` records; an
+    aircraft is unknown; or a reduction other than greatest and least names no aircraft of a fleet.
     """
     if not study.output:
         return

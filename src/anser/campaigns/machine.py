@@ -9,12 +9,12 @@ _KIB = 1024
 
 
 def available_memory(
-    root: Path = _ROOT,  # root of the kernel's files, for tests
+    root: Path = _ROOT,  # folder with the kernel's folders `proc` and `sys`; tests use another
 ) -> int | None:
     """Return the free memory for programs, bytes; None if the system does not report any.
 
-    On Linux the kernel's available memory, or less if a control group (of a container or batch job) sets a lower limit;
-    on other Unix systems half of the installed memory; on Windows None.
+    On Linux: the kernel's available memory, or less if a control group (of a container or batch job) sets a lower
+    limit. On other Unix systems: half of the installed memory. On Windows: None.
     """
     limits = [size for size in (_kernel_available(root), *_group_limits(root)) if size is not None]
     if limits:
@@ -35,7 +35,7 @@ def _kernel_available(root: Path) -> int | None:
 def _group_limits(root: Path) -> Iterator[int | None]:
     """Yield the memory left in each of the process's control groups, bytes, from the innermost outwards.
 
-    Both versions 1 and 2 of control groups are read.
+    Versions 1 and 2 of control groups are read; None for a group without a limit.
     """
     for line in _lines(root / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -53,7 +53,7 @@ def _group_limits(root: Path) -> Iterator[int | None]:
 
 
 def _remaining_memory(group: Path, limit: str, usage: str) -> int | None:
-    """Return the memory left in a control group, bytes; cached files count as free."""
+    """Return the memory left in a control group, bytes; inactive cached files count as free. None without a limit."""
     limit_bytes, used_bytes = _number(group / limit), _number(group / usage)
     if limit_bytes is None or used_bytes is None:
         return None
@@ -63,7 +63,7 @@ def _remaining_memory(group: Path, limit: str, usage: str) -> int | None:
 
 
 def _number(file: Path) -> int | None:
-    """Return the number in a file; None for a missing file or the word "max"."""
+    """Return the whole number in a file; None for a missing file or another text, such as "max"."""
     lines = _lines(file)
     return int(lines[0]) if lines and lines[0].isdecimal() else None
 

@@ -1,4 +1,4 @@
-"""Worker processes for flights: how many (by cores and memory), their start, and parallel evaluation of tasks."""
+"""Worker processes for flights: their number (by cores and memory), start, progress reports, and parallel tasks."""
 
 import concurrent.futures
 import contextlib
@@ -26,16 +26,16 @@ from anser.simulation.flight import SEGMENT_STEPS
 Result = TypeVar("Result")
 
 _PROCESS_BYTES = 1_350_000_000
-"""Memory of one flying process, bytes: libraries and the peak of compilation. Measured: docs/how-to/many-flights.md."""
+"""Memory of one process that flies, bytes: libraries and the peak of compilation (docs/how-to/many-flights.md)."""
 _AIRCRAFT_BYTES = 500_000
 """Memory per aircraft in a batch, bytes: tables, state, plans, and recordings of one segment."""
 _COPIES = 3
-"""Number of copies of a batch's time series in memory: as recorded, as arrays per flight, and as written."""
+"""Number of copies of a batch's time series in memory: as recorded, as arrays per flight, and as written to file."""
 _MB = 1e6
 
 
 class ProcessLimit(NamedTuple):
-    """Number of processes that the machine allows for flying."""
+    """Greatest number of processes that should fly on this machine at a time, with the reason."""
 
     processes: int  # number of processes, at least one
     message: str  # explanation if memory limits the number; otherwise empty
@@ -46,7 +46,10 @@ def process_limit(
     batch: int,  # flights per compiled call
     series: SeriesSelection | None = None,  # variables stored over time; None if none are stored
 ) -> ProcessLimit:
-    """Return how many processes may fly: one per core, fewer if the free memory is too small; at least one."""
+    """Return how many processes may fly at a time: one per core, fewer if the free memory is too small; at least one.
+
+    If the system does not report its free memory, the cores alone count.
+    """
     cores, free_bytes = usable_cores(), available_memory()
     if free_bytes is None:
         return ProcessLimit(cores, "")
@@ -62,7 +65,10 @@ def process_limit(
 
 
 def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection | None = None) -> int:
-    """Return the flights per compiled call: `batch_max`, or fewer to fit the memory of a process; at least one."""
+    """Return the number of flights per compiled call: `batch_max`, or fewer to fit the free memory; at least one.
+
+    `series` are the variables stored over time (None if none are stored).
+    """
     free_bytes = available_memory()
     if free_bytes is None:
         return batch_max
@@ -70,7 +76,7 @@ def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection |
 
 
 def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
-    """Return the memory per flight of a batch, bytes."""
+    """Return the memory that one flight of a batch takes, bytes, with its stored time series if any."""
     aircraft = len(scenario.aircraft)
     numbers = 0
     if series is not None:
@@ -81,10 +87,10 @@ def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
 
 def choose_processes(
     processes: int | None,  # requested number; None for the limit
-    limit: Callable[[], ProcessLimit],  # function that computes the machine's limit
+    limit: Callable[[], ProcessLimit],  # computes the machine's limit; called only if `processes` is None
     progress: Progress,  # gets a message if the memory limits the number
 ) -> int:
-    """Return the requested number of processes, or if None the machine's limit."""
+    """Return the requested number of processes, or the machine's limit if `processes` is None."""
     if processes is not None:
         return processes
     chosen = limit()
@@ -95,7 +101,10 @@ def choose_processes(
 
 @contextlib.contextmanager
 def worker_processes(processes: int) -> Iterator[Executor | None]:
-    """Yield an executor with worker processes; None if `processes` is 1 and this process does the work itself."""
+    """Yield an executor with worker processes; None if `processes` is 1 or less and this process flies itself.
+
+    If the `with` block raises, unfinished tasks are cancelled and the workers are terminated.
+    """
     if processes <= 1:
         enable_compilation_cache()
         yield None
@@ -119,7 +128,7 @@ def worker_processes(processes: int) -> Iterator[Executor | None]:
 
 @contextlib.contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Let worker processes started in the `with` block ignore Ctrl-C; the main process terminates them."""
+    """Start worker processes in the `with` block that ignore Ctrl-C; the main process terminates the workers."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -132,21 +141,24 @@ def _block_interrupts() -> Iterator[None]:
 
 
 class WorkerReport(NamedTuple):
-    """Progress of a process: completed share of its task, 0..1, and the program that it waits for, if any."""
+    """Progress of a process: completed share of its task, 0..1, and the compilation in progress (None without)."""
 
     share: float
     compiling: str | None
 
 
 _reports: list[Any] = []
-"""Queue of the worker processes' reports: pairs of process number and report."""
+"""Queue from the worker processes, if any: pairs of process id and `WorkerReport`."""
 _share = [0.0]
 _observers: list[Callable[[], None]] = []
 _REPORT_PERIOD_S = 2.0
 
 
 def report_share(_message: str, share: float | None) -> None:
-    """Record the completed share of this process's task; a `Progress` callback."""
+    """Store the completed share (0..1) of this process's task, for the progress reports of the process.
+
+    The function is a `Progress` callback; the message is ignored, and a share of None counts as 0.
+    """
     _share[0] = share or 0.0
     for notify in _observers:
         notify()
@@ -159,7 +171,7 @@ def _send_reports(reports: Any) -> None:
 
 
 def _initialize_worker(reports: Any) -> None:
-    """Initialize a worker process; the main process handles Ctrl-C."""
+    """Initialize a worker process: progress reports every two seconds, Ctrl-C ignored, one thread for XLA."""
     threading.Thread(target=_send_reports, args=(reports,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # XLA's threads: one process per core suffices, and further threads would compete for the cores
@@ -171,14 +183,16 @@ def fly_concurrently(
     executor: Executor | None,  # worker processes; None evaluates in this process
     fly: Callable[..., Result],  # function of a task, importable by the workers
     tasks: Sequence[tuple[Any, ...]],  # arguments of `fly`, one tuple per task
-    concurrency: int,  # number of tasks submitted at a time
+    concurrency: int,  # number of tasks submitted to the executor at a time
     folder: Path,  # folder of the store, for messages
-    # called at least every two seconds with the last report of each process, by its number
+    # called at least every two seconds with the last report of each process, by process id; without an executor with
+    # the key 0, whenever the task reports progress
     on_reports: Callable[[Mapping[int, WorkerReport]], None] = lambda reports: None,
 ) -> Generator[tuple[int, Result], None, None]:
     """Evaluate `fly(*task)` for each task; yield each task's index and result, in order of completion.
 
-    Raises StoreError if a worker was killed.
+    Without an executor the tasks are evaluated one after the other in this process. Raises StoreError if a worker
+    process was killed.
     """
     if executor is None:
         _observers[:] = [lambda: on_reports({0: WorkerReport(_share[0], None)})]

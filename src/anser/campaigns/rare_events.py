@@ -1,4 +1,4 @@
-"""Rare-event analysis for users: fly a study by subset simulation, and read the results."""
+"""Estimate the probability of a rare event in a study's flights by subset simulation, and read the results."""
 
 import os
 from dataclasses import dataclass
@@ -22,24 +22,28 @@ from anser.results.flight_rows import AIRCRAFT_QUANTITIES, FLEET_QUANTITIES
 
 _WORST = 10
 _THRESHOLDS = 121
-"""Number of points of the exceedance curve."""
+"""Number of thresholds at which the exceedance curve is computed."""
 
 
 @dataclass(frozen=True)
 class RareEvent:
-    """A completed rare-event analysis: probability, exceedance curve and worst flights."""
+    """A completed rare-event analysis: probability, exceedance curve and worst flights.
 
-    store: RareStore  #: Store of the analysis.
+    Subset simulation writes the small probability of the event as a product of larger conditional probabilities of less
+    extreme events (levels).
+    """
+
+    store: RareStore  #: Stored study, scenario and values of the flights.
     repetitions: tuple[Repetition, ...]  #: Levels of each independent repetition of the subset simulation.
 
     @property
     def folder(self) -> Path:
-        """Folder of the analysis."""
+        """Folder with the results of the analysis."""
         return self.store.folder
 
     @property
     def estimate(self) -> SubsetEstimate:
-        """Estimated probability of the event, with confidence interval.
+        """Estimated probability that the study's threshold is breached, with confidence interval.
 
         The probability is None if the levels did not reach the threshold.
         """
@@ -47,12 +51,12 @@ class RareEvent:
 
     @property
     def flights(self) -> RareFlights:
-        """Definition of the flights: their random numbers, scenarios and signed values."""
+        """Definition of the study's flights: their random numbers, scenarios and signed values (greater is worse)."""
         return RareFlights(self.store.study, self.store.scenario)
 
     @property
     def document(self) -> dict[str, Any]:
-        """Content of `rare.json`: the results as plain data; values that are not finite are None."""
+        """Content of `rare.json`: the results as plain data for JSON; numbers that are not finite are None."""
         store, flights, estimate = self.store, self.flights, self.estimate
         rare, levels = flights.config, self._levels()
         last_values = np.concatenate([repetition[-1].values for repetition in self.repetitions])
@@ -86,10 +90,11 @@ class RareEvent:
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Exceedance probability against the threshold, with confidence interval.
+        """Probability of exceeding a threshold, over thresholds in the statistic's unit, with confidence interval.
 
-        The curve starts at the median of the plain Monte Carlo flights (probability one half) and ends at the study's
-        threshold, or short of it at the last bound that the levels reached.
+        For a statistic of which small values are bad, the probability is that of a smaller value. The curve starts at
+        the median of the first level's flights (plain Monte Carlo, probability one half) and ends at the study's
+        threshold; if the levels did not reach the threshold, the curve ends at the last bound that they reached.
         """
         flights, repetitions = self.flights, self.repetitions
         rare, confidence = flights.config, flights.study.answers.confidence
@@ -121,7 +126,7 @@ class RareEvent:
         )
 
     def probability_of(self, threshold: float) -> SubsetEstimate:
-        """Estimate the probability that a threshold less extreme than the study's is breached.
+        """Estimate the probability that a threshold, m or s, no more extreme than the study's is breached.
 
         If the levels did not reach the threshold, the probability is None and only the upper bound is meaningful.
         """
@@ -135,9 +140,9 @@ class RareEvent:
         return SubsetEstimate(None, 0.0, high)
 
     def worst(self, rank: int = 0) -> FlightCase:
-        """Return one of the worst flights, ready to fly; rank 0 is the worst.
+        """Return the scenario and random numbers of one of the ten worst flights, ready to fly; rank 0 is the worst.
 
-        Raises ValueError if `rank` is out of range, ScenarioError if the sampled values are not a valid scenario.
+        Raises ValueError if `rank` is out of range, ScenarioError if the sampled values make an invalid scenario.
         """
         points = self._worst_points()
         if not 0 <= rank < len(points):
@@ -145,16 +150,20 @@ class RareEvent:
         return self.flights.case(points[rank][2])
 
     def fly_worst(self, rank: int = 0) -> FlightResult:
-        """Fly one of the worst flights again, alone, with the complete results of `anser.run`; rank 0 is the worst."""
+        """Fly one of the ten worst flights again, alone, and return its complete results; rank 0 is the worst.
+
+        Raises the errors of `worst`, and NoPlanError if the flight has no plan.
+        """
         case = self.worst(rank)
         planned = plan(case.scenario, randomness=case.randomness)
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
 
     def _levels(self) -> list[dict[str, Any]]:
-        """Return an entry for each level of subset simulation: number of flights, and lists over the repetitions.
+        """Return the results of each level of the subset simulation: number of flights, and lists over the repetitions.
 
-        The lists are `bounds` of the rare quantity, `shares` of the flights beyond the bound, and `acceptances`, the
-        acceptance rates of the Markov chains; None without a finite value.
+        The lists are: `bounds`, the value of the statistic that all flights of the level reach; `shares`, the fraction
+        of the level's flights that reach the next bound (or exceed the threshold, on the last level); `acceptances`,
+        the acceptance rate of the Markov chains. Values that are not finite are None.
         """
         flights, levels = self.flights, []
         for k in range(max(map(len, self.repetitions))):
@@ -171,7 +180,10 @@ class RareEvent:
         return levels
 
     def _worst_points(self) -> list[tuple[float, int, np.ndarray]]:
-        """Return signed value, number and point of the worst distinct flights of the last levels, at most ten."""
+        """Return the worst distinct flights of the repetitions' last levels, at most ten, worst first.
+
+        Each entry has the signed value (greater is worse), the flight's number, and its point of random numbers.
+        """
         points_by_number = {
             int(number): (float(value), int(number), point)
             for level in (repetition[-1] for repetition in self.repetitions)
@@ -196,7 +208,8 @@ def rare(
 
     The first level is plain Monte Carlo. Its worst flights start the Markov chains of the next level, which vary the
     random numbers but accept only flights at least as bad as the level's bound, and so on up to the threshold. The
-    simulation is repeated several times independently; the interval is that of the mean over the repetitions. In a
+    simulation is repeated several times independently; the confidence interval follows from the scatter of the
+    repetitions. In a
     script with several processes, call this function below ``if __name__ == "__main__":``.
 
     Parameters
@@ -210,7 +223,7 @@ def rare(
     processes
         Number of concurrent processes; None: one per core, limited by the free memory.
     progress
-        Called with a message and the completed fraction of the level, 0..1.
+        Called with a message and the completed fraction of the current level's flights, 0..1.
 
     Returns
     -------
@@ -242,7 +255,7 @@ def rare(
 
 
 def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> RareStore:
-    """Create a new store, or with `resume` open the store to continue; raises the errors of `rare`."""
+    """Create the store of a new analysis or, with `resume`, open an existing store. Errors are those of `rare`."""
     requested, scenario, _ = load_study(study)
     flights = RareFlights(requested, scenario)
     with located_in(study, requested):
@@ -258,6 +271,9 @@ def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool
 
 
 def read_rare(folder: str | os.PathLike[str]) -> RareEvent:
-    """Read a completed rare-event analysis from its folder; raises StoreError if flights are missing."""
+    """Read a completed rare-event analysis from its folder.
+
+    Raises StoreError if the folder has no analysis, a file is damaged, or flights are missing.
+    """
     store = RareStore.open(Path(folder))
     return RareEvent(store, fly_repetitions(store, None, no_progress, fly=False))

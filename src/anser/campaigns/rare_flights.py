@@ -1,8 +1,8 @@
 """Flights of a rare-event analysis and their store.
 
-Every random effect of a flight follows from standard normal numbers ("normals"). A point of the space of these
-normals is a weighted sum of the normals of numbered flights. The module flies the flight at a point and returns its
-limit-state value: the signed statistic of the event, greater is worse.
+Every random effect of a flight follows from standard normal numbers ("normals"). A point of the space of these normals
+is a weighted sum of the normals of numbered flights. The module flies the flight that a point defines and returns its
+limit-state value: the statistic of the event with the sign for which greater is worse.
 """
 
 import contextlib
@@ -35,14 +35,14 @@ from anser.scenario.schema import Scenario
 from anser.simulation.closed_loop import AT_GROUND, NO_TRIM, NOT_FINITE, STATUS_MESSAGES
 
 _TERMS_MIN = 128
-"""Smallest capacity of a point's list of terms: few capacities mean few compiled programs."""
+"""Least length of the arrays of a point's flights and weights: few lengths mean few compiled programs."""
 
 
 class GaussianSpace:
     """Space of the standard normal numbers behind the flights of a seed; implements `SampleSpace` of module `subset`.
 
-    Points are NumPy records with the fields `count`, `flights` and `weights`: how many flights are blended (at most
-    `terms`), their numbers, and their weights in the sum.
+    A point is a weighted sum of the normals of several flights, at most `terms`: a NumPy record with the fields `count`
+    (number of flights), `flights` (their numbers) and `weights`.
     """
 
     def __init__(self, seed: int, terms: int) -> None:
@@ -50,13 +50,17 @@ class GaussianSpace:
         self.dtype = np.dtype([("count", np.int32), ("flights", np.uint32, (size,)), ("weights", float, (size,))])
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the points of the numbered flights themselves."""
+        """Return independent points, one per flight number: the normals of that flight alone, with weight 1."""
         points = np.zeros(numbers.size, self.dtype)
         points["count"], points["flights"][:, 0], points["weights"][:, 0] = 1, numbers, 1.0
         return points
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Blend points with the flights of the given numbers (preconditioned Crank-Nicolson), see `SampleSpace`."""
+        """Return the points ``keep * point + sqrt(1 - keep**2) * flight`` (preconditioned Crank-Nicolson proposals).
+
+        `flight` stands for the normals of the flight with the next of `numbers`; `keep` (0 to 1) and `numbers` have one
+        entry per point. With `keep` = 0 the result has the normals of the new flight alone.
+        """
         proposal = points.copy()
         proposal["weights"] *= keep[:, None]
         proposal["count"][keep == 0.0] = 0
@@ -66,21 +70,21 @@ class GaussianSpace:
         return proposal
 
     def point(self, flights: Sequence[int], weights: Sequence[float]) -> np.ndarray:
-        """Return the point that blends the given flights with the given weights."""
+        """Return the point that is the sum of the flights' normals times `weights`."""
         point = np.zeros((), self.dtype)
         point["count"] = len(flights)
         point["flights"][: len(flights)], point["weights"][: len(flights)] = flights, weights
         return point
 
     def randomness_at(self, point: np.ndarray) -> BlendedRandomness:
-        """Return the source of the random numbers of the flight at a point."""
+        """Return the source of all random numbers of the flight that `point` defines."""
         keys = flight_keys(self.seed, point["flights"])
         return BlendedRandomness(
             as_array(keys, np.uint32), as_array(point["weights"]), as_array(point["count"], np.int32)
         )
 
     def dispersions(self, points: np.ndarray, count: int) -> np.ndarray:
-        """Return the normals behind the study's `count` varied parameters at each point; shape (points, count)."""
+        """Return the normals of the study's `count` varied parameters at each point; shape (points, count)."""
         width = int(np.max(points["count"]))
         keys = flight_keys(self.seed, points["flights"][:, :width].ravel())
         lanes = np.tile(np.arange(count), len(keys))
@@ -90,20 +94,24 @@ class GaussianSpace:
 
 
 _CRASHED = tuple(STATUS_MESSAGES[code] for code in (NO_TRIM, NOT_FINITE, AT_GROUND))
-"""Aircraft statuses after which the recorded statistics are meaningless."""
+"""Aircraft statuses after which the statistics of the flight are meaningless."""
 _BATCH_MAX = 64
-"""Maximum number of flights per compiled call: fewer than in a campaign, so that several processes have work."""
+"""Maximum number of flights per compiled call: fewer than in a campaign, so that all processes have work."""
 
 
 class RareFlights:
-    """Flights of a study's rare event: their random numbers, scenarios and signed values."""
+    """Flights of a study's rare event: random numbers, scenarios and signed values (greater is worse)."""
 
     def __init__(self, study: Study, scenario: Scenario) -> None:
         self.study, self.scenario = study, scenario
 
     @functools.cached_property
     def config(self) -> RareEventConfig:
-        """The study's table [rare]; raises ScenarioError if missing or incompatible with the scenario."""
+        """The study's table [rare].
+
+        Raises ScenarioError if the table is missing, if the statistic needs two aircraft and the scenario has one, or
+        if the scenario's flights cannot be computed as a batch.
+        """
         config, problems = self.study.rare, []
         if config is None:
             raise ScenarioError(self.study.name, [Problem("rare", "nothing", "a table [rare]")])
@@ -119,37 +127,40 @@ class RareFlights:
 
     @functools.cached_property
     def plan(self) -> SubsetPlan:
-        """Numbers of points, levels and repetitions of the subset simulation."""
+        """Numbers of points, levels and repetitions of the subset simulation, and the fraction that starts a level."""
         rare = self.config
         return SubsetPlan(rare.flights // rare.repetitions, 1.0 / rare.chain_length, rare.levels_max, rare.repetitions)
 
     @functools.cached_property
     def space(self) -> GaussianSpace:
-        """Space of the standard normal numbers that determine the flights, for all levels of the subset simulation."""
+        """Space of the standard normal numbers that define the flights of all levels of the subset simulation."""
         return GaussianSpace(self.study.seed, 1 + (self.config.levels_max - 1) * (self.config.chain_length - 1))
 
     @property
     def threshold(self) -> float:
-        """Threshold of the event as a signed value: an event is a greater value."""
+        """Threshold of the event as a signed value, m or s: the event is a greater signed value."""
         return self.signed_value(self.config.threshold)
 
     @property
     def batch(self) -> int:
-        """Number of flights per compiled call: the simultaneous moves of all chains, in equal batches of at most 64."""
+        """Number of flights per compiled call, at most 64: the simultaneous moves of all chains, in equal batches."""
         at_once = self.plan.chains * self.plan.repetitions
         return -(-at_once // -(-at_once // _BATCH_MAX))
 
     def signed_value(self, value: float) -> float:
-        """Convert between a quantity and its signed value, for which greater is worse."""
+        """Convert between statistic and signed value (greater is worse): the sign changes if low values are bad."""
         return -value if self.config.breached_below else value
 
     def refuse_early(self) -> None:
-        """Raise ScenarioError before flying if no first flight is valid, or a varied scenario key has no effect."""
+        """Raise ScenarioError if none of the first flights is valid, or a varied key path has no effect in them."""
         numbers = np.arange(min(VALIDATED_FLIGHTS, self.config.flights))
         refuse_early(self.study, self.scenario, self._applied(self.space.sample(numbers)), numbers.size)
 
     def fly(self, points: np.ndarray) -> np.ndarray:
-        """Fly up to one batch of points and return their signed values; infinite for failed flights."""
+        """Fly the flights of at most one batch of points and return their signed values, shape (points,).
+
+        The value of a failed flight is infinite.
+        """
         values, applied = np.full(points.size, np.inf), self._applied(points)
         cases: dict[int, FlightCase] = {}
         for k, point in enumerate(points):
@@ -165,11 +176,15 @@ class RareFlights:
         return values
 
     def case(self, point: np.ndarray) -> FlightCase:
-        """Return the flight at a point; raises ScenarioError if the sampled values are not a valid scenario."""
+        """Return the flight that a point defines; raises ScenarioError if the sampled values are invalid."""
         return self._case(point, self._applied(point.reshape(1)), 0)
 
     def limit_state_value(self, flight_row: FlightRow) -> float:
-        """Return the signed value of the statistic in a flight, of the worst aircraft; infinite for a failed flight."""
+        """Return the signed value of the event's statistic for the worst aircraft of a flight.
+
+        The value is infinite if the flight could not start, an aircraft crashed or could not be trimmed, or the
+        statistic of an aircraft is missing.
+        """
         statistic = self.config.statistic
         summaries = [flight_row.fleet] if statistic in ("separation_min_m", "arrival_spread_s") else flight_row.aircraft
         values = [summary.get(statistic) for summary in summaries]
@@ -183,29 +198,29 @@ class RareFlights:
         return FlightCase(scenario, randomness=self.space.randomness_at(point))
 
     def _applied(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values applied to the scenario at each point, by key path: one entry per point."""
+        """Return the values to write into the scenario at each point, by key path; shape (points,)."""
         shares = stats.norm.cdf(self.space.dispersions(points, len(self.study.vary)))
         return apply_samples(self.study, self.scenario, apply_distributions(self.study, shares))
 
 
 class RareStore(AbstractFlightStore):
-    """Store of a rare-event analysis in a folder: a file with the values of each batch of flights.
+    """Stored flights of a rare-event analysis in a folder: a file with the limit-state values of each batch of flights.
 
-    A batch is a chunk whose number is that of its first flight.
+    The flights are numbered in order of the simulation; the number of a batch (chunk) is that of its first flight.
     """
 
     description, command, data_folder = "a rare event", "rare", "flown"
 
     @classmethod
     def create(cls, folder: Path, study: Study, scenario: Scenario) -> Self:
-        """Create a new folder; raises FileExistsError if the folder exists."""
+        """Create the store in a new folder; raises FileExistsError if the folder exists."""
         with new_folder(folder) as staging:
             (staging / cls.data_folder).mkdir()
             StoreChecksums(staging, cls.data_folder).record_base(store_attributes(study, scenario))
         return cls(folder)
 
     def values(self, start: int, count: int) -> np.ndarray | None:
-        """Return the limit-state values of `count` flights from number `start` on; None if not yet flown.
+        """Return the limit-state values of the batch of `count` flights from number `start` on; None if not yet flown.
 
         Raises StoreError if the stored batch has another number of flights.
         """
@@ -217,7 +232,7 @@ class RareStore(AbstractFlightStore):
         return values
 
     def write(self, start: int, values: np.ndarray) -> None:
-        """Store the values of a batch of flights with consecutive numbers from `start` on."""
+        """Store the limit-state values of a batch of flights with consecutive numbers from `start` on."""
         content = io.BytesIO()  # written to a file by NumPy itself, a full disk would be an error without its reason
         np.save(content, values)
         path = self._last_file(start)
@@ -239,10 +254,10 @@ class RareStore(AbstractFlightStore):
 def fly_repetitions(
     store: RareStore, executor: Executor | None, report: Progress, *, fly: bool = True
 ) -> tuple[Repetition, ...]:
-    """Return the levels of each repetition of the subset simulation, from stored values and missing flights.
+    """Carry out the subset simulation with stored limit-state values, and fly the missing flights.
 
-    Raises StoreError if a process was killed, a stored batch differs in size, or a flight is missing and `fly` is
-    False.
+    Returns the levels of each repetition. Raises StoreError if a process was killed, a stored batch has another number
+    of flights, or a flight is missing and `fly` is False.
     """
     flights = RareFlights(store.study, store.scenario)
     plan, batch, flown_count, level = flights.plan, flights.batch, 0, 0

@@ -1,4 +1,4 @@
-"""Replay of flights: comparison of a single flight with its stored results, and archive of the worst flights."""
+"""Replay of a campaign's flights: comparison with the stored results, and archive of the worst flights."""
 
 from pathlib import Path
 from typing import Any
@@ -18,21 +18,21 @@ from anser.results.checksums import DamagedFileError, read_document, verify_chec
 from anser.results.flight_rows import FlightRow, tabulate_flights
 
 REPLAY_TOLERANCES = {"float64": 1e-9, "float32": 1e-5}
-"""Tolerated rounding difference between a single flight and a batch, relative to `_SCALES`, by precision."""
+"""Tolerated difference between a flight flown alone and in a batch, relative to `_SCALES`, by precision."""
 _SCALES = {"s": 100.0, "m": 1e4, "m s-1": 150.0, "1": 1.0}
 
 
 def replay_differences(
     store: CampaignStore,
     number: int,
-    summary: dict[str, Any],  # summary of the replay
+    summary: dict[str, Any],  # summary (`summary.json`) of the flight flown again
     *,
     met: bool,  # whether the replay met every requirement
 ) -> dict[str, float | str]:
-    """Compare a replayed flight with its stored results; return the differing quantities by name.
+    """Compare a flight flown again with its stored results; return the differing quantities by name, {} if none.
 
-    That is, the greatest difference, relative to the scale of the quantity, if above `REPLAY_TOLERANCES`; for a text,
-    the stored text.
+    The value is the greatest difference over the aircraft, divided by the scale of the unit (100 s, 10 km, 150 m/s or
+    1), if above `REPLAY_TOLERANCES`; NaN if missing in one of both; for a text, the stored text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
@@ -40,7 +40,10 @@ def replay_differences(
 
 
 def row_differences(data: xr.Dataset, number: int, flight_row: FlightRow) -> dict[str, float | str]:
-    """Compare a replay with the flight `number` of `CampaignStore.dataset`, as `replay_differences` does."""
+    """Compare the results of a flight flown again with flight `number` of `CampaignStore.dataset`.
+
+    Returns the differing quantities by name, with the values of `replay_differences`.
+    """
     tolerance, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
     differences: dict[str, float | str] = {}
     for name, (_, values, attributes) in tabulate_flights([flight_row], data.sizes["aircraft"]).items():
@@ -66,10 +69,10 @@ def archive_worst(
     store: CampaignStore,
     progress: Progress = no_progress,  # called with a message and the completed fraction, 0..1
 ) -> tuple[Path, ...]:
-    """Replay and archive the worst flights, as many as the study's table [keep] requests; return their folders.
+    """Fly the worst flights again and store each whole in a folder; return the folders.
 
-    Flights already archived completely are not replayed. Flights that could not start are excluded: the store already
-    holds the reason.
+    The study's table [keep] gives the number of flights (`worst`). Flights that are already archived undamaged are not
+    flown again. Flights that could not start are excluded: the store already contains the reason.
     """
     count = store.study.keep.worst if store.study.keep is not None else 0
     if not count:
@@ -86,13 +89,13 @@ def archive_worst(
 
 
 def archived_flight(store: CampaignStore, number: int) -> Path | None:
-    """Return the path of an archived flight's dataset; None if the flight is not archived."""
+    """Return the path of an archived flight's dataset (`flight.nc`); None if the flight is not archived."""
     path = _folder(store, number) / _FLIGHT
     return path if path.is_file() else None
 
 
 def _is_intact(folder: Path) -> bool:
-    """Whether a folder contains both the dataset and the summary of a flight, undamaged."""
+    """Return whether a folder contains both the dataset and the summary of a flight, with matching checksums."""
     try:
         return verify_checksum(folder / _FLIGHT) and read_document(folder / _SUMMARY)[1]
     except (DamagedFileError, FileNotFoundError):
@@ -100,7 +103,7 @@ def _is_intact(folder: Path) -> bool:
 
 
 def _archive_flight(store: CampaignStore, number: int, folder: Path) -> bool:
-    """Replay a flight and write its outputs into a folder; return whether the flight could start.
+    """Fly a flight of a campaign again and write its outputs into `folder`; return False if the flight cannot start.
 
     The folder appears only when all outputs are written.
     """

@@ -1,4 +1,4 @@
-"""Sampling of a study: the values of the varied parameters in every flight."""
+"""Sampling of a study: values of the varied parameters and seed of every flight."""
 
 from collections.abc import Mapping
 
@@ -15,11 +15,12 @@ _LEAST = 2.0**-53
 
 def sample_study(
     study: Study,
-    table_columns: Mapping[str, np.ndarray],  # columns of the study's table of values, by path
+    # columns of the study's table of values, by key path; used with the method "table" only
+    table_columns: Mapping[str, np.ndarray],
 ) -> dict[str, np.ndarray]:
-    """Sample the distributions of a study: values by key path, one per flight.
+    """Sample the varied parameters of a study; return an array of values, shape (flights,), by key path.
 
-    The values are not yet combined with those of the scenario (set, add or multiply). In plain Monte Carlo the values
+    The values are not yet combined with the scenario's values (set, add or multiply). In plain Monte Carlo the values
     of flight k do not depend on the number of flights; in a Latin hypercube they do.
     """
     if study.sampled.method == "table":
@@ -33,15 +34,18 @@ def apply_distributions(
     study: Study,
     shares: np.ndarray,  # independent uniform numbers, shape (flights, varied parameters)
 ) -> dict[str, np.ndarray]:
-    """Convert uniform numbers to values, by key path, with the distributions and correlations of the study."""
+    """Convert uniform numbers to values of the varied parameters, shape (flights,), by key path.
+
+    The distributions and the correlations (Gaussian copula) are those of the study.
+    """
     correlated = _correlate(study, np.clip(shares, _LEAST, 1.0 - _LEAST))
     return {vary.path: vary.quantile(correlated[:, k]) for k, vary in enumerate(study.vary)}
 
 
 def flight_seeds(study: Study, count: int) -> np.ndarray:
-    """Return the seeds of the flights: consecutive numbers from a start derived from the study's seed.
+    """Return the seeds of `count` flights: consecutive numbers from a start derived from the study's seed.
 
-    In a Saltelli block every flight but the last shares a seed. Random effects then differ exactly where the input
+    In a Saltelli block all flights but the last share a seed. Random effects then differ exactly where the input
     samples A and B differ, so they contribute to neither the first-order nor the total index of an input.
     """
     start = np.random.SeedSequence(study.seed).generate_state(1, np.uint32)[0]
@@ -53,16 +57,16 @@ def flight_seeds(study: Study, count: int) -> np.ndarray:
 
 
 def is_independent(study: Study, numbers: np.ndarray) -> np.ndarray:
-    """Whether each flight number belongs to a statistically independent flight; shape (flights,).
+    """Return whether each of the flights `numbers` is statistically independent of the rest; shape of `numbers`.
 
-    All flights are independent, except in Saltelli blocks, of which only the first and the last flight are.
+    With Saltelli sampling only the first and the last flight of a block count as independent; otherwise all flights do.
     """
     position = numbers % study.block
     return (position == 0) | (position == study.block - 1)
 
 
 def _shares(study: Study) -> np.ndarray:
-    """Return uniform numbers by the study's sampling method; shape (flights, varied parameters)."""
+    """Return uniform numbers from 0 to 1 by the study's sampling method; shape (flights, varied parameters)."""
     flights, count = study.sampled.flights or 0, len(study.vary)
     if study.sampled.method == "monte-carlo":
         lanes = np.tile(np.arange(count), flights)
@@ -76,7 +80,7 @@ def _shares(study: Study) -> np.ndarray:
 
 
 def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
-    """Return the uniform numbers with the correlations of the study's groups (Gaussian copula)."""
+    """Return uniform numbers with the correlations of the study's groups (Gaussian copula); shape of `shares`."""
     shares, paths = shares.copy(), [vary.path for vary in study.vary]
     for group in study.correlated:
         columns = [paths.index(path) for path in group.paths]
@@ -86,9 +90,10 @@ def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
 
 
 def _grid(study: Study) -> dict[str, np.ndarray]:
-    """Return every combination of the parameter values, by key path; the last path varies fastest.
+    """Return every combination of the parameters' grid values, by key path; the last path varies fastest.
 
-    A parameter with listed values takes all of them; others take the midpoints of intervals of equal probability.
+    A parameter with listed values takes each of the values, whatever their weights; a parameter with a continuous
+    distribution takes the midpoints of intervals of equal probability.
     """
     levels = study.sampled.levels or 1
     middles = (np.arange(levels) + 0.5) / levels

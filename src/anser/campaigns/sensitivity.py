@@ -23,10 +23,10 @@ _OUTPUTS = {
 
 @dataclass(frozen=True)
 class Influence:
-    """Sensitivity of one output to one input, with a confidence interval."""
+    """Sensitivity of one output of a campaign to one varied parameter, with a confidence interval."""
 
     output: str  # name of the output
-    path: str  # key path of the input in the scenario
+    path: str  # key path of the varied parameter in the scenario
     measure: str  # "first" or "total" (Sobol indices), or "rank" (Spearman's rank correlation)
     # value of the measure, and the bounds of its confidence interval
     value: float
@@ -36,14 +36,14 @@ class Influence:
 
 @dataclass(frozen=True)
 class Influences:
-    """Sensitivities of the outputs of a campaign to its inputs."""
+    """Sensitivities of the outputs of a campaign to the varied parameters."""
 
     kind: str  #: "Sobol indices" or "rank correlation".
     confidence: float  #: Confidence level of the intervals.
     flights: int  #: Number of flights used.
     outputs: dict[str, str]  #: Description of each output by name.
-    entries: tuple[Influence, ...]  #: Sensitivities that could be computed, one for each output, input and measure.
-    not_computed: dict[str, str]  #: Reason for each output or input without sensitivities, by name or key path.
+    entries: tuple[Influence, ...]  #: Computed sensitivities, one for each output, parameter and measure.
+    not_computed: dict[str, str]  #: Reason for each output (by name) or parameter (by key path) without sensitivities.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the sensitivities as plain data for JSON."""
@@ -54,12 +54,12 @@ def influences(
     # completed flights, from `CampaignStore.dataset`; for Saltelli sampling only complete blocks are used
     data: xr.Dataset,
     study: Study,
-    varied: list[str],  # key paths of the inputs
+    varied: list[str],  # key paths of the varied parameters
 ) -> Influences:
-    """Compute the sensitivity of the outputs of a campaign to its inputs.
+    """Compute the sensitivity of each output of a campaign to each varied parameter.
 
-    The output ``met`` is 1 for a successful flight, else 0. For miss and spread, rank correlations treat flights
-    without a value as worst; Sobol indices require a finite value for every flight and are otherwise not computed.
+    The output ``met`` is 1 for a successful flight, else 0. In rank correlations, flights without an arrival count as
+    worst in every other output; Sobol indices of an output are computed only if every flight has a finite value.
     """
     confidence, not_computed = study.answers.confidence, dict[str, str]()
     if study.block > 1:
@@ -91,14 +91,17 @@ def influences(
 
 
 def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
-    """Return the indices of the flights in complete Saltelli blocks, ordered by flight number."""
+    """Return the indices into `numbers` of the flights in complete Saltelli blocks, ordered by flight number."""
     order = np.argsort(numbers)
     blocks, counts = np.unique(numbers // block, return_counts=True)
     return order[np.isin(numbers[order] // block, blocks[counts == block])]
 
 
 def _sobol_entries(varied: list[str], confidence: float, name: str, outputs: np.ndarray) -> list[Influence]:
-    """Compute first-order and total Sobol indices of an output in whole Saltelli blocks."""
+    """Compute first-order and total Sobol indices of the output `name` over complete Saltelli blocks.
+
+    Raises ValueError if a value is infinite.
+    """
     lacking = int(np.sum(~np.isfinite(outputs)))
     if lacking:
         raise ValueError(
@@ -125,7 +128,7 @@ def _rank_entries(
 
 
 def ordered_values(values: np.ndarray, study: Study, path: str) -> np.ndarray | None:
-    """Convert the values of an input to numbers; a text becomes its position in the study's list of values.
+    """Convert the values of a varied parameter to numbers; a text becomes its index in the study's list of values.
 
     None if the texts come from a table and therefore have no order.
     """

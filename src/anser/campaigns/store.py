@@ -1,8 +1,8 @@
 """Store of a campaign: results of every flight in Zarr arrays in a folder.
 
-The arrays are allocated for all flights at the start and filled in chunks of flights. The module also evaluates the
-study's stopping rule (the number of chunks after which the estimate is precise enough) and repairs damaged files that
-were written once, when the store was created.
+The arrays are allocated for all flights at the start and filled in chunks: consecutive flights that one process flies
+and stores together. The module also evaluates the study's stopping rule (number of chunks after which the estimate is
+precise enough) and rebuilds damaged files that were written once, when the store was created.
 """
 
 import contextlib
@@ -47,8 +47,9 @@ def count_converged_chunks(
 ) -> int | None:
     """Return how many leading chunks first satisfy the study's stopping rule; None without a rule or if unsatisfied.
 
-    The rule is evaluated after each chunk in order of chunk numbers, so the result is independent of the number of
-    parallel processes. With repeated evaluation an interval's coverage is slightly below its confidence level.
+    The rule: a number of flights, and a confidence interval no wider than the rule's width. The rule is evaluated after
+    each chunk in order of chunk numbers, so the result is independent of the number of parallel processes. With
+    repeated evaluation an interval's coverage is slightly below its confidence level.
     """
     rule = study.until
     if rule is None:
@@ -69,7 +70,11 @@ def complete_prefix(is_complete: np.ndarray) -> int:
 
 
 def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
-    """Return the confidence interval of the stopping rule's statistic over the given flights."""
+    """Return the confidence interval of the stopping rule's statistic over the flights with `values`.
+
+    The statistic is the success probability (`values` are 0 or 1) or a quantile; the interval of a quantile is infinite
+    on both sides if its lower bound is infinite.
+    """
     assert study.until is not None
     if study.until.statistic == "met":
         return wilson_interval(int(np.sum(values)), values.size, study.answers.confidence)
@@ -80,14 +85,14 @@ def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
 
 FLOWN = "flown"
 _SPARE = 2.0
-"""Required free disk space over the uncompressed size of the store."""
+"""Required ratio of free disk space to the uncompressed size of the store."""
 
 
 class CampaignStore(AbstractFlightStore):
     """Store of a campaign in a folder: the sampled values and the results of every flight; see `create` and `open`.
 
-    The store is also readable by ``xarray.open_zarr(folder / "flights.zarr")``, with every flight and the flag `flown`;
-    `dataset` returns completed flights only.
+    The store is also readable by ``xarray.open_zarr(folder / "flights.zarr")``, with every planned flight and the flag
+    `flown`; `dataset` returns completed flights only.
     """
 
     description, command, data_folder = "a campaign", "campaign", "flights.zarr"
@@ -96,7 +101,7 @@ class CampaignStore(AbstractFlightStore):
         super().__init__(folder)
         self._group = zarr.open_group(folder / self.data_folder, mode="r+")
         self.chunk = int(self.attributes["chunk"])  # flights per chunk
-        self._unconverged_chunks = 0  # evaluated chunks: each evaluation sorts every flight so far
+        self._unconverged_chunks = 0  # leading chunks for which the stopping rule has already failed
         self.series_selection = select_series(self.study.keep, self.scenario)
         self.output_recording = OutputRecording.of_study(self.study.output, self.scenario)
 
@@ -136,17 +141,17 @@ class CampaignStore(AbstractFlightStore):
 
     @property
     def flights(self) -> int:
-        """Number of flights of the campaign."""
+        """Number of planned flights of the campaign."""
         return self._array("flight").shape[0]
 
     @property
     def chunk_is_complete(self) -> np.ndarray:
-        """Whether each chunk is complete."""
+        """Whether each chunk of flights is flown and stored completely; shape (chunks,)."""
         return np.isin(np.arange(-(-self.flights // self.chunk)), list(self._checksums.chunks()))
 
     @property
     def converged_chunks(self) -> int | None:
-        """Number of leading chunks that first satisfies the stopping rule; None without a rule or if unsatisfied."""
+        """Number of leading chunks that satisfy the study's stopping rule; None without a rule or if unsatisfied."""
         if self.study.until is None:
             return None
         statistic = self.study.until.statistic
@@ -165,7 +170,7 @@ class CampaignStore(AbstractFlightStore):
     def flown(self) -> np.ndarray:
         """Numbers of the completed flights that count in the results.
 
-        With a satisfied stopping rule, only the flights up to the chunk that satisfied it.
+        If the stopping rule is satisfied, flights after the chunk that satisfied the rule do not count.
         """
         is_counted, stop = self.chunk_is_complete, self.converged_chunks
         if stop is not None:
@@ -182,12 +187,12 @@ class CampaignStore(AbstractFlightStore):
         return slice(chunk * self.chunk, min((chunk + 1) * self.chunk, self.flights))
 
     def applied(self, flights: slice) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Return the seeds of a range of flights, and their sampled values by key path."""
+        """Return the seeds and, by key path, the values of the varied parameters of a range of flights."""
         values = {path: np.asarray(self._array(path)[flights]) for path in self.varied}
         return np.asarray(self._array("seed")[flights]), values
 
     def write(self, chunk: int, flight_rows: list[FlightRow]) -> None:
-        """Write the results of a chunk's flights; its checksums are recorded only when the data are on disk."""
+        """Write the results of a chunk's flights; the checksums that mark it as complete are recorded last."""
         flights = self.chunk_slice(chunk)
         columns = {
             name: values for name, (_, values, _) in _result_columns(flight_rows, self.study, self.scenario).items()
@@ -203,7 +208,7 @@ class CampaignStore(AbstractFlightStore):
         self._checksums.record_chunk(chunk, files)
 
     def refuse_other_values(self, applied: Mapping[str, np.ndarray]) -> None:
-        """Raise StoreError if the sampled values of a study differ from the store's."""
+        """Raise StoreError if a study's values of the varied parameters (by key path) differ from the store's."""
         stored = self.applied(slice(None))[1]
         unchanged = [
             path for path, values in applied.items() if path in stored and np.array_equal(stored[path], values)
@@ -214,7 +219,10 @@ class CampaignStore(AbstractFlightStore):
             )
 
     def dataset(self) -> xr.Dataset:
-        """Return the completed flights as a labelled dataset with the dimensions flight and aircraft."""
+        """Return the completed flights as a labelled dataset with the dimensions flight and aircraft.
+
+        Raises StoreError if a file is damaged.
+        """
         self.refuse_damaged()
         with self._open_dataset() as data:
             flights = data.drop_vars(FLOWN).isel(flight=self.flown).load()
@@ -226,7 +234,7 @@ class CampaignStore(AbstractFlightStore):
         """Return the time series of completed flights, read when used; dimensions flight, aircraft and time.
 
         Quantities are float32, NaN if missing; codes and flags are int32, -1 if missing. Raises StoreError if the study
-        selects no series, or a file of the series is damaged.
+        selects no time series, or a file is damaged.
         """
         if self.series_selection is None:
             expected = 'a study that keeps some, such as [keep] series = ["position_error", "airspeed"]'
@@ -235,7 +243,7 @@ class CampaignStore(AbstractFlightStore):
         return self._open_dataset(SERIES).isel(flight=self.flown)
 
     def _open_dataset(self, group: str | None = None) -> xr.Dataset:
-        """Open the arrays of the store, or of a group in it; values are read when used and are not decoded."""
+        """Open the arrays of the store, or of a Zarr group in it, as stored; values are read when used."""
         path = self.folder / self.data_folder
         dataset = xr.open_zarr(path, group=group, chunks=None, consolidated=False, mask_and_scale=False)
         for values in dataset.variables.values():
@@ -243,7 +251,10 @@ class CampaignStore(AbstractFlightStore):
         return dataset
 
     def _series_columns(self, selection: SeriesSelection, flight_rows: list[FlightRow]) -> dict[str, np.ndarray]:
-        """Return the time series of a chunk's flights, by array name: quantities float32, codes and booleans int32."""
+        """Return the time series of a chunk's flights, by array name; shape (flights, aircraft, times).
+
+        Quantities are float32; codes and flags are int32. A flight that could not start has missing values.
+        """
         shape = len(self.scenario.aircraft), selection.rows(self.scenario)
         return {
             # a flight that could not start has no series
@@ -259,7 +270,7 @@ class CampaignStore(AbstractFlightStore):
         return array
 
     def _chunk_files(self, name: str, chunk: int) -> Iterator[str]:
-        """Yield the paths of the files that hold one chunk of flights of an array (Zarr format 2)."""
+        """Yield the paths, in the data folder, of the files of an array with one chunk of flights (Zarr format 2)."""
         for further_indices in itertools.product(*map(range, self._array(name).cdata_shape[1:])):
             yield f"{name}/{'.'.join(map(str, (chunk, *further_indices)))}"
 
@@ -274,7 +285,7 @@ class CampaignStore(AbstractFlightStore):
 def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
 ) -> None:
-    """Rebuild the damaged files that were written once, when the store was created, from the study and scenario.
+    """Rebuild damaged files that were written once, when the store was created, from the study and scenario.
 
     These are metadata, coordinates, seeds and sampled values. A file is replaced only if the rebuilt file matches the
     recorded checksum. Raises StoreError if the record of checksums is damaged, or a rebuilt file differs from the
@@ -306,11 +317,11 @@ def _write_every_chunk() -> Iterator[None]:
 
 
 _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
-"""Maximum characters of text columns; longer texts are truncated with dots."""
+"""Maximum number of characters of text columns by name; longer texts are truncated and end with three dots."""
 
 
 def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Scenario) -> dict[str, FlightColumn]:
-    """Return the results of flights by name, with texts of fixed width."""
+    """Return the results of flights as columns (dimensions, values, attributes) by name, with texts of fixed width."""
     labels = {output.name: output.labels for output in study.output}
     columns = tabulate_flights(flight_rows, len(scenario.aircraft), labels)
     for name in _WIDTHS:
@@ -320,7 +331,7 @@ def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Sc
 
 
 def shortened(texts: np.ndarray, name: str) -> np.ndarray:
-    """Return the values of a column as they are stored: texts longer than the width of the column end with dots."""
+    """Return the values of the column `name` as they are stored: texts longer than the column's width end with dots."""
     width = _WIDTHS.get(name)
     if width is None:
         return texts
@@ -336,9 +347,9 @@ def _create_rows(
     chunk: int,
     columns: Mapping[str, FlightColumn],
 ) -> None:
-    """Write coordinates, seeds and sampled values, and allocate the arrays of the results.
+    """Write coordinates, seeds and values of the varied parameters, and allocate the arrays of the results.
 
-    `columns` are examples of type, dimensions and attributes.
+    `columns` are results of one flight, as examples of data type, dimensions and attributes.
     """
     names = np.array([aircraft.name for aircraft in scenario.aircraft], dtype=np.str_)
     _write_whole(group, "aircraft", names, "aircraft", {"long_name": "Aircraft"})
@@ -354,11 +365,11 @@ def _create_rows(
 
 _FLIGHT_LABELS = {"long_name": "Number of the flight"}
 _PIECE = 1 << 26
-"""Maximum number of values in a file of the store: longer time series are divided into several files."""
+"""Maximum number of values in a file of the store; longer time series are divided into several files."""
 
 
 def _create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
-    """Write the coordinates and allocate the arrays of the selected time series, in the group `series` of the store."""
+    """Write the coordinates and allocate the arrays of the selected time series, in the store's Zarr group `series`."""
     names, times_s = [aircraft.name for aircraft in scenario.aircraft], selection.times_s(scenario)
     group.create_group(SERIES)
     coordinates = {"flight": ("flight", np.arange(flights), _FLIGHT_LABELS), **record_coordinates(times_s, names)}
@@ -389,7 +400,7 @@ def _allocate(
     dimensions: list[str],
     labels: Mapping[str, Any],
 ) -> None:
-    """Create an array without values; only floats have a fill value, NaN, since xarray treats it as missing."""
+    """Create an array without values; only floats have a fill value (NaN), since xarray treats it as missing."""
     group.create_array(
         name,
         shape=shape,

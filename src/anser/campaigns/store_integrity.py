@@ -1,4 +1,4 @@
-"""Base of the stores of campaigns and rare events: the lock of the process that flies, and checksums of the files."""
+"""Base of the stores of campaigns and rare events: lock against a second writer, and checksums of the files."""
 
 import abc
 import contextlib
@@ -15,13 +15,13 @@ from anser.results.documents import version_attributes
 from anser.scenario.schema import Scenario, validate
 
 FORMAT = 2
-"""Format of the stores of campaigns and of rare events."""
+"""Version of the file format of the stores of campaigns and of rare events."""
 SERIES = "series"
-"""Group of the time series among a campaign's results."""
+"""Name of the Zarr group with a campaign's time series."""
 
 
 class StoreError(ValueError):
-    """Error for a folder that is not a valid store of the study; `str()` is the complete message."""
+    """Error of a campaign's or rare event's folder, or of the processes that fly into it; `str()` is the message."""
 
 
 @contextlib.contextmanager
@@ -45,7 +45,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 def store_attributes(study: Study, scenario: Scenario) -> dict[str, Any]:
-    """Return the attributes of a store: study, scenario, their hashes, and the software versions that fly."""
+    """Return the attributes of a new store: study and scenario with their hashes, and the current software versions."""
     return {
         "format_version": FORMAT,
         "title": study.name,
@@ -62,12 +62,13 @@ class AbstractFlightStore(abc.ABC):
     """Folder with the results of a study's flights; only one process at a time may write, and a later one can resume.
 
     The results are the files of the subfolder `data_folder`. Their checksums are JSON files in the subfolder
-    `checksums`, see `StoreChecksums`. A chunk of flights is complete when the checksums of its files are recorded.
+    `checksums`, see `StoreChecksums`. A chunk (flights that are flown and stored together) is complete when the
+    checksums of its files are recorded. The constructor raises StoreError if the format differs.
     """
 
     description: ClassVar[str]  # name of the content in messages
-    command: ClassVar[str]
-    data_folder: ClassVar[str]
+    command: ClassVar[str]  # subcommand of `anser` that flies and resumes, for messages
+    data_folder: ClassVar[str]  # name of the subfolder with the results
 
     def __init__(self, folder: Path) -> None:
         self._checksums = StoreChecksums(folder, self.data_folder)
@@ -82,9 +83,9 @@ class AbstractFlightStore(abc.ABC):
 
     @classmethod
     def open(cls, folder: Path, *, verify_chunks: bool = True) -> Self:
-        """Open the store of a folder; raises StoreError if missing, of another format, or with a damaged file.
+        """Open the store in a folder; raises StoreError if missing, of another format, or with a damaged file.
 
-        Verified are the files written once at creation and, with `verify_chunks`, the results of the flights; time
+        The files written once at creation are verified, and with `verify_chunks` also the results of the flights; time
         series are verified later, when they are read.
         """
         if not (folder / cls.data_folder).is_dir():
@@ -99,9 +100,10 @@ class AbstractFlightStore(abc.ABC):
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder in the `with` block, and remove damaged results; `damages` lists them.
+        """Lock the folder in the `with` block, and remove damaged results; `damages` gets a message for each.
 
-        Raises StoreError if another process flies into the folder.
+        Nested use is allowed. Raises StoreError if another process flies into the folder, or the folder cannot be
+        locked.
         """
         if self._has_lock:
             yield
@@ -118,7 +120,7 @@ class AbstractFlightStore(abc.ABC):
                 self._has_lock = False
 
     def refuse_damaged(self, *, series: bool = False) -> None:
-        """Raise StoreError if a chunk is damaged, optionally including its series."""
+        """Raise StoreError if a completed chunk is damaged; with `series`, time series are verified, too."""
         problems = self._chunk_problems(series=series)
         if problems:
             (chunk, problem), further_count = next(iter(problems.items())), len(problems) - 1
@@ -129,12 +131,12 @@ class AbstractFlightStore(abc.ABC):
             )
 
     def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
-        """Raise StoreError if study, scenario or a software version that affects results differs from the store's."""
+        """Raise StoreError if precision, study, scenario or a software version differs from the store's."""
         hashes = {"study_hash": study.hash, "scenario_hash": scenario.hash}
         self._refuse_differences({"precision": study.precision, **hashes, **version_attributes()})
 
     def refuse_other_versions(self) -> None:
-        """Raise StoreError if a software version that affects results differs from the store's, here or on a worker."""
+        """Raise StoreError if a software version of this process or worker differs from the store's."""
         self._refuse_differences(version_attributes())
 
     def _refuse_differences(self, current: Mapping[str, object]) -> None:
@@ -146,7 +148,8 @@ class AbstractFlightStore(abc.ABC):
     def _chunk_problems(self, *, series: bool) -> dict[int, str]:
         """Return the problem of each damaged chunk, by chunk number; `series` includes the chunk's time series.
 
-        Chunks that this object has already verified are not read again.
+        Chunks that this object has already verified are not read again. Without the lock, a chunk whose last file
+        exists but whose checksums are not recorded counts as damaged, too.
         """
         recorded, problems = self._checksums.chunks(), dict[int, str]()
         for chunk in sorted(recorded - self._verified[series]):
@@ -164,11 +167,11 @@ class AbstractFlightStore(abc.ABC):
 
     @abc.abstractmethod
     def _last_file(self, chunk: int) -> Path:
-        """Return the path of the file of a chunk that is written last."""
+        """Return the path of the file that is written last of a chunk's files."""
 
     @abc.abstractmethod
     def _chunk_label(self, chunk: int) -> str:
-        """Return the name of a chunk in messages."""
+        """Return the name of a chunk for messages."""
 
 
 def refuse_existing(folder: Path) -> None:
@@ -178,7 +181,7 @@ def refuse_existing(folder: Path) -> None:
 
 
 _BASE = "store"
-"""Name of the checksum record of the files written once at creation: metadata, coordinates, seeds, sampled values."""
+"""Name of the record of the files written once at creation: metadata, coordinates, seeds, sampled values."""
 
 
 class StoreChecksums:
@@ -194,7 +197,7 @@ class StoreChecksums:
         self._folder, self._data_folder = folder / "checksums", folder / data_folder
 
     def record_base(self, attributes: Mapping[str, Any]) -> None:
-        """Record the attributes of the store and the checksums of all files now in it."""
+        """Record the attributes of the store and the checksums of all files now in the data folder."""
         self._folder.mkdir(exist_ok=True)
         files = sorted(path for path in self._data_folder.rglob("*") if path.is_file())
         self._write(_BASE, (str(path.relative_to(self._data_folder)) for path in files), attributes)
@@ -217,7 +220,7 @@ class StoreChecksums:
         return self._read(_BASE)["about"]
 
     def base_problems(self) -> dict[str, str]:
-        """Return the recorded checksum of each damaged or missing file of the base, by path in the data folder."""
+        """Return the recorded checksum of each damaged or missing file of the base, by path; empty if intact."""
         files = self._read(_BASE)["files"]
         return {name: digest for name, digest in files.items() if not self._matches(name, digest)}
 
@@ -231,7 +234,10 @@ class StoreChecksums:
             raise StoreError(f"{self._data_folder / problems[0]}: arrived {arrived}; expected {expected}")
 
     def chunk_problem(self, chunk: int, is_verified: Callable[[str], bool]) -> str | None:
-        """Describe the first damaged file of a chunk, among the paths that `is_verified` selects; None if intact."""
+        """Describe the first damaged or missing file of a chunk, or its damaged record; None if intact.
+
+        Only files whose paths `is_verified` selects are read.
+        """
         try:
             files = self._read(str(chunk))["files"]
         except StoreError as error:

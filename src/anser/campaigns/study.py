@@ -1,4 +1,4 @@
-"""The study file: schema, checks and reading."""
+"""The study file: tables and keys, consistency checks, and reading."""
 
 import contextlib
 import csv
@@ -36,7 +36,7 @@ _SENSOR_KEYS = OPTIONAL_KEYS - _GUST_KEYS - _NETWORK_KEYS - ADAPTATION_KEYS
 
 
 class OutputSelection(Table):
-    """Outputs of flights stored in addition to the rows."""
+    """Data of each flight stored in addition to its row of results."""
 
     worst: int = whole_number(
         "number of the worst flights archived at the end of the campaign, with the outputs of anser run", 0, 1000, 0
@@ -50,7 +50,7 @@ class OutputSelection(Table):
     series_every_s: float = number("period of stored values, a whole multiple of the step", 0.001, 60, "s", 1)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of unknown and repeated variable names, and of a period without variables."""
+        """Return the problems of unknown and repeated variable names, and of a period without variables."""
         problems = []
         for k, name in enumerate(self.series):
             if name in self.series[:k]:
@@ -71,7 +71,7 @@ class OutputSelection(Table):
 
 
 def select_series(keep: OutputSelection | None, scenario: Scenario) -> SeriesSelection | None:
-    """Return the time series to be stored for a scenario's flights; None if the study selects none."""
+    """Return the time series to be stored for a scenario's flights; None if the study's table [keep] selects none."""
     if keep is None or not keep.series:
         return None
     return SeriesSelection.from_period(scenario, keep.series, keep.series_every_s)
@@ -85,7 +85,8 @@ def refuse_series(
 ) -> None:
     """Raise ScenarioError if the flights of a study cannot have the time series that the study selects.
 
-    That is, if the period is not a multiple of the step, the timing varies, or no flight has one of the variables.
+    The errors are: the period is not a multiple of the time step; the timing varies; or no flight records a selected
+    variable.
     """
     if keep is None or not keep.series:
         return
@@ -108,7 +109,7 @@ def refuse_series(
 
 
 def recorded_keys_of(scenario: Scenario) -> set[str]:
-    """Return the keys of the variables that the flights of a scenario record."""
+    """Return the keys of the variables that the flights of a scenario record, in `anser.variables.CATALOGUE`."""
     keys = set(RECORDED_KEYS)
     if scenario.turbulence.intensity != "none" or scenario.gust:
         keys |= _GUST_KEYS
@@ -122,7 +123,7 @@ def recorded_keys_of(scenario: Scenario) -> set[str]:
 
 
 def feature_required(name: str) -> str:
-    """Return the feature of a scenario without which its flights lack an optional variable."""
+    """Return the description of the scenario feature without which flights lack the optional variable `name`."""
     if name in _GUST_KEYS:
         return "turbulence or a gust"
     if name in _NETWORK_KEYS:
@@ -133,7 +134,7 @@ def feature_required(name: str) -> str:
 
 
 def _suggestion(name: str) -> str:
-    """Return advice for an unknown variable name: similar names, or where the names are listed."""
+    """Return advice for an unknown variable name: the key, similar keys, or the page that lists the keys."""
     if name in _KEY_BY_NAME:
         return f"perhaps {describe_value(_KEY_BY_NAME[name])}: here without its unit"
     matches = difflib.get_close_matches(name, _KEYS, n=3)
@@ -143,9 +144,9 @@ def _suggestion(name: str) -> str:
 
 
 RARE_FLIGHTS_MAX = 100_000
-"""Maximum number of flights per level: each takes about 1.5 kB of memory."""
+"""Maximum number of flights per level of a rare-event analysis: each takes about 1.5 kB of memory."""
 _CHAINS = 10
-"""Minimum number of chains per level and repetition; the interval's coverage was measured down to this number."""
+"""Minimum number of Markov chains per level and repetition; the interval's coverage was measured down to it."""
 _WHOLE = 1e-9
 
 
@@ -167,19 +168,19 @@ class RareEventConfig(Table):
 
     @property
     def breached_below(self) -> bool:
-        """Whether the event is a value below the threshold; otherwise it is a value above."""
+        """Whether the event is a value of the statistic below the threshold; otherwise above the threshold."""
         return self.statistic in ("separation_min_m", "clearance_min_m")
 
     @property
     def chain_length(self) -> int:
-        """Points per Markov chain: 1 over the fraction of the worst flights that start the next level."""
+        """Number of points per Markov chain: 1 / `level_share`, rounded."""
         return round(1.0 / self.level_share)
 
     def consistency_problems(self) -> list[Problem]:
         """Return the problem of `level_share` or, without one, the problem of the number of flights.
 
-        1 / level_share must be whole; the number of flights must be a multiple of repetitions / level_share, and at
-        least ten times this ratio.
+        1 / level_share must be a whole number; the number of flights must be a multiple of repetitions / level_share,
+        and at least ten times this ratio.
         """
         if abs(self.chain_length * self.level_share - 1.0) > _WHOLE:
             return [
@@ -220,7 +221,7 @@ class Sampling(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of missing and superfluous keys of the method."""
+        """Return the problems of missing and superfluous keys, and of a number of flights that is no power of 2."""
         required = {"grid": "levels", "table": "file"}.get(self.method, "flights")
         keys = {"flights": self.flights, "levels": self.levels, "file": self.file}
         problems = [
@@ -254,7 +255,7 @@ class CorrelatedGroup(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of an invalid correlation matrix."""
+        """Return the problem of a matrix of the wrong size, not symmetric, without unit diagonal or not definite."""
         count, matrix_rows = len(self.paths), self.coefficients
         expected = f"a symmetric, positive definite matrix of {count} rows with ones on its diagonal"
         if len(matrix_rows) != count or any(len(matrix_row) != count for matrix_row in matrix_rows):
@@ -282,7 +283,7 @@ class EstimateSettings(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of invalid quantiles."""
+        """Return the problems of fractions outside the open interval from 0 to 1."""
         return [
             Problem(f"quantiles[{k}]", format_number(share), "a number between 0 and 1, both excluded")
             for k, share in enumerate(self.quantiles)
@@ -295,7 +296,7 @@ _STATISTICS_EXPECTED = f"{quoted_list(_STATISTICS, ' or ')}, or the name of an [
 
 
 class StoppingRule(Table):
-    """Rule for stopping before the planned number of flights."""
+    """Rule for ending a campaign before its planned number of flights."""
 
     statistic: str = Field(
         default="met",
@@ -310,14 +311,14 @@ class StoppingRule(Table):
     at_least: int = whole_number("minimum number of flights", 1, FLIGHTS_MAX, 100)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems of a quantile that has no finite upper bound."""
+        """Return the problem of a share of 1, whose quantile has no finite upper bound."""
         if self.share == 1.0:
             return [Problem("share", "1", "a number below 1")]
         return []
 
 
 _RESERVED_NAMES = ("flight", "aircraft", "seed", "flown", "series", "met", "unmet", "status", "reason")
-"""Names of the arrays of a campaign's store that an output could have as well."""
+"""Names of the store's arrays that an output must not have."""
 
 
 class Study(Table):
@@ -350,7 +351,7 @@ class Study(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return problems between tables."""
+        """Return the problems of keys that contradict each other in different tables."""
         paths = [dispersion.path for dispersion in self.vary]
         problems = [
             Problem(f"vary[{k}].path", describe_value(path), _ANOTHER_PATH if path == "seed" else "each path once")
@@ -422,7 +423,7 @@ class Study(Table):
 
     @property
     def block(self) -> int:
-        """Number of flights that depend on each other: in Saltelli sampling the varied parameters plus two, else 1."""
+        """Number of flights that depend on each other: with Saltelli sampling the varied parameters plus 2, else 1."""
         return len(self.vary) + 2 if self.sampling is not None and self.sampling.method == "saltelli" else 1
 
     @property
@@ -432,10 +433,10 @@ class Study(Table):
 
 
 def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str, np.ndarray]]:
-    """Read a study file (TOML), its scenario, and the columns of its table of values by path (empty without a table).
+    """Read a study file (TOML), its scenario file and its table of values.
 
-    Raises ScenarioError if a file cannot be read or is not valid; the message states the position and the expected
-    content.
+    Returns the study, the scenario, and the columns of the table by key path (empty without a table). Raises
+    ScenarioError if a file cannot be read or is not valid; the message states the position and the expected content.
     """
     source = os.fspath(path)
     text = read_text(path, "study")
@@ -455,7 +456,10 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
 
 @contextlib.contextmanager
 def located_in(path: str | os.PathLike[str], study: Study) -> Iterator[None]:
-    """Let the problems of a study, found after its file was read, tell the file and its lines."""
+    """Add the file and line numbers to a ScenarioError about the study that is raised in the `with` block.
+
+    Errors about another source pass unchanged.
+    """
     try:
         yield
     except ScenarioError as error:
@@ -468,7 +472,7 @@ def located_in(path: str | os.PathLike[str], study: Study) -> Iterator[None]:
 
 
 def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
-    """Return the study given by nested dictionaries and lists; raises ScenarioError if invalid."""
+    """Return the study with the keys and values of nested dictionaries; raises ScenarioError if invalid."""
     check_file_kind("study", values, source)
     try:
         return Study.model_validate(values)
@@ -477,7 +481,11 @@ def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
 
 
 def _read_columns(path: Path) -> dict[str, np.ndarray]:
-    """Read a CSV file by column heading: numbers, truth values if every entry is `true` or `false`, otherwise texts."""
+    """Read a CSV file with a heading row of key paths; return the columns by key path.
+
+    Columns are numbers; truth values if every entry is `true` or `false`; otherwise texts. Raises ScenarioError if the
+    file is no table, a path is repeated or is "seed", or a number is not finite.
+    """
     try:
         lines = list(csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines()))
     except csv.Error as error:

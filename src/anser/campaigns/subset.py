@@ -1,11 +1,12 @@
 """Subset simulation: probability of a rare event from a sequence of less rare events (levels).
 
-This module knows nothing of flights: `SampleSpace` and `LimitState` are supplied by the caller. Sources: S.-K. Au,
-J. L. Beck, *Estimation of small failure probabilities in high dimensions by subset simulation*, Probabilistic
-Engineering Mechanics 16(4), 2001; moves by conditional sampling with step size adapted to the acceptance rate:
-I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset simulation*, Probabilistic Engineering
-Mechanics 41, 2015. In the paper the chains of a level run one after the other; here they move simultaneously, for
-parallel evaluation, and the step size is adapted after each move.
+A level is a set of points whose values reach a bound; the probability of the event is the product of the fractions of a
+level's points that reach the next bound. The module knows nothing of flights: `SampleSpace` and `LimitState` are
+supplied by the caller. Sources: S.-K. Au, J. L. Beck, *Estimation of small failure probabilities in high dimensions by
+subset simulation*, Probabilistic Engineering Mechanics 16(4), 2001; moves by conditional sampling with step size
+adapted to the acceptance rate: I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset
+simulation*, Probabilistic Engineering Mechanics 41, 2015. In the paper the chains of a level run one after the other;
+here they move simultaneously, for parallel evaluation, and the step size is adapted after each move.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -17,22 +18,25 @@ import numpy as np
 from anser.results.sampling_statistics import log_interval, wilson_interval
 
 ACCEPTANCE = 0.44
-"""Target acceptance rate of the moves; Papaioannou et al. 2015."""
+"""Target fraction of accepted moves of the Markov chains; Papaioannou et al. 2015."""
 _FIRST_SIZE = 0.6
 
 LimitState = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Function from points and point numbers to signed values, greater is worse; infinite for the worst outcome."""
+"""Function from points and their numbers to values, shape (points,): greater is worse, infinite is the worst."""
 
 
 class SampleSpace(Protocol):
-    """Space in which the chains move: points, rows of an array, represent independent standard normal numbers."""
+    """Space in which the Markov chains move; a point (an entry of an array) defines independent standard normals."""
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Return independent random points, one per number."""
+        """Return independent random points, one for each of `numbers`."""
         ...
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Return new points ``keep * point + sqrt(1 - keep**2) * new``, again standard normal; one `keep` per point."""
+        """Return the points ``keep * point + sqrt(1 - keep**2) * new``, which are again standard normal.
+
+        `new` is an independent random point for each of `numbers`; `keep`, 0 to 1, has one entry per point.
+        """
         ...
 
 
@@ -43,11 +47,11 @@ class SubsetPlan:
     points: int  # points per level and repetition; a multiple of 1 / share
     share: float  # fraction of a level's points that start the chains of the next level; 1 over a whole number
     levels_max: int  # maximum number of levels
-    repetitions: int  # number of independent repetitions, whose scatter gives the confidence interval
+    repetitions: int  # number of independent repetitions; their scatter gives the confidence interval
 
     @property
     def length(self) -> int:
-        """Points per Markov chain, including the starting point."""
+        """Number of points per Markov chain, including the starting point."""
         return round(1.0 / self.share)
 
     @property
@@ -58,11 +62,11 @@ class SubsetPlan:
 
 @dataclass(frozen=True)
 class SubsetLevel:
-    """One level of one repetition: points whose values are at least the level's bound."""
+    """One level of one repetition of the subset simulation: points whose values are at least the level's bound."""
 
     bound: float  # lower bound of the level's values; -inf on the first level
     values: np.ndarray  # values of the points, chain by chain
-    # points, and the number with which each was computed
+    # the points, and the number of each: the number with which the point was first drawn or proposed
     points: np.ndarray
     numbers: np.ndarray
     share: float  # fraction of the points that reach the next level's bound, or on the last level exceed the threshold
@@ -70,11 +74,15 @@ class SubsetLevel:
 
 
 Repetition = tuple[SubsetLevel, ...]
-"""Levels of one repetition; the last is at the threshold or, after `levels_max`, short of it."""
+"""Levels of one repetition; the last reaches the threshold, or is the last that the plan or equal values allow."""
 
 
 def exceedance(repetition: Repetition, value: float) -> float:
-    """Estimate from one repetition the probability of exceeding a value, as a product of conditional probabilities."""
+    """Estimate from one repetition the probability of exceeding a value.
+
+    The estimate is the product of the fractions of each level's points that reach the next level's bound, up to the
+    first level whose next bound is above the value, times the fraction of that level's points above the value.
+    """
     probability = 1.0
     for level, next_level in zip(repetition, (*repetition[1:], None), strict=True):
         if next_level is None or value < next_level.bound:
@@ -85,21 +93,23 @@ def exceedance(repetition: Repetition, value: float) -> float:
 
 @dataclass(frozen=True)
 class SubsetEstimate:
-    """Estimate of a probability with its confidence interval."""
+    """Estimate of the probability of exceeding a value, with its confidence interval."""
 
-    #: Estimated probability; None if no point exceeds the value: of all, where the first level suffices, otherwise of
-    #: the points of one repetition.
+    #: Estimated probability; None if no point exceeds the value in the first level (if the first level suffices in
+    #: every repetition), or in the last level of at least one repetition.
     probability: float | None
-    low: float  #: Lower bound of the interval; 0 without a probability.
-    high: float  #: Upper bound of the interval; without a probability the Wilson bound of the first level, otherwise 1.
+    low: float  #: Lower bound of the confidence interval; 0 if the probability is None.
+    #: Upper bound of the confidence interval; if the probability is None, the Wilson bound if the first level suffices,
+    #: otherwise 1.
+    high: float
 
 
 def estimate(repetitions: Sequence[Repetition], value: float, confidence: float) -> SubsetEstimate:
-    """Estimate the probability of exceeding a value, with confidence interval.
+    """Estimate the probability of exceeding a value, with an interval of the given confidence level.
 
-    Points within a repetition are correlated within and between levels, which single-repetition formulas account for
-    only partly; the interval is therefore computed from the independent repetitions. If the first level suffices in
-    every repetition, the points are independent and the Wilson interval applies.
+    If the value lies below the second level's bound in every repetition, the points of the first level are independent
+    and the Wilson interval applies. Otherwise the estimate is the geometric mean of the repetitions' estimates, with
+    Student's interval of their logarithms: points within a repetition are correlated, the repetitions are independent.
     """
     if all(len(repetition) == 1 or value < repetition[1].bound for repetition in repetitions):
         values = np.concatenate([repetition[0].values for repetition in repetitions])
@@ -118,16 +128,16 @@ def subset_simulation(
     plan: SubsetPlan,
     seed: int,
 ) -> tuple[Repetition, ...]:
-    """Simulate all repetitions of a subset simulation together, so that their points are evaluated in one call.
+    """Carry out all repetitions of a subset simulation together: each call of `limit_state` has points of all.
 
     Parameters
     ----------
     space
         Space of the points.
     limit_state
-        Called for each move with points that depend on former values; point numbers count up from 0.
+        Function of the points and their numbers, which count up from 0; called once for each move of all chains.
     threshold
-        Threshold of the event.
+        Threshold of the event: the event is a greater value.
     plan
         Numbers of points, levels and repetitions.
     seed
@@ -135,12 +145,12 @@ def subset_simulation(
 
     Returns
     -------
-    The repetitions.
+    Levels of each repetition.
 
     Raises
     ------
     ValueError
-        A value is NaN.
+        A value of `limit_state` is NaN.
     """
     walks = {k: _walk(threshold, plan, np.random.default_rng([seed, k])) for k in range(plan.repetitions)}
     proposals = {k: next(walk) for k, walk in walks.items()}
@@ -168,7 +178,7 @@ def subset_simulation(
 
 
 _Proposal = tuple[np.ndarray | None, np.ndarray]
-"""Points to move from and the fraction `keep` of each; None and zeros request new independent points."""
+"""Points to move from and the weight `keep` of each (see `SampleSpace.propose`); None and zeros request new points."""
 _Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Points, their values and their numbers."""
 
@@ -178,7 +188,8 @@ def _walk(
 ) -> Generator[_Proposal, _Evaluated, Repetition]:
     """Simulate one repetition, level by level, as a generator.
 
-    It yields the points to be moved, receives the moved points with their values and numbers, and returns the levels.
+    The generator yields the points to move from with their weights `keep`, receives the new points with their values
+    and numbers, and returns the levels.
     """
     points, values, numbers = yield None, np.zeros(plan.points)
     levels: list[SubsetLevel] = []
