@@ -1,4 +1,4 @@
-"""Command line.
+"""Command line: the entry point of the program `anser`.
 
 Exit codes: 0 success; 1 a requirement is not met; 2 invalid input; 3 internal fault; 130 stopped by Ctrl-C.
 """
@@ -12,7 +12,7 @@ from anser.cli.process import INTERRUPTED, guarded_streams, interrupts, without_
 
 
 def main() -> None:
-    """Run the command line and exit with the exit code of the command.
+    """Run the command that the command line names, and end the process with the command's exit code.
 
     The commands and their libraries are imported inside, so that Ctrl-C also works during the imports.
     """

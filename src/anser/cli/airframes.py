@@ -1,4 +1,4 @@
-"""Commands about airframes: list, show, check, new."""
+"""Commands about airframes: aircraft list, aircraft show, aircraft check, aircraft new."""
 
 import dataclasses
 from pathlib import Path
@@ -38,7 +38,7 @@ _Aircraft = Annotated[
 
 @help_epilog("anser aircraft list", "anser aircraft list --json")
 def list_() -> None:
-    """List the airframes of the library and of entry points: mass, span, airspeed range, surfaces."""
+    """List the airframes of the library and of installed packages (entry points): mass, span, airspeeds, surfaces."""
     from anser.analysis.airframes import list_airframes
 
     listed = list_airframes()
@@ -146,7 +146,8 @@ def _show_performance(aircraft: str, variant: str, altitude_m: float, out: Path 
 def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     """Compare an aircraft file's check data with computed values, and look for probable errors: signs, units, tables.
 
-    For an aircraft by DAVE-ML, the check shots of its files come first; the F-16 has tables only. For a DAVE-ML file
+    Check data are inputs of the aerodynamic model with the outputs that the publisher computed. For an aircraft by
+    DAVE-ML, the check shots of its files come first; for the F-16, only the tables are examined. For a DAVE-ML file
     (.dml) alone, the inputs and outputs are listed if the file has no check data.
     """
     must_be_known_aircraft(aircraft, variant, "AIRCRAFT")
@@ -181,9 +182,10 @@ def _report(
     signals: "Mapping[str, tuple[Variable, ...]]",
     effects: "Mapping[str, str] | None" = None,
 ) -> None:
-    """Print an aircraft file's check data and findings.
+    """Print an aircraft file's check data and findings, and exit with code 1 if a check fails or a finding exists.
 
-    `signals` are the inputs and outputs of a DAVE-ML file, `effects` what a positive deflection of each surface does.
+    `signals` are the inputs and outputs of a DAVE-ML file; `effects` describes by surface the effect of a positive
+    deflection.
     """
     failed = [item for item in checked_values if not item.passed]
     print_document(

@@ -1,6 +1,6 @@
 """Registration of commands in the typer app.
 
-Every command gets the options --json and --quiet, examples and exit codes in its help, and anser's messages for
+Every command gets the options --json and --quiet, examples and exit codes in its help text, and anser's messages for
 invalid option values.
 """
 
@@ -20,9 +20,9 @@ from anser.config.validation_messages import conversion_hint
 
 _KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false"}
 _UNITS = {"_deg_s": "deg/s", "_m_s": "m/s", "_deg": "deg", "_s": "s", "_m": "m"}
-"""Units by the end of a parameter's name, longest first."""
+"""Units of parameters by the suffix of the parameter's name, longest suffix first."""
 COMMAND_IMPLIED = "anser.implied"
-"""Key in the context of a command whose name was omitted on the command line."""
+"""Key in the context of a group's default command; set if the command's name was omitted on the command line."""
 
 
 class PlainCommand(TyperCommand):
@@ -34,7 +34,7 @@ class PlainCommand(TyperCommand):
         return usage.replace(f" {self.name} ", " ", 1) if ctx.meta.get(COMMAND_IMPLIED) else usage
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options; raises InputError with the option, the value, and what was expected."""
+        """Parse the options; raises InputError if an option's value is not valid."""
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter as error:
@@ -73,7 +73,7 @@ _Quiet = Annotated[
 
 
 def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
-    """Return a decorator that attaches examples and exit codes to a command; `unmet` is the meaning of exit code 1."""
+    """Return a decorator that attaches examples and exit codes to a command; `unmet` describes exit code 1, if used."""
     codes = [
         "0  done",
         *([f"1  {unmet}"] if unmet else []),
@@ -94,7 +94,7 @@ def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function
 def register_command(app: typer.Typer, command: Callable[..., None]) -> None:
     """Register a function decorated with `help_epilog` as a command, with the options --json and --quiet.
 
-    The function prints with `print_line`, `print_table`, `print_note` and `print_problem`, which handle these options,
+    The function prints with `print_line`, `print_table`, `print_note` and `print_problem`, which obey these options,
     and calls `print_document` once with its results as a JSON document.
     """
 

@@ -1,4 +1,4 @@
-"""Measurement of what a scenario's programs cost: two flights in new processes, with an empty cache of their own."""
+"""Measurement of a scenario's computing cost: two flights in new processes, with an empty cache of their own."""
 
 import json
 import os
@@ -38,9 +38,11 @@ _STAGES = ("tracing_s", "lowering_s", "compiling_s")
 
 
 def measure_scenario(scenario: Path) -> dict[str, Any]:
-    """Run `anser run` twice in new processes and return programs, CPU and wall seconds and the peak of memory.
+    """Fly a scenario twice in new processes; return a JSON document of the first and the second run's cost.
 
-    Raises InputError if the scenario cannot be flown.
+    Entries: the compiled programs with their CPU seconds by stage, sums of the stages, the first run's peak of memory
+    (MB, None if the system does not report it), and CPU and wall seconds of both runs. Raises InputError if the
+    scenario cannot be flown.
     """
     with tempfile.TemporaryDirectory(prefix="anser-") as folder:
         first, second = (_run_once(scenario, Path(folder), number) for number in (1, 2))
@@ -66,7 +68,7 @@ def _run_once(scenario: Path, folder: Path, number: int) -> dict[str, Any]:
 
 
 def print_budgets(budgets: list[dict[str, Any]]) -> None:
-    """Print a row per scenario, and for a single scenario a row per program before it."""
+    """Print a row of computing costs per scenario; for a single scenario, a row per program first."""
     stages = ("equations", "tracing", "lowering", "compiling", "code MB")
     if len(budgets) == 1:
         keys = (*_STAGES, "code_mb")

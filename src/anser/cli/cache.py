@@ -1,4 +1,4 @@
-"""Command cache: the store of compiled programs."""
+"""Command cache: compiled programs that are stored on disk."""
 
 import contextlib
 import tempfile

@@ -88,7 +88,7 @@ def compare(
     out: Annotated[Path | None, typer.Option(help="New folder for the figure.")] = None,
     force: Force = False,
 ) -> None:
-    """Compare two campaigns with paired seeds flight by flight: which is better, how often and by how much."""
+    """Compare two campaigns with paired seeds flight by flight: the better campaign, how often and by how much."""
     read_campaign_store(folder, "FOLDER")
     read_campaign_store(other, "OTHER")
     from anser.campaigns.comparison import compare_campaigns
@@ -144,7 +144,11 @@ def _print_comparison(comparison: "CampaignComparison") -> None:
 
 
 def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
-    """Open the store of a campaign folder (named by `argument`); raises InputError if the folder has none."""
+    """Open the store of a campaign folder.
+
+    Raises InputError if the folder has no campaign or a file is damaged; `argument` is the name of the folder's
+    argument in the message.
+    """
     from anser.campaigns.store import CampaignStore
     from anser.campaigns.store_integrity import StoreError
 
@@ -197,7 +201,10 @@ def _refuse_old_folder(out: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _locked(store: "CampaignStore") -> Iterator[None]:
-    """Lock a campaign against other processes in the `with` block; report damaged chunks, which are flown again."""
+    """Lock a campaign's folder in the `with` block, and print which damaged chunks are flown again.
+
+    Raises InputError if another process flies the campaign.
+    """
     from anser.campaigns.store_integrity import StoreError
 
     with contextlib.ExitStack() as lock:
@@ -209,7 +216,11 @@ def _locked(store: "CampaignStore") -> Iterator[None]:
 
 
 def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
-    """Fly the missing flights of a campaign, print the estimates and write the report."""
+    """Fly the missing flights of a campaign, print the estimates and write the report.
+
+    Exits with code 1 if a flight does not meet a requirement or cannot start. Estimates so far are printed after
+    Ctrl-C.
+    """
     from anser.campaigns.campaign_folder import Campaign
     from anser.campaigns.flights import campaign_process_limit, find_bound_cautions, fly_campaign
     from anser.campaigns.replay import archive_worst
@@ -257,10 +268,10 @@ def _resume_note(store: "CampaignStore") -> str:
 
 
 def _write(store: "CampaignStore", flown_before: int) -> list[str]:
-    """Write the report of a campaign without replaying flights; return the names of the written files.
+    """Write the report of a campaign without flying flights again for the map; return the names of the written files.
 
-    Nothing is written if the campaign has no flights, or if a report exists and no flight was added: an existing report
-    may show the worst flights, which need replays.
+    Nothing is written if no flight is complete, or if a report exists and no flight was added: an existing report may
+    show the worst flights on a map.
     """
     from anser.campaigns.campaign_report import REPORT, write_campaign
 
@@ -270,7 +281,11 @@ def _write(store: "CampaignStore", flown_before: int) -> list[str]:
 
 
 def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
-    """Return the store of a campaign folder and the scenario of one flight; raises InputError if one is invalid."""
+    """Return the store of a campaign folder and the scenario of flight `number`.
+
+    Raises InputError if the folder has no campaign or the number is out of range, ScenarioError if the flight's
+    scenario is invalid.
+    """
     from anser.campaigns.flights import flight_scenario
 
     store = read_campaign_store(folder, "--campaign")
@@ -283,7 +298,7 @@ def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario
 
 
 def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") -> None:
-    """Print whether a flight flown again reproduces its result in the campaign."""
+    """Print whether flight `number`, flown again, reproduces its stored result in the campaign."""
     from anser.campaigns.replay import replay_differences
 
     if number not in store.flown:
@@ -302,7 +317,7 @@ def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") ->
 
 
 def _bound_cells(quantile: "QuantileEstimate") -> list[str]:
-    """Return the table cells of a quantile: value, confidence interval and unit; short times in milliseconds."""
+    """Return the table cells of a quantile: value, confidence interval and unit; times below 10 ms in milliseconds."""
     values = quantile.value, quantile.low, quantile.high
     magnitudes = [abs(value) for value in values if value is not None]
     if quantile.unit == "s" and max(magnitudes, default=1.0) < _MILLISECONDS_BELOW_S:

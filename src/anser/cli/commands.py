@@ -1,6 +1,6 @@
 """All commands and command groups of `anser`, and the exit code of the process.
 
-A group runs its first command if no command is named: `anser campaign STUDY`.
+A group runs its first command if the command line names none: `anser campaign STUDY`.
 """
 
 import difflib
@@ -44,9 +44,9 @@ class DefaultCommandGroup(TyperGroup):
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Insert the default command if the first argument is no command or help option; parse the arguments.
+        """Insert the default command if the first argument is neither a command nor a help option; parse the arguments.
 
-        An empty command line stays empty, and a word that resembles a command and is not a file stays first.
+        No command is inserted into an empty command line, or before a word that resembles a command and is not a file.
         """
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             close = difflib.get_close_matches(args[0], self.commands)
@@ -56,7 +56,7 @@ class DefaultCommandGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
-        """Return the completions of command names and of the default command's arguments."""
+        """Return the completions of command names, and of the default command's first argument."""
         default_command = next(iter(self.commands.values()))
         completions = super().shell_complete(ctx, incomplete)
         argument = next((p for p in default_command.params if p.param_type_name == "argument"), None)
@@ -155,7 +155,8 @@ register_group(
 def exit_code() -> int:
     """Run the command of the command line and return its exit code.
 
-    Errors of the operating system for files and folders are reported in one message, as invalid input.
+    Invalid input (`InputError`, `ScenarioError`) and errors of the operating system are printed as one message, with
+    code 2; other exceptions with their traceback, with code 3.
     """
     try:
         app()
@@ -177,7 +178,7 @@ def exit_code() -> int:
 
 
 def _system_refusal(error: OSError) -> str:
-    """Return the message for an operating-system error, reported as invalid input."""
+    """Return the message for an operating-system error about a file or folder."""
     if error.filename is None:
         return f"arrived a refusal of the system ({error}); expected files and folders that can be read and written"
     name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes | os.PathLike) else error.filename

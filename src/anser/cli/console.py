@@ -40,7 +40,7 @@ from anser.environment.air import AIRSPEED_FORMS, STANDARD_LAYERS, AirspeedForm,
 
 
 def _console(**look: Any) -> Console:
-    """Return a console that prints square brackets and words between colons as they are, not as markup or emoji."""
+    """Return a console that prints brackets and words between colons literally, not as markup or emoji."""
     return Console(markup=False, emoji=False, **look)
 
 
@@ -48,7 +48,7 @@ screen = _console()
 note = _console(stderr=True, highlight=False)
 err = _console(stderr=True, highlight=False)
 
-_WIDTH_MIN = 120  # width of tables without a terminal
+_WIDTH_MIN = 120  # least width of tables without a terminal, characters
 _RANGES = {
     "speed_m_s": (1, 1000),
     "speed_cas_m_s": (1, 1000),
@@ -65,14 +65,14 @@ _RANGES = {
 """Permitted range of each flight-condition option, in the order in which they are checked."""
 _BAR_WIDTH = 16  # fits 80 columns with the longest description
 _SPEED_PERIOD_S = 3600.0
-"""Period over which progress is averaged to estimate the remaining time, s: steps of a campaign are minutes apart."""
+"""Period over which progress is averaged to estimate the remaining time, s: campaign steps may be minutes apart."""
 _REFRESH_PERIOD_S, _LOG_PERIOD_S = 1.0, 10.0
-"""Time between two looks at the compiler, and between progress lines if the output is not a terminal, s."""
+"""Time between two updates of the progress line, and between two printed lines without a terminal, s."""
 
 
 @dataclass
 class _Request:
-    """Whether the current command was called with --json, and whether its JSON document was printed."""
+    """State of the current command: whether --json was used, and whether the JSON document was printed."""
 
     as_json: bool = False
     answered: bool = False
@@ -83,9 +83,10 @@ _request = _Request()
 
 @contextlib.contextmanager
 def output(as_json: bool, quiet: bool) -> Iterator[None]:
-    """Apply --json and --quiet to the consoles in the `with` block, the run of one command.
+    """Apply --json and --quiet to the consoles in the `with` block, in which one command runs.
 
-    Raises RuntimeError if the command ends with exit code 0 or 1 without the JSON document requested by --json.
+    Raises RuntimeError if the command ends with exit code 0 or 1 without printing the JSON document that --json
+    requests.
     """
     _request.as_json, _request.answered = as_json, False
     screen.quiet, note.quiet = as_json or quiet, quiet
@@ -107,9 +108,9 @@ def _must_have_answered() -> None:
 
 
 def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
-    """With ``--json``, print the document as the only content of standard output; otherwise do nothing.
+    """Print the JSON document that `document` returns to standard output, if --json was used; otherwise do nothing.
 
-    The function makes the document without NaN and infinity, which are undefined in JSON.
+    The function is called only with --json; its result must not contain NaN or infinity, which JSON lacks.
     """
     if _request.as_json:
         sys.stdout.write(json.dumps(document(), indent=1, allow_nan=False) + "\n")
@@ -117,14 +118,17 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Print the reasons for a missing result and exit with code 1; the JSON document contains status and reasons."""
+    """Print the reasons for a missing result and exit with code 1.
+
+    The JSON document contains status and reasons; `prefix` precedes each printed reason.
+    """
     print_document(lambda: {"format_version": 1, "status": status, "reasons": list(reasons)})
     fail_if_any(prefix + reason for reason in reasons)
     raise typer.Exit(1)
 
 
 def fail_if_any(problems: Iterable[str]) -> None:
-    """Print problems as error messages and exit with code 1, unless there is none."""
+    """Print problems as error messages and exit with code 1; return if there are none."""
     texts = list(problems)
     for text in texts:
         print_problem(text)
@@ -148,7 +152,7 @@ def print_line(text: str) -> None:
 
 
 class _Times(ProgressColumn):
-    """Column of a progress bar: elapsed time, and an estimate of the remaining time if possible."""
+    """Column of a progress bar: elapsed time, and the estimated remaining time if known."""
 
     def render(self, task: Task) -> Text:
         """Return the text of the column."""
@@ -166,8 +170,8 @@ def _clock(seconds: float) -> str:
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
     """Return a context manager that shows a progress bar with elapsed and remaining time, removed at the end.
 
-    Without a terminal, a line is printed every ten seconds. The context manager yields a function of a description and
-    the completed fraction, 0..1, or None for an unknown fraction.
+    The context manager yields a function that sets the description and the completed fraction, 0..1 (None: unknown).
+    Without a terminal, a line is printed every ten seconds.
     """
     columns = (_description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
     return _progress_display("starting", 1.0, *columns)
@@ -176,7 +180,7 @@ def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | N
 def activity(description: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
     """Return a context manager that shows a spinner with elapsed time, for work of unknown duration.
 
-    The context manager yields a function of a new description.
+    The context manager yields a function that sets the description.
     """
     return _progress_display(description, None, SpinnerColumn(), _description_column(), TimeElapsedColumn())
 
@@ -191,8 +195,8 @@ def _progress_display(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress line in the `with` block, and yield a function that sets description and completed fraction.
 
-    The function takes the description and, optionally, the fraction (0..1). While the process waits for a program to be
-    compiled, the line says so and shows no fraction. Without a terminal, a line is printed every ten seconds.
+    The fraction, 0..1, is optional. While the process waits for a program to be compiled, the line says so and shows no
+    fraction. Without a terminal, a line is printed every ten seconds.
     """
     from anser.compiling.measuring import compilation_message
 
@@ -249,7 +253,7 @@ class InputError(Exception):
 
 @contextlib.contextmanager
 def refuse_on(error_type: type[Exception], prefix: str = "") -> Iterator[None]:
-    """Convert errors of one type in the `with` block to InputError; `prefix` names the option or argument."""
+    """Convert errors of one type in the `with` block to InputError; `prefix`, before the message, names the option."""
     try:
         yield
     except error_type as error:
@@ -257,14 +261,14 @@ def refuse_on(error_type: type[Exception], prefix: str = "") -> Iterator[None]:
 
 
 def must_be_in_range(option: str, value: float, low: float, high: float, advice: str = "") -> None:
-    """Raise InputError if a number is outside a range; `advice` follows the message."""
+    """Raise InputError if an option's number is not finite or outside [low, high]; `advice` follows the message."""
     if not (math.isfinite(value) and low <= value <= high):
         raise InputError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}{advice}")
 
 
 @dataclass(frozen=True)
 class TableColumn:
-    """Column of `print_table`: heading, number of decimals, options of rich's `add_column` (`justify`, ...)."""
+    """Column of `print_table`: heading, number of decimals, and options of rich's `add_column` (`justify`, ...)."""
 
     heading: str
     digits: int = 0
@@ -272,7 +276,7 @@ class TableColumn:
 
 
 def columns(*headings: str, digits: int = 0, **options: Any) -> list[TableColumn]:
-    """Return columns with the given headings and equal format."""
+    """Return columns of equal format, one for each heading."""
     return [TableColumn(heading, digits, options) for heading in headings]
 
 
@@ -287,9 +291,10 @@ def print_table(
     rows: Iterable[Sequence[str | float | Text | None]],
     styles: Iterable[str | None] = (),
 ) -> None:
-    """Print a table without lines between rows; without a terminal, lines are neither wrapped nor cut.
+    """Print a table of results, except with --json or --quiet; without a terminal, lines are neither wrapped nor cut.
 
-    None and NaN give a dash; `styles` are those of the rows.
+    Numbers get the decimals of their column; None, NaN and infinity are printed as a dash. `styles` has one style per
+    row.
     """
     table = Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
     for column in columns:
@@ -308,7 +313,8 @@ def print_table(
 def flight_point(at: str) -> tuple[float, float]:
     """Return the true airspeed (m/s) and altitude (m) of an option --at; raises InputError if invalid.
 
-    The airspeed is true, or with a prefix another: "cas:140,2000", "eas:138,2000", "mach:0.45,2000".
+    `at` is "SPEED,ALTITUDE" with a true airspeed, or with a prefix another form: "cas:140,2000", "eas:138,2000",
+    "mach:0.45,2000". Conversion is by the standard atmosphere.
     """
     try:
         speed_text, altitude_text = at.split(",")
@@ -331,15 +337,17 @@ _AT_FORMS: dict[str, AirspeedForm] = {
     "eas": "speed_eas_m_s",
     "mach": "mach",
 }
-"""Forms of the airspeed in an option --at, by the prefix of the number."""
+"""Form of the airspeed in an option --at (true, calibrated, equivalent, Mach number), by the prefix of the number."""
 
 
 def true_airspeed_of(
     altitude_m: float, airspeeds: Mapping[AirspeedForm, float | None], layers: Layers = STANDARD_LAYERS
 ) -> float:
-    """Return the true airspeed (m/s) of the options for an airspeed, by `AIRSPEED_FORMS`, at an altitude (m).
+    """Return the true airspeed, m/s, for the only airspeed option that is not None, at an altitude, m.
 
-    Raises InputError if not exactly one is given, or if it is outside its range.
+    `airspeeds` has the options by `AIRSPEED_FORMS` (true, calibrated, equivalent, Mach number); `layers` is the
+    atmosphere. Raises InputError if not exactly one option has a value, or if airspeed or altitude is outside its
+    range.
     """
     arrived = [form for form in AIRSPEED_FORMS if airspeeds[form] is not None]
     if len(arrived) != 1:
@@ -352,7 +360,7 @@ def true_airspeed_of(
 
 @contextlib.contextmanager
 def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
-    """Show `activity` in the `with` block; on ConditionError (no steady flight), end the command with exit code 1."""
+    """Show `activity` in the `with` block; if no steady flight exists (ConditionError), end the command with code 1."""
     from anser.analysis.trim_points import ConditionError
 
     try:
@@ -363,7 +371,10 @@ def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Raise InputError if a value is outside its range, or a pitch rate is given together with another rate."""
+    """Raise InputError if a value of the flight condition is outside its range of `_RANGES`; None is not checked.
+
+    A pitch rate must also not be combined with a turn rate or a path rate.
+    """
     for name, (low, high) in _RANGES.items():
         value = condition.get(name)
         if value is not None:
@@ -381,7 +392,7 @@ def _option(parameter: str) -> str:
 
 
 def must_be_f16(aircraft: str, instead: str) -> None:
-    """Raise InputError if the aircraft is not the F-16; `instead` says what to use for other aircraft."""
+    """Raise InputError if the aircraft is not the F-16; `instead` names the alternative for other aircraft."""
     if aircraft not in VARIANTS:
         raise InputError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
@@ -389,7 +400,7 @@ def must_be_f16(aircraft: str, instead: str) -> None:
 def must_be_known_aircraft(aircraft: str, variant: str, parameter: str = "--aircraft") -> None:
     """Raise InputError if an airframe's name or variant is unknown; paths of aircraft files are not checked.
 
-    `parameter` is the option or argument of the name.
+    `parameter` is the command-line option or argument with the name.
     """
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
         expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"

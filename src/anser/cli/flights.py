@@ -1,4 +1,4 @@
-"""Commands that fly or plan a scenario: run, plan."""
+"""Commands that fly or plan a scenario: run, demo, plan."""
 
 import contextlib
 import tempfile
@@ -145,7 +145,10 @@ def _finished_plan(folder: Path, scenario: Scenario) -> "FirstPlan":
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
-    """Return the start time, s, of the first status other than flying, by name of the aircraft that left its plan."""
+    """Return the time, s, at which each aircraft left its plan in flight, by name: the first status other than flying.
+
+    Aircraft that flew their plan to the end are left out, and aircraft that failed at the first sample.
+    """
     stop_times = {}
     for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
         stopped_rows = codes.nonzero()[0]
@@ -155,7 +158,7 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
 
 
 def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
-    """Return the status of an aircraft, with the time ("at 12.0 s: ...") if it left its plan in flight."""
+    """Return the status of an aircraft, with the time ("at 12.0 s: ...") if the aircraft left its plan in flight."""
     stop_time = stopped_s.get(aircraft["name"])
     return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 
@@ -199,7 +202,7 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
 
 
 def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
-    """Print the requirements that are not met and exit with code 1."""
+    """Print the requirements that are not met and the aircraft that failed, and exit with code 1."""
     from anser.results.arrival import AS_PLANNED  # late import: errors in the file come first
 
     for item in summary["requirements"]:
@@ -284,7 +287,7 @@ def _print_paths(summary: dict[str, Any]) -> None:
 
 
 def _path_row(aircraft: dict[str, Any], arrive_together: bool) -> dict[str, str]:
-    """Return the table cells of an aircraft's path by heading; the headings are equal for the whole fleet."""
+    """Return the table cells of an aircraft's path by heading; the headings are the same for the whole fleet."""
     planned = {limit["name"]: limit["planned"] for limit in aircraft["limits"]}
     cells = {} if arrive_together else {"arrival\ns": number(aircraft["arrival_s"], 2)}
     if "nominal_length_m" in aircraft:

@@ -1,4 +1,4 @@
-"""Output folders and files of commands, new or replaced with --force, and folders of finished runs."""
+"""Output folders and files of commands (new, or replaced with --force), and folders of finished runs."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -27,10 +27,11 @@ Force = Annotated[
 
 @contextlib.contextmanager
 def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Create the output folder and yield a folder to write into; raises InputError if the output folder exists.
+    """Create the output folder and yield a temporary folder to write into.
 
-    Files move to the output folder when all are complete; a new folder is removed if it stays empty. With `force` the
-    output folder may exist, and files of the same names are replaced.
+    The files move to the output folder when the `with` block ends without an error; a new folder is removed if it stays
+    empty. With `force` the output folder may exist, and files of the same names are replaced. Raises InputError if the
+    folder exists without `force`, or cannot be written.
     """
     is_old = force and _is_folder(folder)
     expected_place = "a folder in which files can be replaced" if is_old else "a place where a folder can be made"
@@ -51,7 +52,10 @@ def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
 
 
 def make_next_folder(folder: Path) -> Path:
-    """Create the default output folder, or the first free folder with suffix -2, -3, ...; return the path."""
+    """Create the default output folder, or if it exists the first free folder with suffix -2, -3, ...; return its path.
+
+    Raises InputError if no folder can be created.
+    """
     candidate, count = folder, 1
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -75,7 +79,7 @@ PICTURE_SUFFIXES = (".svg", ".png", ".pdf")
 def must_be_new_file(
     option: str, path: Path | None, suffixes: Sequence[str] = PICTURE_SUFFIXES, force: bool = False
 ) -> None:
-    """Raise InputError, before any computation, if an optional file has a wrong suffix or cannot be written."""
+    """Raise InputError if a file has none of the suffixes or cannot be written; None is accepted."""
     if path is None:
         return
     if path.suffix not in suffixes:
@@ -85,7 +89,7 @@ def must_be_new_file(
 
 
 def must_be_writable(option: str, path: Path, force: bool) -> None:
-    """Raise InputError if a file exists (unless `force`) or the folder for the file does not exist."""
+    """Raise InputError if a file exists (unless `force`), is a folder or device, or its folder does not exist."""
     with _refusing(option, path, "a place for a file"):
         if path.is_file() and not force:
             remedy = "a new file, or --force (nothing is overwritten without it)"
@@ -99,20 +103,23 @@ def must_be_writable(option: str, path: Path, force: bool) -> None:
 
 @contextlib.contextmanager
 def open_output_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary path for an output file, which moves to its place when complete, or raise InputError."""
+    """Yield a temporary path for an output file, which is moved to `path` when complete.
+
+    Raises InputError if the file cannot be written, or exists without `force`.
+    """
     with _refusing(option, path, "a place for a file"), new_file(path, overwrite=force) as partial:
         yield partial
 
 
 def write_if_requested(option: str, path: Path | None, force: bool, write: Callable[[Path], object]) -> None:
-    """Write an optional output file; raises InputError if it cannot be written."""
+    """Write an output file with `write`, unless `path` is None; raises InputError if the file cannot be written."""
     if path is not None:
         with open_output_file(option, path, force) as file:
             write(file)
 
 
 def note_if_written(path: Path | None, contents: str = "") -> None:
-    """Print that an optional output file or folder was written, and the contents of the folder."""
+    """Print that an output file or folder was written, with the folder's `contents`, unless `path` is None."""
     if path is not None:
         print_note(f"{path}: {contents} written" if contents else f"{path}: written")
 
@@ -124,7 +131,7 @@ def _is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Convert operating-system errors in the `with` block to InputError, with an option's path."""
+    """Convert operating-system errors in the `with` block to InputError with the option, its path and `expected`."""
     try:
         yield
     except OSError as error:
@@ -132,13 +139,13 @@ def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
 
 
 def check_run_folder(folder: Path, argument: str = "RUN") -> None:
-    """Raise InputError if a folder is not that of a run; `argument` names the folder on the command line."""
+    """Raise InputError if a folder lacks the files of a run; `argument` names the folder on the command line."""
     with refuse_on(RunFolderError, f"{argument}: "):
         saved_flights.check_run_folder(folder)
 
 
 def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return the dataset and summary of a run folder; raises InputError if it is not a complete run."""
+    """Return dataset and summary of a run folder; raises InputError if files are missing or damaged."""
     check_run_folder(folder, argument)
     with refuse_on(RunFolderError, f"{argument}, "):
         flight = load_flight(folder)
@@ -146,7 +153,10 @@ def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[st
 
 
 def read_aircraft_flight(folder: Path) -> "xr.Dataset | None":
-    """Return the flight in a folder of `anser simulate`, which has no summary; None for any other folder."""
+    """Return the dataset of a folder that `anser simulate` wrote; None for any other folder.
+
+    Raises InputError if the dataset is damaged.
+    """
     from anser.results.checksums import DamagedFileError
     from anser.results.netcdf import read_netcdf
 
@@ -158,7 +168,7 @@ def read_aircraft_flight(folder: Path) -> "xr.Dataset | None":
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return dataset and summary of a run folder; raises InputError also if one of the variables is missing."""
+    """Return dataset and summary of a run folder; raises InputError also if one of the variables `names` is missing."""
     dataset, summary = read_run(folder)
     missing = [name for name in names if name not in dataset.variables]
     if missing:

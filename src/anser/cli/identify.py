@@ -1,4 +1,4 @@
-"""Command identify: parameters of an aircraft from a recorded flight."""
+"""Command identify: estimates of an aircraft's parameters from a recorded flight."""
 
 from pathlib import Path
 from typing import Annotated, Literal

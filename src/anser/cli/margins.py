@@ -68,7 +68,7 @@ def margins(
     out: Annotated[Path | None, typer.Option(help="With --envelope: new folder for dataset and maps.")] = None,
     force: Force = False,
 ) -> None:
-    """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, with one loop open at a time."""
+    """Compute gain, phase, delay and disk margins at every actuator and loop of the autopilot, opened one at a time."""
     must_be_known_aircraft(aircraft, variant)
     must_be_in_range("--step-s", step_s, STEP_MIN_S, STEP_MAX_S)
     if envelope:
@@ -190,13 +190,16 @@ def _print_survey(surveyed: "MarginSurvey") -> None:
 
 
 def _disk(radius: float) -> tuple[float, float]:
-    """Return the variations of gain (dB) and of phase (deg), separately, that a disk margin allows."""
+    """Return the changes of gain (dB) and of phase (deg), each alone, that a disk margin of `radius` allows."""
     gain = 20 * math.log10((2 + radius) / (2 - radius)) if radius < 2 else math.inf
     return gain, math.degrees(2 * math.atan(radius / 2))
 
 
 def _gain(margin_db: float, searched_db: float, sign: float) -> str | float:
-    """Return the gain margin in one direction, dB; without a boundary in the searched range, that range as text."""
+    """Return the gain margin in one direction, dB, negative if `sign` is -1.
+
+    If no boundary of stability was found up to `searched_db`, the result is a text with that change of gain.
+    """
     if margin_db <= searched_db:
         return sign * margin_db
     return f"none to {sign * searched_db:.1f}"

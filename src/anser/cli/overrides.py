@@ -33,7 +33,12 @@ PlannerName = Annotated[
 def load_with_overrides(
     path: Path, settings: Sequence[str] = (), planner: str | None = None, *, with_trim_maps: bool = True
 ) -> Scenario:
-    """Load a scenario, apply the options --set and --planner, and print the cautions (of `find_cautions`)."""
+    """Load a scenario, replace values by the options --set and --planner, and print cautions about the scenario.
+
+    `settings` are texts PATH=VALUE. Raises InputError if an option is malformed, ScenarioError if the scenario is
+    invalid, or an option sets a key that has no effect or that another option sets. `with_trim_maps` includes the
+    cautions that need trims.
+    """
     scenario = load(path)
     overrides = parse_overrides([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
     if overrides:
@@ -60,7 +65,7 @@ def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
 
 
 def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
-    """Return the values of options --set (PATH=VALUE), by key path."""
+    """Return the values of options --set (PATH=VALUE) by key path; raises InputError if malformed or repeated."""
     overrides: dict[str, object] = {}
     for text in texts:
         path, value = split_assignment(text, "PATH=VALUE, such as wind.speed_m_s=8")
@@ -71,7 +76,10 @@ def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
 
 
 def split_assignment(text: str, expected: str) -> tuple[str, str]:
-    """Return the two parts of an option --set, before and after the equals sign; raises InputError without one."""
+    """Return the parts of an option --set before and after the equals sign.
+
+    Raises InputError with the text `expected` if the sign or a part is missing.
+    """
     path, sign, value = (part.strip() for part in text.partition("="))
     if not sign or not path or not value:
         raise InputError(f"--set: arrived {text!r}; expected {expected}")
@@ -79,7 +87,10 @@ def split_assignment(text: str, expected: str) -> tuple[str, str]:
 
 
 def parse_value(text: str) -> object:
-    """Return a value given in TOML notation (number, truth value, list, table); other text stays text."""
+    """Return the value of a text: truth value, number, or list, table and quoted text in TOML notation.
+
+    Any other text is returned as it is. Raises InputError if the TOML is malformed.
+    """
     word = text.strip()
     if word in ("true", "false"):
         return word == "true"

@@ -17,14 +17,14 @@ INTERRUPTED = 130
 
 
 class Interrupts:
-    """Record of interrupts (Ctrl-C) of this process; `arrived` even if a library caught or replaced the exception."""
+    """Record of interrupts (Ctrl-C) of this process; `arrived` stays True even if a library catches the exception."""
 
     def __init__(self) -> None:
         self.arrived = False
 
     @contextlib.contextmanager
     def watched(self) -> Iterator[None]:
-        """Record interrupts in the `with` block and raise KeyboardInterrupt; inactive if the process ignores Ctrl-C."""
+        """Record interrupts in the `with` block and raise KeyboardInterrupt, unless the process ignores Ctrl-C."""
         self.arrived = False
         handler = signal.getsignal(signal.SIGINT)
         if handler in (signal.SIG_IGN, None):
@@ -37,12 +37,15 @@ class Interrupts:
             signal.signal(signal.SIGINT, handler)
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if an interrupt arrived (a library may have caught the exception)."""
+        """Raise KeyboardInterrupt if an interrupt has arrived, since a library may have caught the exception."""
         if self.arrived:
             raise KeyboardInterrupt
 
     def end_process(self) -> None:
-        """Print the message and end the process at once, without waiting for threads of compilers and libraries."""
+        """Remove temporary outputs, print "stopped" and end the process at once, with exit code 130.
+
+        Threads of compilers and libraries are not waited for.
+        """
         from anser.files import remove_temporary_outputs
 
         remove_temporary_outputs()
@@ -62,7 +65,7 @@ class Interrupts:
 
 
 def _interrupt_main_thread(number: int) -> None:
-    """Raise a signal in the main thread, which a signal of another thread would not wake from a wait."""
+    """Send the signal `number` to the main thread: a signal to another thread would not wake it from a wait."""
     thread = threading.main_thread().ident
     if thread is not None and hasattr(signal, "pthread_kill"):
         signal.pthread_kill(thread, number)
@@ -71,11 +74,14 @@ def _interrupt_main_thread(number: int) -> None:
 
 
 _POSTPONED_S = 0.02
-"""Time after which an interrupt arrives again that met the import of an extension module."""
+"""Delay, s, after which an interrupt is repeated that arrived during the import of an extension module."""
 
 
 def _loads_extension(frame: FrameType | None) -> bool:
-    """Whether an extension module is being imported, whose initialization an exception may end in a memory fault."""
+    """Return whether an extension module is being imported in the frame or its callers.
+
+    An exception during an extension's initialization may end in a memory fault.
+    """
     while frame is not None:
         if isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
             return True
@@ -104,14 +110,14 @@ def without_dask() -> Iterator[None]:
 
 
 class GuardedStream:
-    """Text stream that discards everything after the first failed write, whose error is `failure`."""
+    """Text stream that discards everything after the first failed write; `failure` is that write's error, or None."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self.failure: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write text, or discard the text after a failure."""
+        """Write text, or discard it after a failure; return the number of characters of the text."""
         self._guard(lambda: self._stream.write(text))
         return len(text)
 
@@ -136,8 +142,8 @@ class GuardedStream:
 def guarded_streams() -> Iterator[Callable[[], str | None]]:
     """Replace standard output and standard error by `GuardedStream` in the `with` block.
 
-    A reader that closes the pipe early, such as ``head``, is not a failure. Failures of standard error are ignored.
-    Yields a function that flushes standard output and returns the reason of a failed write, or None.
+    Yields a function that flushes standard output and returns the reason of a failed write, or None. A reader that
+    closes the pipe early, such as ``head``, is not a failure. Failures of standard error are ignored.
     """
     _open_closed_descriptors()
     original_streams = sys.stdout, sys.stderr
@@ -157,7 +163,7 @@ def guarded_streams() -> Iterator[Callable[[], str | None]]:
 
 
 def _tolerant(stream: TextIO | None) -> TextIO:
-    """Return the stream, set to write characters outside its encoding as escapes; the null device if it is closed."""
+    """Return the stream, set to write characters outside its encoding as escapes; the null device if it is None."""
     if stream is None:
         return open(os.devnull, "w", encoding="utf-8")
     reconfigure = getattr(stream, "reconfigure", None)
@@ -167,7 +173,7 @@ def _tolerant(stream: TextIO | None) -> TextIO:
 
 
 def _open_closed_descriptors() -> None:
-    """Open the null device in place of closed standard streams: a file opened later would take their descriptor."""
+    """Open the null device for closed standard streams: a file opened later would take their descriptors."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -176,7 +182,7 @@ def _open_closed_descriptors() -> None:
 
 
 def _discard(stream: TextIO) -> None:
-    """Send the buffered text of a stream to the null device; otherwise the write fails again at exit."""
+    """Redirect a stream's descriptor to the null device: the buffered text would otherwise fail to be flushed at exit."""
     with contextlib.suppress(OSError, ValueError):
         target = os.open(os.devnull, os.O_WRONLY)
         os.dup2(target, stream.fileno())

@@ -93,7 +93,7 @@ def export(
 ) -> None:
     """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat).
 
-    Of one aircraft by `anser simulate`: csv, parquet and mat.
+    A flight of one aircraft by `anser simulate` can be written as csv, parquet and mat only.
     """
     start_time = _started(start)
     if period_s is not None and not (math.isfinite(period_s) and period_s > 0):

@@ -133,7 +133,7 @@ _NEXT_COMMANDS = {
     "[rare]": "anser rare {} --out FOLDER",
     "[sampling]": "anser campaign {} --out FOLDER",
 }
-"""Command to run next, by a table that only files of its kind have."""
+"""Command to run next on a copied file, by a TOML table that only files of its kind have."""
 
 
 def _copy_shipped(name: str, path: Path) -> None:
@@ -156,7 +156,7 @@ def _copy_shipped(name: str, path: Path) -> None:
 
 
 def write_starter_file(path: Path, write: Callable[[Path], Path], schema_name: str, check_command: str) -> None:
-    """Write a starter file and its schema for editors, and print the next command to run."""
+    """Write a starter file with `write` and its schema for editors, and print the next command (`check_command`)."""
     schema_path = path.with_name(schema_name)
     schema_exists = schema_path.exists()
     write(path)

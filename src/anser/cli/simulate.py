@@ -1,4 +1,4 @@
-"""Command simulate: the flight of one aircraft under given controls."""
+"""Command simulate: open-loop flight of one aircraft under given control inputs."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal

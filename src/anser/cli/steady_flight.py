@@ -96,7 +96,7 @@ def trim(
 
 _SUFFIXES = (".nc", ".json")
 _ROUNDING = 1e-12
-"""Table entries of smaller magnitude are rounding errors of terms that cancel; they are printed as 0."""
+"""Matrix entries of smaller magnitude are rounding errors of terms that cancel; they are printed as 0."""
 
 
 @help_epilog(
@@ -212,7 +212,10 @@ def _entry(value: float) -> str:
 def _block(
     name: str, columns: tuple[str, ...], quantities: tuple[str, ...], values: Iterable[Iterable[float]]
 ) -> list[str]:
-    """Return a matrix as fixed-width text, split by columns into pieces that fit the screen width."""
+    """Return a matrix as lines of fixed-width text with row and column labels.
+
+    `quantities` label the rows, `values` are the rows. The columns are split into blocks that fit the screen width.
+    """
     cells = [[_entry(float(value)) for value in entries] for entries in values]
     label_width = max(len(name), *(len(entries) for entries in quantities))
     widths = [max(len(column), *(len(entries[k]) for entries in cells)) for k, column in enumerate(columns)]
@@ -253,7 +256,7 @@ def deep_stall(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Angles of attack beyond the stall at which full elevator cannot lower the nose, over the centre of gravity."""
+    """Find pitch trims beyond the stall with the elevator held, and follow them as the centre of gravity moves."""
     must_be_known_aircraft(_AIRCRAFT, variant)
     for x_cg in cg or ():
         must_be_in_range("--cg", x_cg, 0.1, 0.5)

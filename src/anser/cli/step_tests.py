@@ -65,7 +65,7 @@ def step(
 ) -> None:
     """Command a step to one loop and measure rise, settling, overshoot, final error, coupling and surface use.
 
-    Uses the published gains for the F-16, and derived gains and limits for other aircraft.
+    The F-16 flies with the published gains, other aircraft with derived gains and limits.
     """
     must_be_known_aircraft(aircraft, variant)
     speed_m_s, altitude_m = flight_point(at)
@@ -215,7 +215,7 @@ def _print_metrics(flights: Sequence["StepTestResult"]) -> None:
 
 
 def _surfaces_used(flight: "StepTestResult") -> str:
-    """Return the column heading for the use of all control surfaces, in narrow lines."""
+    """Return the column heading for the use of the control surfaces, with their names, in lines of 20 characters."""
     names = [name.replace("_", " ") for name in flight.document()["surface_use_percent"]]
     return textwrap.fill(f"{', '.join(names)} used, %", 20)
 

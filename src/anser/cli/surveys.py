@@ -108,12 +108,12 @@ def _print_envelope(surveyed: "EnvelopeSurvey") -> None:
 
 
 _STRONGEST, _REASONS = 5, 2
-"""How many factors and reasons are printed."""
+"""Greatest numbers of factors that correlate with failures, and of failure reasons, that are printed."""
 _F16_STUDY_ONLY = (
     "factors and conditions of this study are the F-16's; of another aircraft anser campaign varies "
     "aircraft[0].deviation of a scenario"
 )
-"""Advice if a study of another aircraft is requested."""
+"""Alternative to the study for an aircraft other than the F-16."""
 
 
 @help_epilog(
@@ -239,7 +239,7 @@ def _print_study(study: "RobustnessStudy") -> None:
 
 
 def _shortened(reasons: dict[str, int]) -> str:
-    """Return the most frequent reasons with their numbers, and the number of other failures, as text."""
+    """Return the most frequent failure reasons with their numbers, and the number of other failures, as text."""
     shown = [f"{reason.replace('_', ' ')} {count}" for reason, count in list(reasons.items())[:_REASONS]]
     other_count = sum(list(reasons.values())[_REASONS:])
     return ", ".join([*shown, f"others {other_count}"] if other_count else shown)

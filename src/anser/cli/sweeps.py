@@ -54,7 +54,7 @@ def sweep(
     ],
     force: Force = False,
 ) -> None:
-    """Fly a scenario with every combination of some values."""
+    """Fly a scenario with every combination of several values of its keys."""
     base, sweep_values = load(scenario), parse_sweep_values(set_)
     with open_output_folder(out, force) as into, progress_bar() as tell:
         from anser.missions.sweeps import sweep as fly
@@ -75,7 +75,11 @@ def sweep(
 
 
 def parse_sweep_values(texts: list[str]) -> dict[str, list[object]]:
-    """Return the values of options --set (PATH=VALUES), by key path."""
+    """Return the values of options --set (PATH=VALUES) by key path.
+
+    VALUES are separated by commas, or FIRST:LAST:STEP with LAST included if a whole number of steps leads to it. Raises
+    InputError if an option is malformed, a path is repeated, or the combinations are more than 10 000.
+    """
     sweep_values: dict[str, list[object]] = {}
     for text in texts:
         path, values = split_assignment(text, _EXPECTED)
@@ -106,7 +110,7 @@ def _range(text: str, values: str) -> list[object]:
 
 
 def _flights(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> list[dict[str, Any]]:
-    """Return the values and results of each flight; the last key path varies fastest."""
+    """Return the swept values and the results of each flight, by name; the last key path varies fastest."""
 
     def number_at(name: str, index: tuple[int, ...]) -> float | None:
         values = data[name].values[index] if name in data else np.array(np.nan)

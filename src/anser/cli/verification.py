@@ -1,4 +1,4 @@
-"""Command verify: comparison of computed values with published ones."""
+"""Command verify: comparison of computed with published values."""
 
 import math
 import time
@@ -102,7 +102,10 @@ def _print_outcomes(outcomes: Sequence["Outcome"]) -> None:
 
 
 def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
-    """Return the worst comparison of each group, in group order; without published values, the group's last one."""
+    """Return the worst comparison of each group (quantity of a check), in order of the groups.
+
+    Of comparisons without published values, the last in the group is returned.
+    """
     worst: dict[str, Comparison] = {}
     for comparison in comparisons:
         current = worst.get(comparison.group)
@@ -113,7 +116,7 @@ def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
 
 
 def _shortfalls(outcome: "Outcome") -> list[str]:
-    """Return lines that describe a failed check, one for each quantity."""
+    """Return error messages for a failed check: the reason if not computed, else a line for each failing quantity."""
     key = outcome.check.key
     if outcome.problem is not None:
         return [f"falls short: {key}: could not be computed: {outcome.problem}"]
@@ -132,7 +135,7 @@ def _shortfalls(outcome: "Outcome") -> list[str]:
 
 
 def _quantity(comparison: "Comparison") -> str:
-    """Return the name of a quantity, its unit unless the name contains it, and the point."""
+    """Return the name of a comparison's quantity, its unit unless the name contains it, and the point."""
     unit = comparison.unit
     in_name = "_" + unit.translate(str.maketrans({"/": "_", "^": None, " ": None}))
     shown = "" if unit in ("", "1") or f"{in_name}_" in f"{comparison.group}_" else f" {unit}"
@@ -140,7 +143,7 @@ def _quantity(comparison: "Comparison") -> str:
 
 
 def _figures(comparison: "Comparison") -> tuple[str, str]:
-    """Return the expected and the computed value as text, with enough digits to show their difference."""
+    """Return the expected and the computed value as text, with enough digits to show their difference; - for none."""
     expected, obtained, tolerance = comparison.expected, comparison.obtained, comparison.tolerance
     if not math.isfinite(obtained):
         return ("-" if expected is None else f"{expected:.10g}"), str(obtained)
