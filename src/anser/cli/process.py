@@ -182,7 +182,7 @@ def _open_closed_descriptors() -> None:
 
 
 def _discard(stream: TextIO) -> None:
-    """Redirect a stream's descriptor to the null device: the buffered text would otherwise fail to be flushed at exit."""
+    """Redirect a stream's descriptor to the null device: its buffered text would otherwise fail at exit."""
     with contextlib.suppress(OSError, ValueError):
         target = os.open(os.devnull, os.O_WRONLY)
         os.dup2(target, stream.fileno())

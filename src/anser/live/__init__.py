@@ -1,4 +1,4 @@
-"""The live page: a scenario edited in the browser, planned at once, flown, and saved; served on this machine only."""
+"""The live page: a scenario edited in the browser, planned at once, flown and saved; served on this machine only."""
 
 import lazy_loader
 

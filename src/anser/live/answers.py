@@ -1,4 +1,8 @@
-"""Answers of the page: a plan, or the reasons for its refusal, as plain data with the positions where they bind."""
+"""Answers to the live page: a plan, or the reasons for its refusal, as plain data for JSON.
+
+A "document" of the page is a scenario as nested dictionaries and lists, as in a scenario file. A "problem" is a message
+with the keys, the aircraft and the positions that cause it.
+"""
 
 import dataclasses
 import re
@@ -39,7 +43,7 @@ Answer = dict[str, Any]
 
 
 def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple[Answer, FirstPlan]:
-    """Plan a scenario by `anser.plan`; return the answer as plain data, and the plan.
+    """Plan a scenario with `anser.plan`; return the answer (plan or reasons for its refusal) and the plan itself.
 
     Raises ScenarioError if an aircraft cannot be trimmed at its start.
     """
@@ -72,20 +76,23 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
 
 
 def preliminary_answer(scenario: Scenario, message: FailedAttempt) -> Answer:
-    """Return what is known before the search has tried every kind of path: status and problems, without paths."""
+    """Return the problems of a failed attempt while the search for a plan goes on, without paths.
+
+    `message` is the progress report with the failed attempt.
+    """
     reasons = describe_failed_attempt(scenario, message.attempt.leading(len(scenario.aircraft)))
     return {"status": "searching", "problems": [_refusal_problem(scenario, text, None) for text in reasons]}
 
 
 def invalid_answer(error: ScenarioError) -> Answer:
-    """Return the answer to a document that is not a valid scenario."""
+    """Return the answer to a document that is not a valid scenario, with the problems of `error`."""
     return {"status": "invalid", "problems": [invalid_problem(problem) for problem in error.problems]}
 
 
 def without_arrival_times(values: dict[str, Any], error: ScenarioError) -> dict[str, Any] | None:
-    """Return a copy of a document with earliest arrivals in place of prescribed arrival times.
+    """Return a copy of a document with the arrival rule "earliest" in place of prescribed arrival times.
 
-    None if a problem is another one than an arrival time that is too early.
+    None if `error` has a problem other than an arrival time that is too early.
     """
     if not all(isinstance(problem, EarlyArrival) for problem in error.problems):
         return None
@@ -96,9 +103,10 @@ def without_arrival_times(values: dict[str, Any], error: ScenarioError) -> dict[
 
 
 def advised_answer(error: ScenarioError, scenario: Scenario) -> Answer:
-    """Return the answer to arrival times that are too early, with the earliest times that the planner finds.
+    """Return the answer to prescribed arrival times that are too early, with the earliest times that the planner finds.
 
-    `scenario` is the scenario of the document without its arrival times.
+    `scenario` is the scenario of the document with the arrival rule "earliest"; `error` has the problems of the
+    document.
     """
     arrivals = possible_arrivals(scenario, build_flight(scenario, pad_fleet=True))
     answer = invalid_answer(error)
@@ -115,19 +123,22 @@ def advised_answer(error: ScenarioError, scenario: Scenario) -> Answer:
 
 
 def invalid_problem(problem: Problem) -> dict[str, Any]:
-    """Return a problem of a document for the page."""
+    """Return a problem of a document's key or value as plain data for the page."""
     text = f"given {problem.arrived}; expected {problem.expected}"
     heading = f"{problem.path}{f' ({problem.subject})' if problem.subject else ''}: " if problem.path else ""
     return {"text": heading + text, "keys": [problem.path] if problem.path else [], "aircraft": [], "positions": []}
 
 
 def plain_problem(text: str) -> dict[str, Any]:
-    """Return a problem without keys and positions for the page."""
+    """Return a message as a problem without keys, aircraft and positions, for the page."""
     return {"text": text, "keys": [], "aircraft": [], "positions": []}
 
 
 def _best_record(planned: FirstPlan) -> RecordedPlan | None:
-    """Return the record of the plan, or of the attempt with the fewest failed aircraft; None without any."""
+    """Return the record of the plan; of a refused plan that of the attempt with the fewest failed aircraft.
+
+    None if a plan was refused without such an attempt.
+    """
     if not planned.refusals:
         return planned.record()
     attempt = _best_attempt(planned)
@@ -138,7 +149,10 @@ def _best_record(planned: FirstPlan) -> RecordedPlan | None:
 
 
 def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
-    """Return the attempt with the fewest failed aircraft, without padding; None without any."""
+    """Return the plan without holds if there is one, otherwise the attempt with the fewest failed aircraft.
+
+    Padding aircraft are removed. None if the search has neither, or the planner is not the certified one.
+    """
     if not isinstance(planned, CertifiedFirstPlan) or planned.outcome is None:
         return None
     attempt = planned.outcome.plan_without_holds or planned.outcome.best_attempt
@@ -146,10 +160,10 @@ def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
 
 
 def _drawn_attempts(planned: FirstPlan) -> list[bool]:
-    """Return whether each aircraft's path is drawn: every path of a plan; of a failed attempt, the meaningful ones.
+    """Return whether the page draws the path of each aircraft, in the scenario's order.
 
-    A meaningful path exceeds no limit by more than `EXCESS_MEANINGFUL`. Paths that violate the separation or a keep-out
-    are drawn: they show the conflict.
+    Every path of a plan is drawn. Of a failed attempt, paths that exceed a limit by more than `EXCESS_MEANINGFUL` are
+    not drawn; paths that violate the separation or a keep-out are: they show the conflict.
     """
     attempt = _best_attempt(planned) if planned.refusals else None
     if attempt is None:
@@ -161,7 +175,10 @@ def _drawn_attempts(planned: FirstPlan) -> list[bool]:
 def _record_values(
     scenario: Scenario, record: RecordedPlan, holds: PlannedHolds | None, is_proven: bool
 ) -> dict[str, Any]:
-    """Return the entries of an answer that follow from the record of a plan."""
+    """Return the entries of an answer that follow from the record of a plan or attempt.
+
+    `is_proven` says whether all limits are proven; `holds` are the planned holds, if any.
+    """
     samples = record.samples
     arrivals_s = samples.arrival_times_s
     last_s = finite_or_none(np.max(arrivals_s))
@@ -213,7 +230,10 @@ def _aircraft_entry(scenario: Scenario, record: RecordedPlan, k: int, is_proven:
 
 
 def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: int) -> Iterable[Answer]:
-    """Yield the limits of aircraft number `k`, each with the planned extreme and the proven bound, if there is one."""
+    """Yield an entry for each finite limit of aircraft number `k`: limit, planned extreme, bound and utilization.
+
+    `bound` is the proven bound of the extreme; for a limit without proof, the planned extreme at the samples.
+    """
     for limit, values in columns:
         limit_value, planned = values["limit_"][k], values[""][k]
         if not np.isfinite(limit_value):
@@ -241,7 +261,12 @@ def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: in
 
 
 def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None:
-    """Return the closest pair by required separation, else by distance; None for a single aircraft."""
+    """Return the closest pair by required separation, without a requirement by distance; None for a single aircraft.
+
+    With a vertical separation, `least_m` is the greater of horizontal distance and altitude difference, the latter
+    scaled by the ratio of horizontal to vertical requirement. `utilization` is the required horizontal distance over
+    `least_m`.
+    """
     required_m = None if scenario.separation.required_m is None else scenario.separation.required_m[0]
     closest = _closest_approach(samples)
     least_m, time_s = closest.minimum_m, closest.minimum_time_s
@@ -258,12 +283,12 @@ def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None
 
 
 def _closest_approach(samples: PlanSamples) -> ClosestApproach:
-    """Return the closest approach by required separation, else by distance."""
+    """Return the closest approach by required separation, or by distance if no separation is required."""
     return samples.closest_by_distance if samples.closest_by_separation is None else samples.closest_by_separation
 
 
 def _position_at(samples: PlanSamples, k: int, time_s: float) -> Position:
-    """Return the position of aircraft number `k` at a time, linear between the samples."""
+    """Return the position of aircraft number `k` at a time, s, linear between the samples: north, east, altitude, m."""
     return {
         name: round(float(np.interp(time_s, samples.time_s, samples.history[key][:, k])), 3)
         for name, key in _COORDINATES.items()
@@ -271,7 +296,7 @@ def _position_at(samples: PlanSamples, k: int, time_s: float) -> Position:
 
 
 def _hold_track(holds: PlannedHolds | None, k: int) -> dict[str, list[float]] | None:
-    """Return the ground track and altitude (m) of the planned hold of aircraft `k`; None without planned holds."""
+    """Return north, east and altitude (m) along the planned hold of aircraft `k`; None without planned holds."""
     if holds is None:
         return None
     knots = np.asarray(holds.paths.air_n)[k, :, 0] + np.asarray(holds.paths.drift_n)[k, :, 0]
@@ -280,7 +305,7 @@ def _hold_track(holds: PlannedHolds | None, k: int) -> dict[str, list[float]] | 
 
 
 def _goal_tracks(scenario: Scenario, end_s: float) -> list[dict[str, Any]]:
-    """Return the motion of each goal from the start to a time, s."""
+    """Return the track of each goal from time 0 to `end_s`, s: name, north, east and altitude, m."""
     tracks = []
     for goal in scenario.goal:
         corners_s = [] if goal.waypoints is None else [point.time_s for point in goal.waypoints if point.time_s < end_s]
@@ -300,7 +325,11 @@ def _goal_tracks(scenario: Scenario, end_s: float) -> list[dict[str, Any]]:
 def _refusal_problem(
     scenario: Scenario, text: str, record: RecordedPlan | None, drawn: Sequence[bool] = ()
 ) -> dict[str, Any]:
-    """Return a reason for a refusal with the keys that bind, and the positions where they bind."""
+    """Return a reason for a refusal as a problem: text, keys of the binding limits, aircraft and positions.
+
+    Positions are those in `record`, the best attempt (none without a record); `drawn` says whether each aircraft's path
+    is drawn.
+    """
     names = list(text.aircraft) if isinstance(text, Refusal) else []
     keys = list(text.keys) if isinstance(text, Refusal) else []
     return {
@@ -314,10 +343,11 @@ def _refusal_problem(
 def _binding_positions(
     scenario: Scenario, record: RecordedPlan, names: Sequence[str], keys: Sequence[str], drawn: Sequence[bool]
 ) -> Iterable[Position]:
-    """Yield the positions of the best attempt where a reason binds.
+    """Yield the positions of the best attempt at which a reason for a refusal binds.
 
-    Two aircraft: both at their closest approach. One aircraft: where its path demands most of the binding limit,
-    otherwise its rendezvous; nowhere on a path that is not drawn.
+    For two aircraft: both positions at their closest approach, or their rendezvous if another pair comes closer.
+    Otherwise, for each aircraft with a drawn path: the point at which the binding limit is demanded most, or the
+    rendezvous if no limit binds.
     """
     samples = record.samples
     indices = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}
@@ -338,5 +368,5 @@ def _binding_positions(
 
 
 def _rounded(values: np.ndarray) -> list[float]:
-    """Return values for the page, to a millimetre or a thousandth of their unit."""
+    """Return values for the page, rounded to three decimals (a millimetre)."""
     return np.round(values, 3).tolist()

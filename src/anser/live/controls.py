@@ -1,4 +1,4 @@
-"""Sliders, arrival rules and new tables that the page offers for a scenario."""
+"""Sliders, arrival rules and new tables (aircraft, goal, keep-out) that the page offers for a scenario."""
 
 from typing import Any
 
@@ -32,12 +32,15 @@ RULES = (
         "keys": ["aircraft[].arrive_from_s", "aircraft[].arrive_to_s"],
     },
 )
-"""Arrival rules with the keys that they need; `aircraft[]` stands for each aircraft."""
+"""Arrival rules with their labels and the keys that each needs; `aircraft[]` stands for every aircraft."""
 GOAL_KINDS = ("surface", "airborne")
 
 
 def sliders(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the sliders of the page; `value` holds while the key is left out of the document."""
+    """Return the sliders of the page: key, label, unit, range, step, and the value in the scenario (or its default).
+
+    Sliders of keys without a value are left out, and those of the wind if the scenario has wind layers.
+    """
     tables = {
         "wind": scenario.wind,
         "fleet": scenario.fleet,
@@ -67,7 +70,7 @@ def sliders(scenario: Scenario) -> list[dict[str, Any]]:
 
 
 def new_tables(scenario: Scenario) -> dict[str, dict[str, Any]]:
-    """Return the tables of an aircraft, a goal and a keep-out that the page adds; the page sets names and positions."""
+    """Return the tables of an aircraft, a goal and a keep-out to be added; the page sets their names and positions."""
     first = scenario.aircraft[0]
     return {
         "aircraft": {

@@ -1,4 +1,7 @@
-"""Documents of the page: scenarios as plain data, confined to one folder, saved with the comments of their file."""
+"""Documents of the live page, confined to one folder and saved with the comments of their file.
+
+A document is a scenario as nested dictionaries and lists, as in a scenario file (TOML).
+"""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -14,16 +17,16 @@ from anser.scenario.files import from_values, parse_scenario
 from anser.scenario.schema import Scenario
 
 AIRCRAFT_MAX = 20
-"""Greatest fleet on the page: larger fleets are planned by `anser plan`."""
+"""Greatest number of aircraft on the page; larger fleets are planned by `anser plan`."""
 _SUFFIX = ".toml"
 
 
 @dataclass(frozen=True)
 class DocumentFolder:
-    """The folder in which the page reads and writes scenarios.
+    """The folder in which the page reads and writes scenario files.
 
     `parts` and `wind_field` are the table `[parts]` and the entry `wind.field` of the scenario that the server was
-    started with: no other code is imported, and no other file from outside the folder is read.
+    started with: a document may use no other user-defined code, and no other file from outside the folder.
     """
 
     path: Path
@@ -31,11 +34,11 @@ class DocumentFolder:
     wind_field: Any = None
 
     def names(self) -> list[str]:
-        """Return the names of the scenario files in the folder, sorted."""
+        """Return the names of the scenario files in the folder, sorted; links to files outside are left out."""
         return sorted(entry.name for entry in self.path.glob(f"*{_SUFFIX}") if self._is_inside(entry))
 
     def read(self, name: str) -> tuple[str, dict[str, Any]]:
-        """Return text and values of a scenario file.
+        """Return the text and the values of a scenario file in the folder.
 
         Raises ScenarioError if the name is not that of a scenario file in the folder, if the text is not TOML, or if it
         has a value that no key of a scenario takes.
@@ -50,7 +53,11 @@ class DocumentFolder:
         return text, values
 
     def scenario(self, values: dict[str, Any]) -> Scenario:
-        """Validate a document. Raises ScenarioError, also for a file outside the folder and for foreign code."""
+        """Validate a document and return its scenario.
+
+        Raises ScenarioError if the document is not valid, has more than 20 aircraft, or refers to a file outside the
+        folder or to other user-defined parts.
+        """
         problems = list(self._confinement_problems(values))
         if problems:
             raise ScenarioError("", problems)
@@ -58,20 +65,21 @@ class DocumentFolder:
         return from_values(values, str(self.path / "document.toml"))
 
     def text(self, values: dict[str, Any], base: str | None) -> str:
-        """Return a document as TOML, with comments and layout of the file `base` of the folder."""
+        """Return a document as TOML, with comments and layout of the file `base` of the folder, if that exists."""
         return merge_into_toml(self.read(base)[0] if base is not None and self._exists(base) else "", values)
 
     def save(self, name: str, values: dict[str, Any], base: str | None, overwrite: bool) -> None:
-        """Write a document, which must be a valid scenario, to a file of the folder.
+        """Write a document to the file `name` of the folder, with comments and layout of the file `base`, if any.
 
-        Raises FileExistsError if the file exists and is not to be overwritten, ScenarioError as `read` and `scenario`.
+        Raises FileExistsError if the file exists and `overwrite` is False; ScenarioError if a name is not that of a
+        file in the folder, or the document is not a valid scenario.
         """
         path = self._file(name)
         self.scenario(values)
         write_file(path, self.text(values, base), overwrite=overwrite)
 
     def _file(self, name: str) -> Path:
-        """Return the path of a file of the folder; raises ScenarioError for other names."""
+        """Return the path of a scenario file in the folder, existing or not; raises ScenarioError for other names."""
         is_plain = Path(name).name == name and name.isprintable() and not name.startswith(".")
         if not is_plain or not name.endswith(_SUFFIX) or not self._is_inside(self.path / name):
             expected = f"the name of a file in the folder {self.path.name}, such as mine{_SUFFIX}"
@@ -82,7 +90,7 @@ class DocumentFolder:
         return self._file(name).is_file()
 
     def _is_inside(self, path: Path) -> bool:
-        """Whether a path, symbolic links followed, lies in the folder."""
+        """Return whether a path lies in the folder, after following symbolic links; False if unreadable."""
         try:
             return path.resolve().is_relative_to(self.path.resolve())
         except (OSError, ValueError, RuntimeError):
@@ -105,7 +113,7 @@ class DocumentFolder:
 
 
 def _entries(value: Any, key_path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield key path and value of each entry of a document, tables and lists included."""
+    """Yield key path and value of each entry of a document, tables and lists included, depth first."""
     if key_path:
         yield key_path, value
     if isinstance(value, dict):
@@ -117,7 +125,7 @@ def _entries(value: Any, key_path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _foreign_values(values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield key path and value of each entry that no key of a scenario takes: dates, infinite numbers, nothing."""
+    """Yield key path and value of entries that no scenario key takes: dates, infinite and NaN numbers, None."""
     for key_path, value in _entries(values):
         if not isinstance(value, dict | list | str | int | float) or (
             isinstance(value, float) and not math.isfinite(value)
@@ -126,10 +134,10 @@ def _foreign_values(values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def merge_into_toml(text: str, values: dict[str, Any]) -> str:
-    """Return TOML with the values of a document; comments, order and number formats of `text` stay where values stay.
+    """Return `text` (TOML) with the values of a document; comments, order and number formats stay where values stay.
 
     Tables of a list are matched by name, those without a name by value, else by position. Raises ValueError if a value
-    has no form in TOML.
+    has no form in a scenario file.
     """
     import tomlkit
 
@@ -148,7 +156,7 @@ def _is_table_list(value: Any) -> TypeGuard[list[dict[str, Any]]]:
 
 
 def _update_table(table: Any, values: Mapping[str, Any]) -> None:
-    """Change a table of a parsed document in place."""
+    """Change a table of a parsed TOML document in place, so that it has the given keys and values only."""
     import tomlkit
     from tomlkit.items import AoT
 
@@ -172,13 +180,13 @@ def _update_table(table: Any, values: Mapping[str, Any]) -> None:
 
 
 def _is_same(present: Any, value: Any) -> bool:
-    """Whether a parsed value equals a value of a document; true and 1 differ."""
+    """Return whether an item of a parsed TOML document equals a plain value; true and 1 differ."""
     plain = present.unwrap() if hasattr(present, "unwrap") else present
     return plain == value and isinstance(plain, bool) == isinstance(value, bool)
 
 
 def _update_table_list(tables: Any, values: list[dict[str, Any]]) -> None:
-    """Change a list of tables in place: tables that stay keep their comments."""
+    """Change a list of tables of a parsed TOML document in place; tables that stay keep their comments."""
     former, present = ([_identity(table) for table in rows] for rows in (tables.unwrap(), values))
     changes = SequenceMatcher(None, former, present, autojunk=False).get_opcodes()
     for kind, begin, end, value_begin, value_end in reversed(changes):  # from the end: the numbers before it stay
@@ -195,7 +203,7 @@ def _update_table_list(tables: Any, values: list[dict[str, Any]]) -> None:
 
 
 def _identity(value: Any) -> Any:
-    """Return the name of a table, otherwise its content in a form that can be compared and hashed."""
+    """Return the name of a table; without a name, its content in a form that can be compared and hashed."""
     if isinstance(value, dict):
         name = value.get("name")
         if isinstance(name, str):
@@ -215,7 +223,7 @@ def _new_table(values: Mapping[str, Any]) -> Any:
 
 
 def _inline(value: Any) -> Any:
-    """Return a value as an item of one line; tables inside become inline tables."""
+    """Return a value as a TOML item of one line; dictionaries become inline tables."""
     import tomlkit
 
     if isinstance(value, dict):

@@ -1,4 +1,7 @@
-"""Messages from the page, validated: strict types, no unknown keys, bounded size and depth."""
+"""Requests from the page, validated: strict types, no unknown keys, bounded size and depth.
+
+A document (`scenario`) is a scenario as nested dictionaries and lists; it is validated later.
+"""
 
 import json
 from typing import Annotated, Any, Literal
@@ -6,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 SIZE_MAX = 8 * 1024 * 1024
-"""Greatest size of a message, bytes."""
+"""Greatest size of a message from the page, bytes."""
 _DEPTH_MAX = 16
 _Number = Annotated[int, Field(ge=0, le=2**53)]
 _Name = Annotated[str, Field(min_length=1, max_length=120)]
@@ -18,11 +21,11 @@ class _Message(BaseModel):
 
 
 class _Request(_Message):
-    number: _Number  # of the request; the answer repeats it
+    number: _Number  # number of the request; the answer repeats the number
 
 
 class PlanRequest(_Request):
-    """Plan a document; a final one, after a drag, replaces a document that is being planned."""
+    """Request to plan a document; a `final` request, at the end of a drag, stops the plan in progress."""
 
     type: Literal["plan"]
     scenario: _Document
@@ -30,7 +33,7 @@ class PlanRequest(_Request):
 
 
 class FlyRequest(_Request):
-    """Fly a document, and compare the flight with an earlier one."""
+    """Request to fly a document, and to compare the flight with the earlier flight `compare`, if any."""
 
     type: Literal["fly"]
     scenario: _Document
@@ -38,26 +41,26 @@ class FlyRequest(_Request):
 
 
 class StopRequest(_Request):
-    """Stop the flight in progress."""
+    """Request to stop the flight in progress."""
 
     type: Literal["stop"]
 
 
 class FilesRequest(_Request):
-    """List the scenario files of the folder."""
+    """Request for the names of the scenario files in the folder."""
 
     type: Literal["files"]
 
 
 class OpenRequest(_Request):
-    """Open a scenario file of the folder."""
+    """Request for the content of a scenario file in the folder."""
 
     type: Literal["open"]
     name: _Name
 
 
 class SaveRequest(_Request):
-    """Write a document to a file of the folder, with the comments of the file `base`."""
+    """Request to write a document to the file `name` of the folder, with the comments of the file `base`, if any."""
 
     type: Literal["save"]
     name: _Name
@@ -67,7 +70,7 @@ class SaveRequest(_Request):
 
 
 class TextRequest(_Request):
-    """Return a document as TOML, with the comments of the file `base`, if given."""
+    """Request for a document as TOML text, with the comments of the file `base`, if any."""
 
     type: Literal["text"]
     scenario: _Document
@@ -75,14 +78,14 @@ class TextRequest(_Request):
 
 
 class RecordedRequest(_Request):
-    """Return a document with its plan as a page without a server."""
+    """Request for an HTML page that shows a document and its plan without a server."""
 
     type: Literal["recorded"]
     scenario: _Document
 
 
 class ResumeRequest(_Request):
-    """First message after a reconnect: the session of the page, and the flights that it has."""
+    """First message of a page after a reconnect: its session, and the identifiers of the flights it already has."""
 
     type: Literal["resume"]
     session: _Name
@@ -104,7 +107,10 @@ _REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimin
 
 
 def read_message(text: str) -> Request:
-    """Parse and validate a message of the page; raises ValueError if it is malformed, too large or too deep."""
+    """Parse and validate a request of the page.
+
+    Raises ValueError if it is malformed, larger than 8 MiB or nested more than 16 levels deep.
+    """
     if len(text.encode("utf-8", "surrogatepass")) > SIZE_MAX:
         raise ValueError(f"a message of more than {SIZE_MAX:,} bytes")
     try:

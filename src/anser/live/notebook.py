@@ -1,4 +1,4 @@
-"""The live page inside a notebook, or in the browser from Python."""
+"""The live page from Python: inline in a notebook, or in a browser."""
 
 import html
 import os
@@ -15,13 +15,17 @@ if TYPE_CHECKING:
     from anser.live.server import LiveServer
 
 MISSING = "the live page needs starlette, uvicorn, websockets and tomlkit: pip install 'anser[live]'"
-"""Message for an installation without the extra `live`."""
+"""Message of the ImportError if the packages of the extra `live` are not installed."""
 
 
 def open_server(
     scenario: str | os.PathLike[str] | dict[str, Any], folder: Path | None = None, **options: Any
 ) -> "LiveServer":
-    """Start a server for a scenario file or a document; raises ScenarioError, or ImportError without the extra."""
+    """Start a server of the live page for a scenario file, or for a scenario as nested dictionaries and lists.
+
+    The page opens and saves files in `folder` (None: the file's folder, or the current one). `options` are those of
+    `LiveServer`. Raises ScenarioError if the scenario is not valid, ImportError without the extra `live`.
+    """
     try:
         from anser.live.server import LiveServer
     except ModuleNotFoundError as error:
@@ -38,7 +42,7 @@ def open_server(
 
 
 class LivePage:
-    """A live page; a notebook shows it inline. `url` is its address, `close()` ends its server."""
+    """A live page, shown inline by a notebook. `url` is the page's address; `close()` ends the page's server."""
 
     def __init__(self, server: "LiveServer", height_px: int) -> None:
         self._server, self._height_px = server, height_px

@@ -18,7 +18,10 @@ _LIVE_SCRIPTS = (
 
 
 def render_live_page(recording: Sequence[Mapping[str, Any]] | None = None) -> str:
-    """Return the HTML of the page; with `recording` (entries label, scenario, answer), of a page without a server."""
+    """Return the HTML of the live page or, with `recording`, of a page that shows recorded answers without a server.
+
+    The entries of `recording` have the keys label, scenario and answer.
+    """
     return render_page(
         "live.html",
         package="anser.live",

@@ -1,7 +1,8 @@
-"""Compilation ahead of need: a process of low priority compiles what refusals and flights of the present fleet need.
+"""Compilation of programs before they are needed, in a process of low priority.
 
-The process is `python -m anser.live.preparation`, with the folder and the document as JSON on its standard input. The
-programs reach the server through the store of compiled programs; the end of the input ends the process.
+The process compiles the programs for refusals and flights of the present fleet. It runs `python -m
+anser.live.preparation`, with the folder and the document as JSON on its standard input. The programs reach the server
+through the disk store of compiled programs; the end of the input ends the process.
 """
 
 import contextlib
@@ -28,7 +29,7 @@ from anser.planning.certified.arrival_times import prepare_reachable
 from anser.planning.certified.certified_plan import choose_interval_count, prepare_extra_candidates
 from anser.scenario.files import from_values
 
-_FLEET_STEP = 4  # fleets are padded to multiples of this number
+_FLEET_STEP = 4  # fleets are padded to multiples of this number of aircraft
 _NICENESS = 19
 _PAUSE_S = 1.0
 _FAR_KEEP_OUT = {"name": "far keep-out", "north_m": 4e5, "east_m": 4e5, "radius_m": 100.0}
@@ -36,18 +37,18 @@ _FAR_KEEP_OUT = {"name": "far keep-out", "north_m": 4e5, "east_m": 4e5, "radius_
 
 @dataclass
 class Preparation:
-    """Process that compiles programs ahead of need; a fleet of another kind starts a new one."""
+    """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process."""
 
     folder: Path
-    _kind: str = ""  # kind of the fleet for which programs were compiled last
+    _kind: str = ""  # kind (`_kind`) of the document of the last request
     _finished: set[str] = field(default_factory=set)
     _process: "subprocess.Popen[str] | None" = None
-    _resume_s: float = 0.0  # reading of `time.monotonic` until which the process stands still
+    _resume_s: float = 0.0  # reading of `time.monotonic` until which the process is suspended, s
     _is_paused: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def pause(self) -> None:
-        """Let the process stand still for `_PAUSE_S`: it would take time from the plans of a drag."""
+        """Suspend the process for one second (not on Windows), so that it takes no computing time from plans."""
         with self._lock:
             self._resume_s, process = time.monotonic() + _PAUSE_S, self._process
             if self._is_paused or process is None or not hasattr(signal, "SIGSTOP"):
@@ -66,7 +67,12 @@ class Preparation:
                     return
 
     def request(self, document: dict[str, Any], last_s: float | None) -> None:
-        """Prepare for a document whose last aircraft arrives at a time, s; nothing if its kind is being prepared."""
+        """Start compiling the programs for a document's fleet; `last_s` is the last arrival time, s (None: unknown).
+
+        Nothing is done if the document needs the same programs as the last request, has user-defined parts, or programs
+        are not stored or not for the CPU. Otherwise the running process ends, and a new one starts unless these
+        programs are compiled.
+        """
         kind = f"{choose_interval_count(last_s or 0.0)} {json.dumps(_kind(document))}"
         if kind == self._kind or "parts" in document or cache_folder() is None or jax.default_backend() != "cpu":
             return
@@ -108,7 +114,10 @@ def _input_of(process: "subprocess.Popen[str]") -> IO[str]:
 
 
 def _kind(value: Any) -> Any:
-    """Return a document without its numbers, names and events: documents of one kind need the same programs."""
+    """Return a document without its numbers, names and events: documents with equal results need the same programs.
+
+    Of a list, the result has the length in steps of four and the distinct entries.
+    """
     if isinstance(value, dict):
         return {key: _kind(value[key]) for key in sorted(value) if key != "event" and not _is_name(key, value[key])}
     if isinstance(value, list):
@@ -122,7 +131,10 @@ def _is_name(key: str, value: Any) -> bool:
 
 
 def compile_ahead(document: dict[str, Any], folder: Path) -> None:
-    """Compile the programs of refusals and flights for fleets of a document's kind, then those with a keep-out."""
+    """Compile the programs for refusals and flights of a document's fleet.
+
+    If the document has no keep-out, the programs for the fleet with a keep-out follow.
+    """
     _compile_for(document, folder)
     if not document.get("keep_out"):
         with contextlib.suppress(ScenarioError):  # outside the map of a round Earth, for example

@@ -1,4 +1,4 @@
-"""Web server of the live page: this machine only, a random token in the address, requests of other pages refused."""
+"""Web server of the live page: on this machine only, with a random token in the address; other pages are refused."""
 
 import asyncio
 import contextlib
@@ -29,12 +29,12 @@ from anser.live.sessions import Workbench, queue_sender
 from anser.report.flight_page import flight_page
 
 HOST = "127.0.0.1"
-_RESUME_TRIES = 10  # tenths of a second, for the end of the socket that was cut
+_RESUME_TRIES = 10  # number of waits of 0.1 s for the end of a page's former web socket
 _NOTEBOOK_ANCESTORS = "http://localhost:* http://127.0.0.1:*"
 
 
 class LocalRequestsOnly:
-    """Refuse requests without the token, with a foreign Host header, or from another origin."""
+    """Web application that refuses requests without the token, with a foreign Host header or from another origin."""
 
     def __init__(self, app: ASGIApp, port: int, token: str, ancestors: str) -> None:
         self._app, self._token = app, token
@@ -48,7 +48,7 @@ class LocalRequestsOnly:
         ]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle an ASGI request."""
+        """Pass an ASGI request on, or refuse it (HTTP status 403, or a closed web socket)."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -83,7 +83,10 @@ class LocalRequestsOnly:
 
 
 def make_app(workbench: Workbench, port: int, token: str, ancestors: str = "") -> ASGIApp:
-    """Return the web application of a workbench."""
+    """Return the web application of a workbench: page, reports of flights, and the page's web socket.
+
+    `ancestors` are the addresses of further pages that may embed the page (Content-Security-Policy).
+    """
 
     async def page(_: Request) -> Response:
         return HTMLResponse(await run_in_threadpool(render_live_page))
@@ -114,7 +117,7 @@ def make_app(workbench: Workbench, port: int, token: str, ancestors: str = "") -
 
 
 async def _answer_messages(workbench: Workbench, websocket: WebSocket) -> None:
-    """Answer the messages of a page until its socket closes."""
+    """Answer the messages of one page until its web socket closes."""
     queue: asyncio.Queue[str] = asyncio.Queue()
     send = queue_sender(asyncio.get_running_loop(), queue)
     session = workbench.new_session()
@@ -163,20 +166,20 @@ def _malformed(error: ValueError) -> str:
 
 
 class LiveServer:
-    """A server of the live page in a thread of its own.
+    """Web server of the live page, in a thread of its own; raises ScenarioError if the document is not valid.
 
     Parameters
     ----------
     document
-        Scenario as plain data of a TOML file.
+        Scenario as nested dictionaries and lists, as in a scenario file.
     folder
-        Folder in which scenarios are opened and saved.
+        Folder in which the page opens and saves scenario files.
     name
-        File of the document in the folder; None for a new document.
+        Name of the document's file in the folder; None if the document is no file of the folder.
     in_notebook
-        Whether pages of a notebook on this machine may show the page.
+        Whether notebooks on this machine may show the page inline.
     prepares
-        Whether a process of low priority compiles ahead what refusals and flights need.
+        Whether a process of low priority compiles the programs for refusals and flights in advance.
     """
 
     def __init__(
@@ -219,12 +222,12 @@ class LiveServer:
         return f"http://{HOST}:{self.port}/{self.token}/"
 
     def wait(self) -> None:
-        """Wait until the server ends, or for Ctrl-C."""
+        """Wait until the server ends or Ctrl-C raises KeyboardInterrupt."""
         while self._thread.is_alive():
             self._thread.join(0.2)
 
     def close(self) -> None:
-        """End the server and its pages."""
+        """Stop the work of all pages and end the server."""
         self.workbench.close()
         self._server.should_exit = True
         self._thread.join(5.0)

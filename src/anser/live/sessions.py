@@ -1,4 +1,8 @@
-"""One page's session: requests are answered by worker threads, the newest plan first, without blocking other pages."""
+"""Session of one page: requests and their answers.
+
+Plans and flights are computed by worker threads that all pages share; of several plan requests of a page, only the
+newest is answered.
+"""
 
 import asyncio
 import json
@@ -38,19 +42,19 @@ from anser.scenario.schema import Scenario
 from anser.version import source_version
 
 FLIGHTS_MAX = 16
-"""Flights that the server keeps for reports and comparisons; the oldest is dropped first."""
+"""Greatest number of flights that the server keeps for reports and comparisons; the oldest is removed first."""
 _SESSIONS_MAX = 64
-_SUPERSEDED_AFTER_S = 0.7  # a search of this duration ends if a newer request waits
+_SUPERSEDED_AFTER_S = 0.7  # a search that takes longer ends if a newer request waits, s
 _PROGRESS_PERIOD_S = 0.3
-_PRELIMINARY_AFTER_S = 1.0  # from which an answer is awaited so long that what is known is told
-_ROW_PERIOD_S = 0.5  # between two rows of a flight on the page
+_PRELIMINARY_AFTER_S = 1.0  # time after which a preliminary answer is sent, s
+_ROW_PERIOD_S = 0.5  # time between two rows of a flight on the page, s
 
 Send = Callable[[dict[str, Any]], None]
-"""Callback that queues a message to the page; callable from any thread."""
+"""Callback that queues a message (plain data for JSON) to the page; callable from any thread."""
 
 
 class StoppedError(Exception):
-    """A plan or flight was stopped: a newer request waits, the user stopped it, or the page has gone."""
+    """A plan or flight was stopped: a newer request waits, the user stopped it, or the page was closed."""
 
 
 @dataclass
@@ -58,7 +62,7 @@ class Workbench:
     """State that all pages of a server share: folder, opened document, worker threads, flights and sessions."""
 
     folder: DocumentFolder
-    name: str | None  # file of the opened document
+    name: str | None  # name of the opened document's file; None if it is no file of the folder
     document: dict[str, Any]
     # one thread each, so that plans are answered during a flight
     planning: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "planning"))
@@ -68,11 +72,14 @@ class Workbench:
     preparation: Preparation | None = None  # None: programs are compiled when they are needed
 
     def new_session(self) -> "Session":
-        """Return the session of a new page."""
+        """Create, store and return the session of a new page."""
         return self._keep_session(Session(self, secrets.token_urlsafe(12)))
 
     def resume(self, new: "Session", key: str) -> "Session":
-        """Return the session of a page that reconnects; an unknown one, of an earlier server, begins anew."""
+        """Return the stored session `key` of a page that reconnects; the page's session `new` is discarded.
+
+        If no session `key` is stored (the server was restarted), `new` gets the key and is returned.
+        """
         self.sessions.pop(new.key, None)
         if key not in self.sessions:
             new.key = key
@@ -81,7 +88,7 @@ class Workbench:
         return self.sessions[key]
 
     def is_attached(self, key: str) -> bool:
-        """Whether a page of this session is connected."""
+        """Return whether the session `key` exists and its page is connected."""
         return key in self.sessions and self.sessions[key].is_attached
 
     def _keep_session(self, session: "Session") -> "Session":
@@ -92,7 +99,7 @@ class Workbench:
         return session
 
     def keep_flight(self, flight: FlightResult) -> str:
-        """Keep a flight, and return its identifier."""
+        """Store a flight for reports and comparisons, and return its identifier."""
         while len(self.flights) >= FLIGHTS_MAX:
             del self.flights[next(iter(self.flights))]
         identifier = secrets.token_urlsafe(9)
@@ -100,7 +107,7 @@ class Workbench:
         return identifier
 
     def close(self) -> None:
-        """Stop all work; running programs end first."""
+        """Cancel waiting work and stop the work in progress, without waiting for its end."""
         for session in list(self.sessions.values()):
             session.detach()
         if self.preparation is not None:
@@ -110,7 +117,7 @@ class Workbench:
 
 
 class Session:
-    """Requests and results of one page; survives a reconnect of the page."""
+    """Requests and results of one page; the session survives a reconnect of the page."""
 
     def __init__(self, workbench: Workbench, key: str) -> None:
         self.workbench, self.key = workbench, key
@@ -124,11 +131,14 @@ class Session:
         self._lock = threading.Lock()
 
     def attach(self, send: Send) -> None:
-        """Connect the session with the socket of its page."""
+        """Connect the session with its page, to which `send` queues messages."""
         self._send = send
 
     def detach(self, send: Send | None = None) -> None:
-        """Disconnect from a socket; a flight in progress goes on, its result waits for the page."""
+        """Disconnect the session from a page's `send`; a flight in progress continues, its result waits for the page.
+
+        With None, the session is disconnected from any page and its flight is stopped.
+        """
         if send is None:
             self._stop_flight.set()
         if send is None or self._send is send:
@@ -140,7 +150,7 @@ class Session:
         return self._send is not None
 
     def welcome(self) -> dict[str, Any]:
-        """Return the first message to the page: document, sliders, rules, and new tables."""
+        """Return the first message to the page: document, sliders, arrival rules, and new tables."""
         bench = self.workbench
         scenario = bench.folder.scenario(bench.document)
         return {
@@ -158,7 +168,7 @@ class Session:
         }
 
     def handle(self, request: messages.Request) -> None:
-        """Answer a request; plans and flights are answered later, by worker threads."""
+        """Answer a request of the page; plans and flights are answered later, by worker threads."""
         match request:
             case messages.PlanRequest():
                 self._request_plan(request)
@@ -186,7 +196,7 @@ class Session:
         self._tell({"type": "failed", "number": number, "problems": list(problems)})
 
     def _guarded(self, number: int, work: Callable[[], None]) -> None:
-        """Do work, and report errors of the input to the page."""
+        """Call `work`; errors are reported to the page as the failure of request `number`."""
         try:
             work()
         except ScenarioError as error:
@@ -221,7 +231,7 @@ class Session:
                 self._tell({"type": "text", "number": request.number, "text": text})
 
     def _request_plan(self, request: messages.PlanRequest) -> None:
-        """Plan the newest request next; older ones that wait are dropped."""
+        """Let the planning thread answer a request next; an older request that still waits is dropped."""
         with self._lock:
             self._waiting = request, self._send
             if self._is_planning:
@@ -230,7 +240,7 @@ class Session:
         self.workbench.planning.submit(self._plan_newest)
 
     def _plan_newest(self) -> None:
-        """Answer the newest request, and make room for other pages before the next."""
+        """Answer the newest plan request; further requests are queued behind those of other pages."""
         with self._lock:
             waiting, self._waiting = self._waiting, None
         if waiting is not None and waiting[1] is self._send:
@@ -241,7 +251,11 @@ class Session:
             self.workbench.planning.submit(self._plan_newest)
 
     def _answer_plan(self, request: messages.PlanRequest, send: Send | None) -> None:
-        """Send the answer to a plan request, unless a newer one is final or waits long, or the socket has changed."""
+        """Plan a document and send the answer to the page.
+
+        Planning stops without an answer if a newer final request waits, a newer request waits and planning has taken
+        more than 0.7 s, or the page's connection has changed.
+        """
         begin = time.monotonic()
         if self.workbench.preparation is not None:
             self.workbench.preparation.pause()
@@ -269,9 +283,10 @@ class Session:
         on_progress: Callable[[str], None],
         on_preliminary: Callable[[Answer], None] = lambda answer: None,
     ) -> tuple[Answer, Scenario | None]:
-        """Return the answer to a document, and its scenario if it is valid; keeps the plan for a flight.
+        """Return the answer to a document, and the document's scenario (None if it is not valid).
 
-        `on_preliminary` is called with what is known before the last searches.
+        The plan is stored for a later flight. `on_preliminary` is called with a preliminary answer before long
+        searches.
         """
         folder = self.workbench.folder
         try:
@@ -346,12 +361,12 @@ class Session:
 
 
 def _finite(values: np.ndarray) -> list[float | None]:
-    """Return values for the page, to a millimetre; None for a value that is not finite."""
+    """Return values for the page, rounded to three decimals; None for a value that is not finite."""
     return [round(float(value), 3) if np.isfinite(value) else None for value in values]
 
 
 def _stop_if(is_stopped: Callable[[], bool], report: Callable[..., None]) -> Callable[..., None]:
-    """Return a progress callback that raises StoppedError once `is_stopped` is True."""
+    """Return a progress callback that raises StoppedError once `is_stopped()` is True, and otherwise calls `report`."""
 
     def on_progress(text: str, share: float | None = None) -> None:
         if is_stopped():
@@ -374,18 +389,18 @@ _WORK = {
     "closest approaches": "distances between aircraft",
     "keep out margins": "distances from keep-outs",
 }
-"""Work for which a program is compiled, by the title of the program."""
+"""Description of the work for which a program is compiled, by the title of the program."""
 
 
 _PLAN_PROGRAMS, _REFUSAL_PROGRAMS, _FLIGHT_PROGRAMS = 10, 4, 2
-"""Usual numbers of programs for the first plan of a fleet, and after it for a refusal and for a flight."""
+"""Usual numbers of programs compiled for the first plan of a fleet, for a later refusal, and for a flight."""
 
 
 def _preparation(record: Compilation, time_left: str | None, before: int, usual_count: int = _REFUSAL_PROGRAMS) -> str:
-    """Return what is compiled in words of the page, with the time left if known.
+    """Return the page's text about the compilation in progress, `record`, with the time left if known.
 
-    `before` is the number of programs of the process before the request, `usual_count` the usual number in a request
-    for a fleet that has been planned before.
+    `before` is the number of programs that the process had compiled before the request; `usual_count` is the usual
+    number for a request of this sort if the fleet has been planned before.
     """
     since = list(compilations[before:])
     number = since.index(record) + 1 if record in since else 1
@@ -398,7 +413,7 @@ def _preparation(record: Compilation, time_left: str | None, before: int, usual_
 
 
 class _Progress:
-    """Progress messages of a request, from a thread that also tells which program is being compiled."""
+    """Progress messages of a request, from a thread that also reports the program that is being compiled."""
 
     def __init__(
         self, tell: Callable[[dict[str, Any]], None], number: int, usual_programs: int = _REFUSAL_PROGRAMS
@@ -418,11 +433,11 @@ class _Progress:
         self._end.set()
 
     def report(self, text: str, share: float | None = None) -> None:
-        """Set the description of the current work and its completed share."""
+        """Set the description of the current work and its completed share, 0..1 (None: unknown)."""
         self._state = text, share
 
     def set_preliminary(self, answer: Answer) -> None:
-        """Set a preliminary answer, which is sent if the answer takes long or waits for a compilation."""
+        """Set a preliminary answer, which is sent if the answer takes more than 1 s or waits for a compilation."""
         self._preliminary = answer
 
     def _watch(self) -> None:
@@ -441,7 +456,7 @@ class _Progress:
 
 
 def queue_sender(loop: asyncio.AbstractEventLoop, queue: "asyncio.Queue[str]") -> Send:
-    """Return a callback that puts messages as JSON into a queue of an event loop, from any thread.
+    """Return a callback that puts messages, as JSON text, into a queue of an event loop, from any thread.
 
     The callback raises ValueError or TypeError for a value without a form in JSON.
     """
