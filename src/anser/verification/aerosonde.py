@@ -1,4 +1,4 @@
-"""Verification of the Aerosonde: forces, moments and accelerations published by the authors of its source."""
+"""Verification of the Aerosonde: forces, moments and accelerations published with its authors' simulator."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -16,11 +16,11 @@ from anser.verification.checks import Comparison, load_published, make_check
 
 _TOLERANCE = 1e-10
 _SPEED_OF_SOUND_M_S = 340.0
-"""Placeholder for the air data: the aircraft's coefficients do not depend on the Mach number."""
+"""Speed of sound in the air data, m/s; any value serves, since the coefficients do not depend on the Mach number."""
 
 
 def _rotation(quaternion: list[float]) -> np.ndarray:
-    """Return the rotation matrix from body to NED axes of a quaternion, as in the authors' simulator: R(q) / det R(q).
+    """Return the rotation matrix from body to NED axes of a quaternion: R(q) / det R(q), as in the authors' simulator.
 
     The length of the published quaternion is 1 only to 1e-8.
     """

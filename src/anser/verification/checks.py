@@ -1,6 +1,6 @@
-"""Checks: comparisons of published values with the same quantities computed by anser, each with a tolerance.
+"""Checks: comparisons of published values with the values that anser computes, each with a tolerance.
 
-Also the reader of the package's published data, and the JSON document of the outcomes.
+The module also reads the package's files of published values, and makes the JSON document of the outcomes.
 """
 
 import functools
@@ -15,7 +15,7 @@ from typing import Any
 from anser.results.documents import software_versions
 
 NOT_JUDGED = "flown, not judged"
-"""Verdict on a computed value without a published value."""
+"""Verdict on a computed value for which no value is published."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,15 @@ class Comparison:
     unit
         Unit of both values and of the tolerance.
     expected, obtained
-        Published value (None if only the definition is published), and value computed here.
+        Published value (None if only the case is published, without results), and value computed here.
     tolerance
         Largest accepted absolute difference; None if, and only if, `expected` is None.
     time_s
-        Time of the values in a flight, s; None if the comparison is not of a time.
+        Time of the values in a flight, s; None if the values do not belong to a time.
     reference
-        Name of the published source among several, such as `sim_05`; otherwise empty.
+        Name of the published source if there are several, such as `sim_05`; otherwise empty.
     tolerance_reason
-        Reason of the tolerance if different from the reason that the check states; otherwise empty.
+        Reason for the tolerance if different from that of the whole check; otherwise empty.
     """
 
     group: str
@@ -82,12 +82,12 @@ class Comparison:
 
     @property
     def passes(self) -> bool:
-        """Whether a published value exists and agrees."""
+        """Whether a published value exists and agrees with the computed value within the tolerance."""
         return self.judged and not self.fails
 
     @property
     def severity(self) -> float:
-        """Size of the error divided by the tolerance, to find the worst comparison of a group; infinite for NaN."""
+        """Absolute error divided by the tolerance; 0 without a published value, infinite if the value is not finite."""
         if not math.isfinite(self.obtained):
             return math.inf
         if self.expected is None or self.tolerance is None:
@@ -100,21 +100,21 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Check:
-    """Check of the package by the published values of one source.
+    """Check of the package against the published values of one source.
 
     Attributes
     ----------
     key, title
         Name on the command line, such as `f16-derivatives`, and title on the page.
     source, tolerance_reason
-        Texts of table cells: short citation, such as `[SL] tab. 3.5-2`, and reason of the tolerance, such as `half the
+        Texts of table cells: short citation, such as `[SL] tab. 3.5-2`, and reason for the tolerance, such as `half the
         last digit`.
     explanation
         Sentences for the page about conventions, discrepancies and the causes of discrepancies.
     measure
         Function that computes the values and returns their comparisons with the published values.
     long
-        True for a slow check, run in parallel with the others.
+        True for a slow check; slow checks run one after the other in a second thread.
     """
 
     key: str
@@ -128,9 +128,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a check: its comparisons, or the problem for which the computation failed.
+    """Outcome of a check: its comparisons, or the problem for which the computation failed (None without a problem).
 
-    The duration in seconds includes compilation.
+    `seconds` is the duration, s, compilation included.
     """
 
     check: Check
@@ -150,7 +150,7 @@ class Outcome:
 
     @property
     def judged(self) -> bool:
-        """Whether a comparison has a published value."""
+        """Whether at least one comparison has a published value."""
         return any(comparison.judged for comparison in self.comparisons)
 
     @property
@@ -161,7 +161,7 @@ class Outcome:
 
 @functools.cache
 def load_published(name: str) -> dict[str, Any]:
-    """Read a JSON file of published values in `verification/data`, by name without suffix.
+    """Read the JSON file `name` (without suffix) of published values in `verification/data`.
 
     The entry `about` names the source.
     """
@@ -170,30 +170,33 @@ def load_published(name: str) -> dict[str, Any]:
 
 @functools.cache
 def load_definitions(name: str) -> dict[str, Any]:
-    """Read a TOML file of definitions in `verification/data`, by name without suffix."""
+    """Read the TOML file `name` (without suffix) of definitions in `verification/data`."""
     return tomllib.loads(read_data_file(f"{name}.toml"))
 
 
 def read_data_file(name: str) -> str:
-    """Read a text file in `verification/data`."""
+    """Return the text of a file in `verification/data`."""
     return resources.files("anser.verification").joinpath(f"data/{name}").read_text(encoding="utf-8")
 
 
 def make_check(key: str, measure: Callable[[], Iterable[Comparison]], *, long: bool = False) -> Check:
-    """Return the check with the texts of `data/checks.toml`."""
+    """Return the check `key` with the texts (title, source, tolerance reason, explanation) of `data/checks.toml`."""
     texts = {name: " ".join(text.split()) for name, text in load_definitions("checks")[key].items()}
     return Check(key=key, **texts, measure=lambda: tuple(measure()), long=long)
 
 
 def half_of_last_digit(printed: str) -> float:
-    """Return half a unit of the last digit of a printed number such as `2.6499e4`: the greatest rounding error."""
+    """Return half a unit of the last digit of a printed number such as "2.6499e4": the greatest rounding error."""
     mantissa, _, exponent = printed.partition("e")
     decimals = len(mantissa.partition(".")[2])
     return 0.5 * 10.0 ** (int(exponent or 0) - decimals)
 
 
 def half_of_significant(figure: float, digit_count: int) -> float:
-    """Return half a unit of the last of `digit_count` significant digits, for a data format that drops final zeros."""
+    """Return half a unit of the last of `digit_count` significant digits of a nonzero number.
+
+    For numbers in data formats that drop final zeros, whose printed digits cannot be counted.
+    """
     return 0.5 * 10.0 ** (math.floor(math.log10(abs(figure))) - digit_count + 1)
 
 
@@ -203,14 +206,14 @@ def compare_as_printed(group: str, point: str, unit: str, printed: str, obtained
 
 
 FORMAT_VERSION = 2
-"""Format version of the JSON document; raised when a name is removed or changes meaning."""
+"""Version of the JSON document's format; increased when a name is removed or changes its meaning."""
 
 
 def to_document(outcomes: Sequence[Outcome], seconds: float) -> dict[str, Any]:
-    """Return the outcomes of the checks as plain data for JSON, with software versions and wall time (`seconds`).
+    """Return the outcomes of the checks as plain data for JSON, with software versions and wall time `seconds`.
 
-    `passed` is None without a published figure. A NaN or infinite figure is None, and the `problem` of its comparison
-    gives the value.
+    `passed` is None if no published value exists. A computed value that is not finite is None, and the `problem` of its
+    comparison gives the value.
     """
     return {
         "format_version": FORMAT_VERSION,

@@ -1,7 +1,7 @@
 """Verification of the F-16's aerodynamic and engine data.
 
-Check shots (published pairs of inputs and outputs) of the s119 data files, the tables of the founding thesis, entry by
-entry, and the built-in s119 variant against its DAVE-ML files: coefficients, thrust, and NESC case 11.
+Compared are: the check shots (published pairs of inputs and outputs) of the s119 data files; the tables of the founding
+thesis, entry by entry; and the built-in s119 table set with its DAVE-ML files: coefficients, thrust, and NESC case 11.
 """
 
 import dataclasses
@@ -33,15 +33,19 @@ from anser.verification.nesc_cases import TRIMMED_FLIGHTS, column_unit
 from anser.verification.nesc_flight import LOG_PERIOD_S, fly_trimmed, trimmed_logs
 
 _MOMENT_REFERENCE = 0.35
-"""Moment reference of data and thesis tables, x/c, used as centre of gravity so that the moments have no lever."""
+"""Moment reference of data and thesis tables, x/c; the centre of gravity is put there: moments have no lever."""
 _UNITS = {"nd": "", "ft": "ft", "ft2": "ft^2", "lbf": "lbf", "ftlbf": "ft lbf"}
 _INPUT_FACTORS = {"ft_s": FOOT_M, "ft": FOOT_M, "deg": DEG_RAD}
-"""Factors to SI units by the units of the inputs of the check shots; 1 for other units, percent too."""
+"""Factor to SI units by unit of the check shots' inputs; 1 for other units, percent included."""
 
 
 @jax.jit
 def _shot_coefficients(airframe: F16, shots: Float[Array, "shot 9"]) -> dict[str, Float[Array, " shot"]]:
-    """Compute the coefficients of each check shot; density has no effect, so sea level is used."""
+    """Compute the coefficients and reference lengths (ft, ft^2) of each check shot, by the data file's output names.
+
+    Columns of `shots`: airspeed (m/s), alpha, beta, body rates (3), deflections of elevator, aileron and rudder, in
+    radians. Density has no effect; that at sea level is used.
+    """
 
     def coefficients_of_shot(
         speed: Array, alpha: Array, beta: Array, rates_b: Vector3, surfaces: Vector3
@@ -61,7 +65,7 @@ def _shot_coefficients(airframe: F16, shots: Float[Array, "shot 9"]) -> dict[str
 
 @jax.jit
 def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Float[Array, " shot"]]:
-    """Compute the force (lbf) and the moment (ft lbf) of the engine in each check shot, by names of body components.
+    """Compute force (lbf) and moment (ft lbf) of the engine in each check shot, by the data file's output names.
 
     Columns of `shots`: power (percent), altitude (m), Mach number.
     """
@@ -79,9 +83,10 @@ def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Floa
 def _measure_shots(
     file: str, compute: Callable[[F16, Array], dict[str, Float[Array, " shot"]]]
 ) -> Iterator[Comparison]:
-    """Compare the model with a file's check shots (published pairs of inputs and outputs).
+    """Compare the s119 F-16 with the check shots of the data file `file`.
 
-    The inputs are in the order of `compute`'s columns.
+    `compute` gets the inputs in the order of the file, in SI units and radians, and returns arrays over the shots by
+    output name.
     """
     shots = load_published(file)["shots"]
     inputs = jnp.array(
@@ -106,7 +111,7 @@ F16_ENGINE_SHOTS = make_check(
 _SPEED_M_S = 100.0
 _TOLERANCE, _TOLERANCE_LBF = 1e-12, 1e-9
 _INCREMENTS = {"da": (3, 21.5), "dr": (4, 30.0), "p": (5, 1.0), "q": (6, 1.0), "r": (7, 1.0)}
-"""For each printed increment, the column that is moved, and its deflection (deg) or dimensionless rate."""
+"""By increment in a table's name: the column of `_coefficients` that is changed, and its deflection (deg) or rate."""
 _POWERS = {"T_idle": 0.0, "T_mil": 50.0, "T_max": 100.0}
 
 
@@ -114,7 +119,7 @@ _POWERS = {"T_idle": 0.0, "T_mil": 50.0, "T_max": 100.0}
 def _coefficients(airframe: F16, points: Float[Array, "point 8"]) -> Float[Array, "point 6"]:
     """Compute CX, CY, CZ, Cl, Cm, Cn at points (rows).
 
-    Columns: alpha, beta, elevator, aileron, rudder (deg), dimensionless P, Q, R.
+    Columns of `points`: alpha, beta, elevator, aileron, rudder (deg), dimensionless rates P, Q, R.
     """
     lengths = jnp.stack([airframe.span, airframe.mean_chord, airframe.span])
 
@@ -130,7 +135,7 @@ def _coefficients(airframe: F16, points: Float[Array, "point 8"]) -> Float[Array
 
 @jax.jit
 def _thrusts(airframe: F16, points: Float[Array, "point 3"]) -> Float[Array, " point"]:
-    """Compute the thrust (lbf) at points (rows). Columns: power (percent), altitude (ft), Mach number."""
+    """Compute the thrust, lbf, at points (rows); columns: power (percent), altitude (ft), Mach number."""
 
     def thrust(point: Vector) -> Scalar:
         return airframe.engine.thrust(point[0], point[1] * FOOT_M, point[2]) / LBF_N
@@ -139,14 +144,14 @@ def _thrusts(airframe: F16, points: Float[Array, "point 3"]) -> Float[Array, " p
 
 
 def _grid_points(axes: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
-    """Return the grid points of a table, each as values by axis name, the last axis fastest."""
+    """Return the grid points of a table, each as coordinates by axis name; the last axis varies fastest."""
     return [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
 
 
 def _entries(name: str, axes: Mapping[str, Sequence[float]], airframe: F16) -> np.ndarray:
-    """Compute the entries of a thesis table from the aircraft model.
+    """Compute the entries of the thesis table `name` with the aircraft model, flattened as in `_grid_points`.
 
-    An entry is a coefficient, or the increment of a coefficient by a rate or a deflection.
+    An entry is a thrust (lbf), a coefficient, or the increment of a coefficient by a rate or a deflection.
     """
     grid_points = _grid_points(axes)
     if name in _POWERS:
@@ -190,18 +195,18 @@ _FLIGHT_SHARE = 1e-6
 
 
 class FileEngine(F16Engine):
-    """Engine with the thrust of F16_prop.dml; lag and inverse functions are those of the built-in engine."""
+    """Engine with the thrust of NASA's F16_prop.dml; lag and inverse functions are those of the built-in engine."""
 
     evaluator: Evaluator
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Return the thrust along body x; the file's thrust has no lateral components."""
+        """Return the file's thrust along body x, without lateral components; power in percent."""
         inputs = {ENGINE_POWER: 0.01 * power, "altitudeMSL": air_data.altitude, "mach": air_data.mach}
         return thrust_along_body_x(self.evaluator.evaluate_si(inputs, ENGINE_OUTPUTS)[ENGINE_OUTPUTS[0]])
 
 
 def f16_of_files() -> DaveMlAircraft:
-    """Return the library's F-16 of NASA's DAVE-ML files; engine lag and actuators are those of the built-in model."""
+    """Return the F-16 of NASA's DAVE-ML files, with the engine lag and the actuators of the built-in s119 model."""
     built_in, of_files = load_f16("s119"), load_airframe("nasa-f16")
     if not (isinstance(of_files, DaveMlAircraft) and isinstance(of_files.engine, DaveMlEngine)):
         raise TypeError("nasa-f16: expected an aircraft and an engine of DAVE-ML files")
@@ -210,9 +215,9 @@ def f16_of_files() -> DaveMlAircraft:
 
 
 def random_states() -> Float[np.ndarray, "state 13"]:
-    """Return the `STATES` random states within and beyond the tables, shape (STATES, 13).
+    """Return random states of flight within and beyond the tables, shape (STATES, 13), SI units and radians.
 
-    Columns: V, alpha, beta, body rates, surfaces, power, altitude, Mach number.
+    Columns: V, alpha, beta, body rates P, Q, R, elevator, aileron, rudder, power (percent), altitude, Mach number.
     """
     deflections = np.array([25.0, 21.5, 30.0]) * DEG_RAD
     lower = [5.0, -15 * DEG_RAD, -35 * DEG_RAD, *[-2.0] * 3, *-deflections, 0.0, -500.0, 0.0]
@@ -224,8 +229,9 @@ def random_states() -> Float[np.ndarray, "state 13"]:
 def compare_models(built_in: F16, of_files: DaveMlAircraft, states: Array) -> tuple[dict, dict]:
     """Compute the coefficients and the thrust (lbf) of each state by the DAVE-ML files, and by the built-in model.
 
-    The moments of the files refer to their moment reference point, those of `built_in` to its centre of gravity, which
-    must therefore be at that point.
+    Both results are by name, shape (state,); `states` has the columns of `random_states`. The moments of the files
+    refer to their moment reference point, those of `built_in` to its centre of gravity, which must therefore be at that
+    point.
     """
 
     def compare_state(state: Array) -> tuple[dict[str, Scalar], dict[str, Scalar]]:
@@ -245,14 +251,14 @@ def compare_models(built_in: F16, of_files: DaveMlAircraft, states: Array) -> tu
 
 
 def with_degrees_per_radian(of_files: DaveMlAircraft, degrees: float) -> DaveMlAircraft:
-    """Return a copy of the F-16 of the files with another constant than the file's, which has a pi of nine digits."""
+    """Return a copy of the files' F-16 with another number of degrees per radian: the files round pi to nine digits."""
     return eqx.tree_at(lambda airframe: airframe.evaluator.constants["rtd"], of_files, as_array(degrees))
 
 
 def _compare_coefficients() -> tuple[Comparison, ...]:
-    """Compare coefficients and thrust, each at the state of the greatest difference.
+    """Compare coefficients and thrust of both models, each at the random state of its greatest difference.
 
-    CZ is also compared with pi rounded as in the file.
+    CZ is compared a second time, with pi rounded as in the file.
     """
     airframe, as_filed, states = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE), f16_of_files(), random_states()
     from_file, built_in = compare_models(airframe, with_degrees_per_radian(as_filed, RAD_DEG), as_array(states))
@@ -275,9 +281,9 @@ def _worst(name: str, expected: Array, computed: Array, tolerance: float, unit: 
 
 
 def _compare_flights() -> tuple[Comparison, ...]:
-    """Compare the flight of NESC case 11 by the built-in F-16 with the flight by the F-16 of the DAVE-ML files.
+    """Compare NESC case 11 flown by the built-in F-16 with the case flown by the F-16 of the DAVE-ML files.
 
-    Each column with a tolerance is compared at the published time of the greatest difference.
+    Each logged quantity with a tolerance is compared at the published time of its greatest difference.
     """
     case = TRIMMED_FLIGHTS[0]
     built_in = trimmed_logs()[case.number]

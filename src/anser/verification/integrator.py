@@ -50,7 +50,7 @@ def _environment() -> Environment:
 
 
 def _start() -> EarthFixedState:
-    """Return the initial state: a brick thrown at 199 m/s, tumbling as in [NESC] cases 2 and 3, 30,000 ft up."""
+    """Return the initial state: a brick thrown at 199 m/s, tumbling as in [NESC] cases 2 and 3, at 30,000 ft."""
     local_start = AircraftState(
         position_n=jnp.array([0.0, 0.0, -30_000.0 * FOOT_M]),
         velocity_b=jnp.array([180.0, 60.0, 60.0]),
@@ -63,7 +63,7 @@ def _start() -> EarthFixedState:
 
 
 def order() -> tuple[Comparison, ...]:
-    """Compare the observed order of convergence with 4, for three successive step sizes at a time.
+    """Compare the observed order of convergence with 4, for each three successive step sizes.
 
     The observed order is log2(|x_1 - x_0| / |x_2 - x_1|), where x_0, x_1 and x_2 are the final body rates, quaternions
     or body velocities of flights with the steps h, h / 2 and h / 4.
@@ -80,9 +80,10 @@ def order() -> tuple[Comparison, ...]:
 
 
 def invariants() -> tuple[Comparison, ...]:
-    """Compute the relative changes of energy and of orbital and rotational angular momentum in 30 s of free flight.
+    """Compare relative changes of energy and angular momentum in 30 s of flight without air forces with 0.
 
-    The angular momenta are in inertial axes.
+    The angular momenta, in inertial axes, are that of the orbit about the Earth's axis and that of the body's rotation.
+    The length of the attitude quaternion is compared with 1.
     """
     start = _start()
     end = _fly_for("undamped-brick", start, 0.01, 30.0)

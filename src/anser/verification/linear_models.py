@@ -33,7 +33,7 @@ _SPEED_M_S = 502.0 * FOOT_M
 _X_CG = 0.30
 _NAMES = {"VT": "V", "pow": "power"}
 _PER_UNIT = {"VT": FOOT_M, "elevator_deg": DEG_RAD, "aileron_deg": DEG_RAD, "rudder_deg": DEG_RAD}
-"""Factor from each printed unit to SI; 1 for the other quantities."""
+"""Factor from the textbook's unit to SI units and radians by quantity; 1 for quantities not listed."""
 _PRINTED_MODES = (
     ("short period", "-1.2039", "1.4922"),
     ("phugoid", "-0.0087", "0.0739"),
@@ -41,16 +41,16 @@ _PRINTED_MODES = (
     ("roll", "-3.601", "0"),
     ("spiral", "-0.0128", "0"),
 )
-"""Example 3.8-1: name, real and imaginary part as printed."""
+"""Modes of example 3.8-1: name, real part (1/s) and imaginary part (rad/s) of the eigenvalue, as printed."""
 
 
 @compiled_quickly
 def linear_flight(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget
 ) -> tuple[TrimPoint, LinearModel]:
-    """Trim and linearize a steady flight.
+    """Trim a steady flight, linearize the aircraft there, and return the trim point and the linear model.
 
-    Above full throttle, the model is linearized below the stop, because the textbook's gearing has no stop.
+    The throttle of the linearization is at most 0.99: the textbook's gearing has no stop at full throttle.
     """
     point = solve_trim(airframe, environment, target)
     controls = eqx.tree_at(lambda c: c.throttle, point.controls, jnp.minimum(point.controls.throttle, 0.99))
@@ -65,7 +65,10 @@ def _textbook_model(pitch_rate: float) -> LinearModel:
 def printed_block(
     model: LinearModel, matrix: str, row_states: list[str], column_states: list[str]
 ) -> Float[np.ndarray, "r c"]:
-    """Return a part of matrix A, B, C or D in the textbook's units, by the textbook's names of states and inputs."""
+    """Return a part of the matrix A, B, C or D in the textbook's units.
+
+    Rows and columns are selected by the textbook's names of states and inputs.
+    """
     row_names = model.outputs if matrix in "CD" else model.states
     column_names = model.inputs if matrix in "BD" else model.states
     values = np.asarray(getattr(model, matrix))
@@ -81,10 +84,10 @@ def printed_block(
 
 
 def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
-    """Return half a unit of the last printed digit of each number, as its tolerance.
+    """Return the tolerance of each printed number: half a unit of its last digit.
 
-    Three digits are printed (four of 1087), one for numbers below 0.001. The tolerance of a printed 0 is half the
-    smallest unit of the row.
+    Three digits are printed (four from 1000 on, one below 0.001). The tolerance of a printed 0 is half the smallest
+    unit in its row.
     """
     size = np.abs(printed)
     digits = np.where(size < 1e-3, 1, np.where(size >= 1000, 4, 3))

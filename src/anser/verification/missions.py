@@ -1,4 +1,4 @@
-"""Verification by whole missions: effects of a flat Earth and of the integration step on the results."""
+"""Verification by whole missions: effects of a round Earth and of the integration step on the results."""
 
 import functools
 from collections.abc import Iterator
@@ -17,16 +17,16 @@ from anser.units import DEG_RAD, RAD_DEG
 from anser.verification.checks import Check, Comparison, make_check
 
 MISSION = "three-aircraft"
-"""Shipped scenario of the reference mission of three aircraft."""
+"""Name of the shipped scenario of the reference mission of three aircraft."""
 
 SINGLE_AIRCRAFT = "single-aircraft"
-"""Shipped scenario of the founding work's case of a single aircraft."""
+"""Name of the shipped scenario of the founding work's case of a single aircraft."""
 
 STEPS_S = (0.02, 0.01, 0.005, 0.0025)
-"""Integration steps of 50, 100, 200 and 400 Hz; the second is the default."""
+"""Integration steps, s: 50, 100, 200 and 400 Hz; the second is the default."""
 
 _DURATION_S = 75.0
-"""Duration of the mission, beyond the interval of the arrival (60.4 s); comparisons end at the arrival."""
+"""Duration of the flown mission, s: longer than the arrival (60.4 s) needs; comparisons end at the arrival."""
 _STRAIGHT_S = (10.0, 50.0)
 _TRACKING_BOUND_M = 1.5
 _MEAN_RADIUS_M = float(sum(map(float, radii_of_curvature(np.pi / 4)))) / 2
@@ -34,9 +34,10 @@ _MEAN_RADIUS_M = float(sum(map(float, radii_of_curvature(np.pi / 4)))) / 2
 
 @functools.cache
 def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
-    """Fly the reference mission past its arrival, once for each Earth and step of integration and autopilots (s).
+    """Fly the reference mission until after its arrival; cached by the arguments.
 
-    Raises RuntimeError if the flight ends within the interval of the arrival.
+    `step_s` is the step of the integration and of the autopilots, s. Raises RuntimeError if the flight ends before the
+    search for the arrival does.
     """
     flight = run(mission_scenario(earth, step_s))
     arrival_s = max(aircraft["planned_arrival_s"] for aircraft in flight.summary["aircraft"])
@@ -49,12 +50,12 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
 
 
 def mission_scenario(earth: str, step_s: float) -> Scenario:
-    """Return the scenario of the reference mission, ended after the arrival, with the given Earth and step (s)."""
+    """Return the scenario of the reference mission, shortened, with the given Earth model and step (s)."""
     return _scenario(MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
 
 
 def published_flights() -> dict[str, FlightResult]:
-    """Fly the founding work's case of a single aircraft and its case of three aircraft (ended after the arrival)."""
+    """Fly the founding work's cases of one and of three aircraft; return the flights as "single" and "three"."""
     return {"single": run(_scenario(SINGLE_AIRCRAFT)), "three": mission()}
 
 
@@ -65,7 +66,7 @@ def _scenario(name: str) -> Scenario:
 def flat_and_round() -> Iterator[Comparison]:
     """Compare the reference mission flown over a flat and over a round Earth.
 
-    Lift and bank differ as theory predicts; miss, path and arrival spread hardly differ.
+    Lift and bank of the first aircraft must differ as theory predicts; miss, path and arrival spread must agree.
     """
     flat, round_earth = mission("flat"), mission("wgs84")
     lowest, highest = _STRAIGHT_S
@@ -93,9 +94,10 @@ def flat_and_round() -> Iterator[Comparison]:
 
 
 def steps() -> Iterator[Comparison]:
-    """Compare the reference mission's arrival at each integration step with the arrival at the finest step.
+    """Compare the arrivals of the reference mission at different integration steps.
 
-    Only the default step is judged: it must agree with half the step to a hundredth of the requirements.
+    The default step (100 Hz) must agree with half the step to a hundredth of the requirements. The differences of all
+    steps from the finest are listed without a tolerance.
     """
     finest, halved, default = (mission(step_s=STEPS_S[k]) for k in (-1, 2, 1))
     requirements, rates = finest.scenario.requirements, "100 Hz against 200 Hz"
@@ -115,14 +117,14 @@ def steps() -> Iterator[Comparison]:
 
 
 def _aircraft_of(*flights: FlightResult) -> Iterator[tuple[dict, ...]]:
-    """Pair the summaries of the aircraft of flights of the same fleet."""
+    """Yield, for each aircraft, its summary entries in several flights of the same fleet."""
     return zip(*(flight.summary["aircraft"] for flight in flights), strict=True)
 
 
 def climb_and_turn_error() -> Iterator[Comparison]:
     """Compare the greatest position error of the climb-and-turn, flown on velocity commands alone, with 0.
 
-    The F-16 is the variant of the founding work.
+    The aircraft is the F-16 with the tables of the founding work.
     """
     flight = fly_climb_and_turn("founding")
     error = float(flight.summary["aircraft"][0]["position_error_max_m"])
@@ -130,9 +132,9 @@ def climb_and_turn_error() -> Iterator[Comparison]:
 
 
 def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the apparent accelerations down and to the right, m/s^2, over the rotating, curved Earth.
+    """Return the accelerations, down and to the right, m/s^2, that the Earth's rotation and curvature add.
 
-    Source: [SL] eq. 1.7-18.
+    The arrays are over the times of the flight. Source: [SL] eq. 1.7-18.
     """
     speed, course = dataset.ground_speed_m_s.values, dataset.ground_course_deg.values * DEG_RAD
     latitude = dataset.latitude_deg.values * DEG_RAD
@@ -143,7 +145,7 @@ def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) -> float:
-    """Return the greatest distance (m) between aircraft k in two flights at the same time, up to the arrival."""
+    """Return the greatest distance, m, between aircraft `k` in two flights at the same time, until its arrival."""
     arrived = flight.dataset.time.values <= flight.summary["aircraft"][k]["arrival_s"]
     offsets = [
         (flight.dataset[name].isel(aircraft=k) - reference.dataset[name].isel(aircraft=k)).values[arrived]
@@ -153,10 +155,11 @@ def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) ->
 
 
 def _drift_m(flight: FlightResult, k: int) -> float:
-    """Return a bound (m) of the drift of aircraft `k` by the planner's neglect of the Earth's rotation and curvature.
+    """Return a bound, m, of the drift of aircraft `k`, since its plan neglects the Earth's rotation and curvature.
 
-    Their acceleration a causes the steady velocity error a / K_P of the velocity loop, here from start to arrival.
-    Plans made on the way start at the aircraft's position, so only those of the last seconds correct the drift.
+    Their acceleration a causes the steady velocity error a / K_P of the velocity loop (proportional gain K_P), here
+    assumed from start to arrival. Plans made in flight start at the aircraft's position, so only those of the last
+    seconds correct the drift.
     """
     scenario, aircraft = flight.scenario, flight.summary["aircraft"][k]
     speed = aircraft["speed_mean_m_s"]

@@ -1,4 +1,8 @@
-"""NESC check-cases as checks against published checkpoints; cases without checkpoints list logged results."""
+"""Checks of the NESC check-cases against published simulation results at certain times ("checkpoints").
+
+Two participants of the study, simulations 04 and 05, are the references. Of a case without checkpoints, the results are
+listed and not judged.
+"""
 
 import functools
 import math
@@ -29,10 +33,10 @@ from anser.verification.nesc_flight import LOG_PERIOD_S, Log, fly_free, fly_laws
 _Case = FreeFlight | TrimmedFlight | LawFlight
 
 _DIGITS = 10
-"""Significant digits of the checkpoints."""
+"""Number of significant digits of the published checkpoints."""
 _SIMULATIONS = ("sim_04", "sim_05")
 _ZERO_SHARE = 1e-3
-"""Greatest value of a column of zeros, relative to its tolerance; of the published columns, 2e-7."""
+"""Greatest value of a quantity that counts as zero, relative to its tolerance; the published ones have at most 2e-7."""
 _SETTLED_TOLERANCE_KT = 4.0 * 0.06 + 0.005
 
 
@@ -88,14 +92,18 @@ def _checkpoints(case: _Case) -> dict[str, Any] | None:
 
 @functools.cache
 def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str, Log]:
-    """Fly the cases of a class, or of a law, in one batch, compiled once."""
+    """Fly all cases of a class in one batch (of `LawFlight`, those with the law `law`); return logs by case number."""
     if case_class is LawFlight:
         return fly_laws([case for case in LAW_FLIGHTS if case.law == law])
     return trimmed_logs() if case_class is TrimmedFlight else fly_free(FREE_FLIGHTS)
 
 
 def _measure(case: _Case) -> tuple[Comparison, ...]:
-    """Compare a case with both participants at the judged checkpoints; without checkpoints, list the logged values."""
+    """Compare a case with both reference simulations at the judged checkpoints.
+
+    Quantities within their tolerance of zero and times that are not judged are listed without published values. Without
+    checkpoints, all logged values are listed, and settled airspeeds are compared.
+    """
     log, published = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
     if published is None:
         logged = (_comparison(name, log, time_s) for name in log for time_s in case.times_s)
@@ -112,7 +120,7 @@ def _measure(case: _Case) -> tuple[Comparison, ...]:
 
 
 def _columns(published: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the columns with a tolerance."""
+    """Return the published columns (quantities) that have a tolerance, by name."""
     return {name: column for name, column in published["columns"].items() if "tolerance" in column}
 
 
@@ -123,8 +131,8 @@ def _judged_indices(published: dict[str, Any]) -> list[int]:
 def _column_names(published: dict[str, Any]) -> tuple[list[str], list[str]]:
     """Return the names of the columns that are zero up to rounding, and of those within their tolerance of zero.
 
-    A column of zeros is judged: its tolerance limits what appears in place of zero. The columns of the second list have
-    other values, which a zero would meet too, and are not judged.
+    Columns of the first list are judged: their tolerance limits the value computed in place of zero. Columns of the
+    second list are not zero, but zeros would agree, too; they are not judged.
     """
     zero, within_scatter = [], []
     for name, column in _columns(published).items():
@@ -160,7 +168,7 @@ def _comparison(
 
 
 def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
-    """Compare the equivalent airspeed at the end of the flight with a participant's."""
+    """Compare the equivalent airspeed, kt, at the end of the flight (`time_s`) with that of a reference simulation."""
     obtained = float(log[_KEAS][round(time_s / LOG_PERIOD_S)])
     point = f"settled, {simulation}"
     return Comparison(f"{_KEAS}, settled", point, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)
@@ -168,6 +176,6 @@ def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) 
 
 _KEAS = "equivalentAirspeed_nmi_h"
 _PERIODIC_COLUMNS = ("eulerAngle", "longitude")
-"""Prefixes of the names of angle columns, which are compared up to whole turns."""
+"""Prefixes of the names of angle columns, which are compared modulo 360 deg."""
 NESC_CHECKS: tuple[Check, ...] = tuple(_check(case) for case in (*FREE_FLIGHTS, *TRIMMED_FLIGHTS, *LAW_FLIGHTS))
 """Checks of the NESC cases 1 to 13, 15 and 16."""

@@ -23,37 +23,37 @@ _UNITS = {
     "_deg": "deg",
     "_ft": "ft",
 }
-"""Units in the names of the published columns; the first match counts."""
+"""Units by the suffix in the names of the published columns; the first match counts."""
 
 
 def column_unit(name: str) -> str:
-    """Return the unit of a published column; 1 for a pure number."""
+    """Return the unit of a published column; "1" for a pure number."""
     return next((unit for suffix, unit in _UNITS.items() if suffix in name), "1")
 
 
 EarthName = Literal["wgs84", "sphere", "rotating-sphere"]
 LawName = Literal["F16_control", "F16_gnc"]
 SPHERE_RADIUS_M = 6371007.1809
-"""Radius of the sphere of cases 4 and 5: the authalic radius."""
+"""Radius of the spherical Earth of cases 4 and 5, m: the authalic radius."""
 _AT_REST = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FreeFlight:
-    """NESC check-case of a body without controls.
+    """NESC check-case of a body without controls, which starts at latitude 0, longitude 0.
 
     Attributes
     ----------
     body, earth
         Name in the library of bodies, and model of the Earth.
     altitude_ft, velocity_ft_s
-        Initial altitude at latitude 0, longitude 0, and velocity NED.
+        Initial altitude, ft, and velocity relative to the Earth, NED, ft/s.
     yaw_deg, rates_deg_s
-        Initial heading (pitch and roll are 0) and inertial body rates.
+        Initial heading (pitch and roll are 0), deg, and inertial body rates, deg/s.
     wind_east_ft_s
-        East velocity of the air at altitudes 0 and 30,000 ft, linear in between.
+        East velocity of the air at altitudes 0 and 30,000 ft, ft/s, linear in between.
     times_s
-        Times of the listed results.
+        Times of the listed results, s.
     """
 
     number: int
@@ -80,9 +80,9 @@ class TrimmedStart:
     latitude_deg, longitude_deg, altitude_ft
         Initial geodetic position.
     velocity_ft_s
-        Initial velocity NED; the heading is its direction.
+        Initial velocity relative to the Earth, NED, ft/s; the heading is its direction.
     times_s
-        Times of the listed results.
+        Times of the listed results, s.
     """
 
     number: int | str
@@ -97,7 +97,7 @@ class TrimmedStart:
 
 @dataclass(frozen=True, kw_only=True)
 class TrimmedFlight(TrimmedStart):
-    """NESC check-case of the F-16 with fixed controls."""
+    """NESC check-case of the F-16 with the controls fixed at their trim values."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,15 +107,15 @@ class LawFlight(TrimmedStart):
     Attributes
     ----------
     law
-        File of the control law.
+        Name of the control law's DAVE-ML file.
     change, change_time_s
-        Input of the law, change of its command (kt, ft, deg), and time of the change.
+        Input of the law that is changed and the amount (kt, ft, deg), and time of the change, s.
     follows_line
-        True: the law's input is the deviation from the ground track through the position at `change_time_s`.
+        Whether the law's input is the deviation from the ground track through the position at `change_time_s`.
     circles_pole
-        True: the law circles the North Pole; False: the date line at the equator. F16_gnc only.
+        Whether the law F16_gnc circles the North Pole; otherwise the point of the date line on the equator.
     settled_keas
-        Participants and their settled equivalent airspeeds, kt, to two decimals, if no other figures are published.
+        Names of simulations and their settled equivalent airspeeds, kt, to two decimals, if nothing else is published.
     """
 
     law: LawName
@@ -134,7 +134,10 @@ def _load_cases(case_class: type[_Case], key: str) -> tuple[_Case, ...]:
 
 
 def _case_fields(case: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a case: lists as tuples; a law's results are listed every 5 s from 0 to `log_s`."""
+    """Return the fields of a case from its TOML table, with lists as tuples.
+
+    The key `log_s` is the time, s, until which results are listed every 5 s.
+    """
     fields = {key: _to_tuple(value) for key, value in case.items()}
     if "log_s" in fields:
         fields["times_s"] = tuple(5.0 * k for k in range(round(fields.pop("log_s") / 5.0) + 1))

@@ -1,6 +1,7 @@
-"""Flights of the NESC check-cases, logged in the columns and units of the published participants.
+"""Flights of the NESC check-cases, logged in the columns and units of the published simulations.
 
-Bodies and the trimmed F-16 fly with fixed controls, the F-16 under the published control laws in anser's closed loop.
+Bodies and the trimmed F-16 fly with fixed controls; under the published control laws, the F-16 flies in anser's closed
+loop.
 """
 
 import functools
@@ -82,7 +83,7 @@ _FALL_STEPS = 10
 _CRUISE_STEPS = 5
 
 Log = dict[str, np.ndarray]
-"""Log of a flight: by published column name, the values at each logged time."""
+"""Log of a flight: arrays over the logged times, by published column name."""
 
 
 def fly_free(cases: Sequence[FreeFlight]) -> dict[int | str, Log]:
@@ -98,8 +99,8 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int | str, Log]:
 def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int | str, Log]:
     """Trim and fly check-cases of the F-16 in one batch; return logs by case number, every 0.1 s from time 0.
 
-    The published vehicle has neither lags nor engine momentum: controls and power are constant. `airframe` None: the
-    library's s119 variant.
+    The published vehicle has neither lags nor engine momentum: controls and power are constant. If `airframe` is None,
+    the aircraft is the library's F-16 with the table set s119.
     """
     airframe = load_f16("s119") if airframe is None else airframe
     return _logs(cases, stack_rows([airframe] * len(cases)), trimmed_starts(airframe, cases), _CRUISE_STEPS)
@@ -107,12 +108,12 @@ def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | Non
 
 @functools.cache
 def trimmed_logs() -> dict[int | str, Log]:
-    """Return the logs of cases 11 and 12, flown with the library's s119 variant once per process."""
+    """Return the logs of cases 11 and 12 by case number, flown with the library's s119 F-16; cached."""
     return fly_trimmed(TRIMMED_FLIGHTS)
 
 
 class Starts(NamedTuple):
-    """Environments, initial states and controls of check-cases, stacked over the cases."""
+    """Environments, initial states and controls of check-cases, with a leading axis over the cases."""
 
     environments: Environment
     states: EarthFixedState
@@ -120,7 +121,7 @@ class Starts(NamedTuple):
 
 
 def trimmed_starts(airframe: AbstractAirframe, cases: Sequence[TrimmedStart]) -> Starts:
-    """Return the starts of check-cases that start in trim; raises RuntimeError if a case has no trim."""
+    """Return environments, trim states and controls of check-cases; raises RuntimeError if a case has no trim."""
     environment = stack_rows(
         [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
     )
@@ -135,13 +136,13 @@ def trimmed_starts(airframe: AbstractAirframe, cases: Sequence[TrimmedStart]) ->
 def _logs(
     cases: Sequence[FreeFlight | TrimmedFlight], airframes: AbstractAirframe, starts: Starts, steps: int
 ) -> dict[int | str, Log]:
-    """Fly stacked cases, each for the longest duration, and return the logs by case number."""
+    """Fly all cases for the longest duration, with `steps` integration steps in 0.1 s; return logs by case number."""
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
     return split_logs(cases, _fly_fixed(airframes, *starts, periods, steps))
 
 
 def split_logs(cases: Sequence[FreeFlight | TrimmedStart], logs: Mapping[str, Array]) -> dict[int | str, Log]:
-    """Return the logs by case number."""
+    """Divide logs with a leading axis over the cases into logs by case number."""
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
 
 
@@ -223,7 +224,10 @@ def _fly_fixed(
     periods: int,
     steps: int,
 ) -> dict[str, Array]:
-    """Return the log of each case, shape (case, time), every `LOG_PERIOD_S` from time 0."""
+    """Fly with fixed controls and return the log columns, shape (case, time), every `LOG_PERIOD_S` from time 0.
+
+    `periods` is the number of log periods, `steps` the number of integration steps in each.
+    """
 
     def fly(
         airframe: AbstractAirframe, environment: Environment, start: EarthFixedState, fixed_controls: Controls
@@ -247,10 +251,7 @@ def _fly_fixed(
 def log_row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
-    """Return a row of a participant's log by column name, in the published units, with the KEAS.
-
-    KEAS is the equivalent airspeed in knots.
-    """
+    """Return the log entries at one time by published column name, in the published units."""
     earth = require_round_earth(environment)
     local = local_state(earth, state)
     condition = air_data_and_forces(airframe, environment, time, local)
@@ -296,9 +297,9 @@ def _axes(name: str, vector: Vector3, axes: Sequence[str] = "XYZ") -> dict[str, 
 LAW_STEPS = 80
 """Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and the files define no sampling."""
 _LAW_TRIMS = ("trimmedPilotControl_long", "trimmedPilotControl_throttle")
-"""Inputs of the control laws for the feed-forward of stick and throttle."""
+"""Inputs of the control laws for the feed-forward of longitudinal stick and throttle."""
 _FULL_STICK_DEG = 25.0
-"""Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
+"""Elevator deflection, deg, of a full longitudinal stick (aft: up). Source: F16_control.dml, elevatorDeflection."""
 _COMMAND_UNITS = {
     "altitudeMslCommand": FOOT_M,
     "equivalentAirspeedCommand": KNOT_M_S,
@@ -307,32 +308,35 @@ _COMMAND_UNITS = {
 }
 
 _LAGS_IN_STEP = 1.6
-"""Ratio of integration step to lag: here a classical Runge-Kutta step leaves the least part of a difference, 27 %."""
+"""Ratio of integration step to lag at which a classical Runge-Kutta step leaves least of a difference: 27 %."""
 
 
 @functools.cache
 def published_model(name: str) -> Model:
-    """Read a file of NASA's F-16 by name, without suffix: `F16_aero`. Sources: see the README beside the files."""
+    """Read the DAVE-ML file `name` (without suffix) of NASA's F-16, such as F16_aero; cached.
+
+    Sources: README beside the files.
+    """
     content = resources.files("anser.dave_ml").joinpath(f"nasa/{name}.dml").read_bytes()
     return read_dave_ml(content, f"{name}.dml")
 
 
 class PromptEngine(AbstractLaggedEngine):
-    """Engine with the thrust tables of `base`, whose power follows 100 times the throttle with a very short lag (s)."""
+    """Engine with the thrust of `base`; its power, percent, follows 100 times the throttle with a short `lag`, s."""
 
     base: AbstractEngine
     lag: Scalar
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Return force and moment of the base engine."""
+        """Return force and moment of the base engine at a power, percent."""
         return self.base.propulsion(power, air_data)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Return the base engine's power (percent) for a thrust (N)."""
+        """Return the base engine's power, percent, for a thrust, N."""
         return self.base.power_for_thrust(thrust, air_data)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition is outside the base engine's data."""
+        """Return whether the flight condition is outside the base engine's data."""
         return self.base.outside_tables(air_data)
 
 
@@ -354,7 +358,7 @@ def prompt_f16(step_s: float) -> F16:
 def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[int | str, Log]:
     """Trim and fly check-cases under one control law in one batch; return logs by case number, every 0.1 s from time 0.
 
-    `steps` are the steps and samples of the law in a log period.
+    All cases must have the same law. `steps` is the number of integration steps, and of samples of the law, in 0.1 s.
     """
     airframe = prompt_f16(LOG_PERIOD_S / steps)
     starts = trimmed_starts(airframe, cases)
@@ -369,7 +373,10 @@ def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[int | s
 
 
 def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
-    """Return the inputs of the law: autopilot on, stick centred, trim as feed-forward, and the change at its time."""
+    """Return the inputs of the law: autopilot on, stick centred, trim as feed-forward, and the case's change.
+
+    `keas` is the commanded equivalent airspeed at the start, m/s.
+    """
     north, east, _ = case.velocity_ft_s
     initial_commands: dict[str, float] = {
         **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
@@ -397,12 +404,12 @@ def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
 
 
 class _LogRecorder(AbstractRecorder):
-    """Recorder of the columns that the published participants log."""
+    """Recorder of the columns that the published simulations log."""
 
     stride: int = eqx.field(static=True)
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return a row by the published column names."""
+        """Return the log entries of a sample by published column name."""
         truth, environment = sample.truth, instant.environment
         state = earth_fixed_state(require_round_earth(environment), truth.state)
         return log_row(truth.airframe, environment, instant.time, state)
@@ -417,7 +424,7 @@ def _exact_belief(airframe: F16, environment: Environment, start: EarthFixedStat
 
 @compiled_quickly
 def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: EarthFixedState) -> Array:
-    """Return the equivalent airspeed (m/s) at each start."""
+    """Return the equivalent airspeed, m/s, at each start; shape (case,)."""
 
     def airspeed(environment: Environment, start: EarthFixedState) -> Scalar:
         return named_signals(_exact_belief(airframe, environment, start))["equivalentAirspeed"]
@@ -426,11 +433,11 @@ def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: Eart
 
 
 def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands) -> NamedCommands:
-    """Replace the feed-forward of stick and throttle by values with which the law holds each start.
+    """Replace the feed-forward of stick and throttle by values with which the law outputs the controls of the trim.
 
-    With the bare trim, the law does not hold the start: it feeds back pitch and angle of attack relative to its design
-    values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError if no feed-forward makes the
-    law output the controls of the trim.
+    With the trim controls as feed-forward, the law does not keep the start: it feeds back pitch and angle of attack
+    relative to its design values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError if no
+    such values exist.
     """
     trims, residual = _solve_law_trims(airframe, law, starts, commands)
     if not np.all(np.asarray(residual) < 1e-10):
@@ -443,7 +450,10 @@ def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, comma
 def _solve_law_trims(
     airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands
 ) -> tuple[Float[Array, "case 2"], Float[Array, " case"]]:
-    """Solve for the `_LAW_TRIMS` with which the law outputs the trim controls; residual in rad or full power."""
+    """Solve for the feed-forward of stick and throttle (`_LAW_TRIMS`) with which the law outputs the trim controls.
+
+    Returns the values and, for each case, the residual: the greater difference of elevator (rad) and throttle (0..1).
+    """
 
     def solve(environment: Environment, start: EarthFixedState, trim: Controls, guidance: NamedCommands) -> Solution:
         belief = _exact_belief(airframe, environment, start)
@@ -463,7 +473,10 @@ def _solve_law_trims(
 def _fly_law(
     airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands, periods: int, steps: int
 ) -> dict[str, Array]:
-    """Return the log of each case, shape (case, time), every `LOG_PERIOD_S` from time 0."""
+    """Fly under the law and return the log columns, shape (case, time), every `LOG_PERIOD_S` from time 0.
+
+    `periods` is the number of log periods, `steps` the number of integration steps in each.
+    """
     step = jnp.asarray(LOG_PERIOD_S / steps)
 
     def fly(environment: Environment, start: EarthFixedState, trim_controls: Controls, guidance: NamedCommands) -> dict:

@@ -1,6 +1,6 @@
 """Verification of polynomial trajectories by published arc lengths, and the published families of paths as datasets.
 
-The families are bent sideways by b_4 and vertically by c_4.
+The families are bent sideways by the shape parameter b_4 and vertically by c_4 (theory section 6).
 """
 
 import math
@@ -23,16 +23,16 @@ from anser.verification.checks import Comparison, compare_as_printed, load_publi
 
 _SPEED_M_S = 150.0
 DURATION_S = 36.0
-"""Duration of each path of the published families."""
+"""Duration of each path of the published families, s."""
 _SAMPLES = 3601
 _ERROR_BOUND_PERCENT = 1.3
 
 
 def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4: ScalarLike = 0.0) -> Trajectory:
-    """Return a path of the published tables of arc lengths, with shape parameters in m/s^4 (theory section 6).
+    """Return the path of the published tables of arc lengths with the shape parameters b_4 and c_4, m/s^4.
 
-    The path leads in 36 s from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0. The velocity is 150 m/s due
-    North at both ends, level at the start and with the path angle `final_path_angle_deg` at the end.
+    The path (theory section 6) leads in 36 s from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0. The velocity
+    is 150 m/s due North at both ends, level at the start and with the path angle `final_path_angle_deg` at the end.
     """
     final = jnp.asarray(final_path_angle_deg) * DEG_RAD
     return fit_trajectory(
@@ -52,7 +52,8 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
 def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Compute the length of a path in three ways, m.
 
-    Six-point estimate, sum of the speeds at `_SAMPLES` times, and trapezoidal rule over these speeds.
+    The results are: the six-point estimate, the sum of the speeds at `_SAMPLES` times multiplied by the time step, and
+    the trapezoidal rule over these speeds. All arguments and results have an axis over the paths.
     """
     path = published_path(final_path_angle_deg, b_4, c_4)
     times = jnp.linspace(0.0, DURATION_S, _SAMPLES)
@@ -80,7 +81,7 @@ ARC_LENGTHS = make_check("arc-lengths", _measure)
 
 
 _TIMES = 181
-"""Samples of a path, five per second."""
+"""Number of samples of a path in a dataset: five per second."""
 _MEMBERS = 81
 _SHAPES = ("lateral_shape", "vertical_shape")
 _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *SHAPE_VARIABLES)}

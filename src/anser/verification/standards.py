@@ -1,6 +1,6 @@
-"""Verification of standards: the U.S. Standard Atmosphere 1976 and WGS-84.
+"""Verification of standards: U.S.
 
-WGS-84: the ellipsoid, geodetic positions and normal gravity.
+Standard Atmosphere 1976, and WGS-84 (ellipsoid, geodetic positions, normal gravity).
 """
 
 import functools
@@ -54,18 +54,21 @@ USSA76 = make_check("ussa76", _measure_atmosphere)
 
 
 _ROUNDING_M = 1e-8
-"""Rounding error, about ten units in the last place of 6.4e6 m."""
+"""Tolerance of positions, m: rounding error, about ten units in the last place of 6.4e6 m."""
 _GRAVITY_M_S2 = 1e-9
-"""Tolerance: half a unit of the ninth printed decimal of gravity at 45 deg, plus 1e-10 for the formulas' difference."""
+"""Tolerance of gravity, m/s^2: half a unit of the ninth printed decimal, plus 1e-10 between the formulas."""
 _DIGITS = 10
-"""Significant digits of the check-case data."""
+"""Number of significant digits of the check-case data."""
 
 
 @jax.jit
 def _convert_both_ways(
     positions: Float[Array, "place 3"], points_e: Float[Array, "place 3"]
 ) -> tuple[Float[Array, "place 3"], Float[Array, "place 3"]]:
-    """Return the Earth-fixed points of geodetic positions, and the geodetic positions of Earth-fixed points."""
+    """Return Earth-fixed points (m) of geodetic positions, and geodetic positions of the Earth-fixed points `points_e`.
+
+    Geodetic positions are latitude and longitude (rad) and height (m).
+    """
     return jax.vmap(ecef_from_geodetic)(*positions.T), jnp.stack(jax.vmap(geodetic_from_ecef)(points_e), axis=1)
 
 
@@ -89,13 +92,16 @@ def _ellipsoid() -> Iterator[Comparison]:
 
 
 def _compare_closed_form(group: str, point: str, unit: str, expected: float, obtained: float) -> Comparison:
-    """Compare a value with a closed form; the tolerance is the rounding error."""
+    """Compare a value, in m or rad, with a closed form; the tolerance is the rounding error."""
     tolerance = _ROUNDING_M / float(WGS84.a) if unit == "rad" else _ROUNDING_M
     return Comparison(group, point, unit, expected, obtained, tolerance, tolerance_reason="closed form; rounding")
 
 
 def _positions() -> Iterator[Comparison]:
-    """Compare positions on equator and poles with the closed form, both ways, and a start of the NESC check-cases."""
+    """Compare conversions between geodetic and Earth-fixed coordinates, in both directions.
+
+    The positions lie on the equator and at the poles (expected: closed form), and at a start of the NESC check-cases.
+    """
     a, b = float(WGS84.a), float(WGS84.b)
     quarter = math.pi / 2
     closed = [
@@ -125,7 +131,9 @@ def _nesc_position(
 ) -> Iterator[Comparison]:
     """Compare a published position given in geodetic and in Earth-fixed coordinates, converted both ways.
 
-    The tolerance covers the rounding of the published coordinates of both kinds; the published height counts as exact.
+    `degrees` are latitude and longitude, `feet` the Earth-fixed coordinates; `forward` (m) and `back` (rad, rad, m) are
+    the computed conversions. The tolerance covers the rounding of the published coordinates of both kinds; the
+    published height counts as exact.
     """
     compare = functools.partial(Comparison, point="NESC case 11, start", tolerance_reason="half the last digit of each")
     angles_ft = sum(half_of_significant(angle, _DIGITS) for angle in degrees) * DEG_RAD * float(WGS84.a) / FOOT_M

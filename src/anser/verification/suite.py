@@ -38,14 +38,15 @@ CHECKS: tuple[Check, ...] = (
 """All checks, in the order in which they are printed."""
 
 Progress = Callable[[str, float], None]
-"""Called with the key of the current check and the completed part, 0 to 1."""
+"""Callback with the key of the current check and the completed fraction of the checks, 0..1."""
 
 
 def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | None = None) -> tuple[Check, ...]:
-    """Select checks by key, without repetition, in the order of `checks`; None selects every check.
+    """Select checks by key, without repetition, in the order of `checks`.
 
-    A check-case of the NESC may be requested by number, `9`, `13.1` or `nesc-9`; `13` selects the parts of case 13.
-    Raises ValueError if a key is unknown; the message names the closest known key and lists the known keys.
+    None selects every check; `checks` None means `CHECKS`. A check-case of the NESC may be requested by number: `9`,
+    `13.1` or `nesc-9`; `13` selects all parts of case 13. Raises ValueError if a key is unknown; the message names the
+    closest known key and lists the known keys.
     """
     checks = CHECKS if checks is None else checks
     if keys is None:
@@ -61,7 +62,7 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
 
 
 def _expand_key(key: str, known_keys: Sequence[str]) -> list[str]:
-    """Return the key as in the catalogue, or the keys of the parts of a check-case in several parts."""
+    """Return the keys of the checks that a requested key means: the parts of a NESC case in several parts, else one."""
     number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})(\.\d.*)?", key)
     if number:
         key = f"nesc-{int(number[1]):02d}{number[2] or ''}"
@@ -74,14 +75,15 @@ def verify(
 ) -> tuple[Outcome, ...]:
     """Run checks and return their outcomes, in the order of the checks.
 
-    A check that raises has an outcome that fails; its `problem` is the error. Raises ValueError if a key is unknown.
+    If a check raises an exception, its outcome fails with the exception as `problem`. Raises ValueError if a key is
+    unknown.
 
     Parameters
     ----------
     keys
         Keys of the checks; None: every check.
     progress
-        Called before each check, and at the end; from two threads if there are long checks.
+        Called before each check and at the end; from two threads if there are slow checks.
     checks
         Available checks; None: `CHECKS`.
     """

@@ -32,15 +32,16 @@ from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K,
 from anser.verification.checks import Comparison, half_of_last_digit, half_of_significant, load_published, make_check
 
 TextbookState = Float[Array, "13"]
-"""State vector of the textbook: VT (ft/s), alpha, beta, phi, theta, psi (rad), P, Q, R (rad/s).
+"""State vector of the textbook, shape (13,).
 
-Then north, east, altitude (ft) and power (percent)."""
+VT (ft/s), alpha, beta, phi, theta, psi (rad), P, Q, R (rad/s), north, east, altitude (ft), power (percent).
+"""
 TextbookControls = Float[Array, "4"]
-"""Control vector of the textbook: throttle (0..1), elevator, aileron, rudder (deg)."""
+"""Control vector of the textbook, shape (4,): throttle (0..1), elevator, aileron, rudder (deg)."""
 
 _PRINTED_RATIOS = ("-0.770", "0.02755", "1.055e-4", "1.642e-6", "0.9604", "1.759e-2", "1.792e-5", "-0.7336", "1.587e-5")
 INERTIA_RATIOS = tuple(map(float, _PRINTED_RATIOS))
-"""c1..c9 of the textbook's program, rounded to three or four digits; moments in ft lbf."""
+"""Inertia ratios c1..c9 of the textbook's program, rounded to three or four digits; for moments in ft lbf."""
 ENGINE_MOMENTUM_SLUG_FT2_S = 160.0
 
 
@@ -48,7 +49,7 @@ class TextbookAtmosphere(AbstractAtmosphere):
     """Atmosphere of the textbook's program ([SL] appendix A, subroutine ADC)."""
 
     def at(self, altitude: ScalarLike) -> Air:
-        """Return the air at an altitude (m)."""
+        """Return the air at an altitude, m."""
         h = altitude / FOOT_M
         factor = 1.0 - 0.703e-5 * h
         temperature = jnp.where(h >= 35000.0, 390.0, 519.0 * factor)
@@ -62,10 +63,11 @@ class TextbookAtmosphere(AbstractAtmosphere):
 
 
 class TextbookF16(AbstractAirframe):
-    """F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2) and its rounded inertia ratios.
+    """F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2), beta in deg, and rounded inertia ratios.
 
     The rounded ratios act through the moment: with the exact inertia, the adapted moment gives the textbook's angular
-    acceleration. The inertia and spin momentum of the aircraft cancel; without the rounded ratios they count.
+    acceleration, whatever inertia and spin momentum the aircraft has. Without `rounded_inertia`, the moment is not
+    adapted.
     """
 
     f16: F16
@@ -77,7 +79,7 @@ class TextbookF16(AbstractAirframe):
     beta_range: tuple[Scalar, Scalar]
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute force and moment with the textbook's CZ; Cm follows by the lever of the centre of gravity."""
+        """Compute force (N) and moment (N m) with the textbook's CZ; Cm follows by the lever of the c.g."""
         f16 = self.f16
         CZ0 = f16.tables(air_data.alpha * RAD_DEG, 0.0, 0.0)[0][0]
         change = CZ0 * (air_data.beta**2 - (air_data.beta * RAD_DEG / 57.3) ** 2)
@@ -93,14 +95,14 @@ class TextbookF16(AbstractAirframe):
         return Wrench(wrench.force_b, moment_for_acceleration(self.mass_properties, rates_b, acceleration))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition is outside the F-16's tables."""
+        """Return whether the flight condition is outside the F-16's tables."""
         return self.f16.outside_tables(air_data)
 
 
 def _textbook_acceleration(ratios: Iterable[ScalarLike], rates_b: Vector3, moment_b: Vector3) -> Vector3:
-    """Compute the angular acceleration (rad/s^2) as the textbook's program does, with the engine's angular momentum HE.
+    """Compute the angular acceleration, rad/s^2, as the textbook's program does, with the engine's angular momentum HE.
 
-    `ratios` are c1 to c9. Source: [SL] eq. (1.7-5).
+    `ratios` are c1 to c9, `rates_b` in rad/s, `moment_b` in N m. Source: [SL] eq. (1.7-5).
     """
     c1, c2, c3, c4, c5, c6, c7, c8, c9 = ratios
     P, Q, R = rates_b
@@ -116,7 +118,10 @@ def _textbook_acceleration(ratios: Iterable[ScalarLike], rates_b: Vector3, momen
 
 
 def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> TextbookF16:
-    """Build the F-16 of the textbook's printed numbers, with a mass of 1/0.00157 slug."""
+    """Build the F-16 of the textbook's printed numbers, with a mass of 1/0.00157 slug.
+
+    `x_cg_over_c` is the centre of gravity, fraction of the mean chord; `rounded_inertia` as in `TextbookF16`.
+    """
     f16 = load_f16("textbook", x_cg_over_c)
     mass_properties = eqx.tree_at(lambda m: m.mass, f16.mass_properties, jnp.asarray(SLUG_KG / 1.57e-3))
     return TextbookF16(
@@ -131,14 +136,14 @@ def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> Te
 
 
 def textbook_environment() -> Environment:
-    """Build the textbook's environment: its atmosphere without wind, and gravity of 32.17 ft/s^2."""
+    """Build the textbook's environment: its atmosphere without wind, and gravity of 32.17 ft/s^2 over a flat Earth."""
     return Environment(
         atmosphere=TextbookAtmosphere(), wind=SteadyWind(jnp.zeros(3)), earth=FlatEarth(jnp.asarray(32.17 * FOOT_M))
     )
 
 
 def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
-    """Convert the textbook's state vector to an aircraft state; the surfaces are at the commanded deflections."""
+    """Convert the textbook's state vector to an aircraft state; the surfaces have the deflections commanded by `u`."""
     VT, alpha, beta = x[0] * FOOT_M, x[1], x[2]
     direction = [jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)]
     return AircraftState(
@@ -152,14 +157,14 @@ def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
 
 
 def textbook_controls(u: TextbookControls) -> Controls:
-    """Convert the textbook's control vector to controls in SI units."""
+    """Convert the textbook's control vector to controls in SI units and radians."""
     return Controls(surfaces=u[1:] * DEG_RAD, throttle=u[0])
 
 
 def textbook_rates(
     airframe: AbstractAirframe, environment: Environment, x: TextbookState, u: TextbookControls
 ) -> TextbookState:
-    """Return the time derivative of the textbook's state vector, in its units per second: subroutine F."""
+    """Return the time derivative of the textbook's state vector, in the vector's units per second (subroutine F)."""
     state = textbook_state(x, u)
     rate = flat_earth_derivative(airframe, environment, 0.0, state, textbook_controls(u))
     _, (V_dot, alpha_dot, beta_dot) = jax.jvp(flow_angles, (state.velocity_b,), (rate.velocity_b,))
@@ -171,16 +176,16 @@ def textbook_rates(
 SINGLE_PRECISION = 4e-7
 """Relative error of the textbook's program: about three units in the last place of single precision."""
 _DIGITS = 7
-"""Significant digits of the numbers in the turn example."""
+"""Number of significant digits of the numbers in the turn example."""
 _CONDITION_STATES = ("VT", "pN", "pE", "h")
-"""States that define the example's condition and are not results of its trim."""
+"""States that define the turn example's condition and are not results of its trim."""
 _STEADY_STATES = ("VT", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "h", "pow")
 """States whose rates a steady level turn fixes: every state but the horizontal position."""
 _TURN_RATE_RAD_S = 0.3
 
 
 def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
-    """Return state and controls of a textbook example as one vector (17,), in the textbook's units."""
+    """Return state (13) and controls (4) of a textbook example as one vector, shape (17,), in the textbook's units."""
     controls = figures["controls"]
     surfaces = [controls[f"{name}_deg"] for name in ("elevator", "aileron", "rudder")]
     return np.array([*figures["state"], controls["throttle"], *surfaces])
@@ -190,7 +195,7 @@ def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
 def rates_and_slopes(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Float[Array, "13"], Float[Array, "13 17"]]:
-    """Return the rates of the textbook's state vector and the derivatives with respect to states and controls."""
+    """Return the rates of the textbook's state vector, (13,), and the derivatives by states and controls, (13, 17)."""
 
     def rates(z: Float[Array, "17"]) -> Float[Array, "13"]:
         return textbook_rates(airframe, environment, z[:13], z[13:])
@@ -215,7 +220,10 @@ def _units() -> list[str]:
 def _own_acceleration(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the angular acceleration by the aircraft's own inertia, and its greatest change by rounding the ratios."""
+    """Return the angular acceleration by the aircraft's own inertia, rad/s^2, and its greatest error by rounded ratios.
+
+    The error is the greatest change by rounding of the textbook's inertia ratios c1 to c9, per axis, rad/s^2.
+    """
     state, controls = textbook_state(x_and_u[:13], x_and_u[13:]), textbook_controls(x_and_u[13:])
     rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
     moment_b = air_data_and_forces(airframe, environment, 0.0, state).wrench.moment_b
@@ -265,14 +273,18 @@ F16_TURN = make_check("f16-turn", _measure_turn)
 
 _LEVEL_X_CG = 0.35
 _NOISE = 1e-6
-"""Printed angles of this size (rad, deg) are zeros, up to the noise of the textbook's minimizer."""
+"""Printed angles below ten times this number (rad, deg) are zeros, up to the noise of the textbook's minimizer."""
 _AILERON_DEG = 2e-5
-"""Half the last digit, 0.5e-5, plus 1.5e-5 for single precision.
+"""Tolerance of the aileron, deg: half the last digit, 0.5e-5, plus 1.5e-5 for single precision.
 
 The textbook's program resolves the sideslip rate to 5.8e-8 rad/s, 4e-7 of its terms. The corresponding sideslip is
-balanced by 1.5e-5 deg of aileron in the steady turn and 1.3e-5 deg in the pull-up."""
+balanced by 1.5e-5 deg of aileron in the steady turn and 1.3e-5 deg in the pull-up.
+"""
 _PULL_UP_RUDDER_DEG = 3e-5
-"""Half the last digit, 0.5e-5, plus the 2.5e-5 deg of rudder that balance the corresponding sideslip in the pull-up."""
+"""Tolerance of the rudder in the pull-up, deg: half the last digit, 0.5e-5, plus 2.5e-5 for single precision.
+
+The 2.5e-5 deg of rudder balance the sideslip that corresponds to the resolution of the sideslip rate.
+"""
 
 _SINGLE_PRECISION_REASON = "last digit, single precision"
 _NAMES = {
@@ -286,7 +298,8 @@ _NAMES = {
 class TextbookFlight(NamedTuple):
     """Steady flight of the textbook at sea level.
 
-    Centre of gravity x_cg/c, airspeed (ft/s), turn rate (rad/s), and pitch rate of a pull-up (rad/s).
+    The fields are the centre of gravity x_cg/c, the airspeed (ft/s), the turn rate (rad/s), and the pitch rate of a
+    pull-up (rad/s).
     """
 
     x_cg: float
@@ -296,8 +309,9 @@ class TextbookFlight(NamedTuple):
 
 
 def trim_published(flights: list[TextbookFlight]) -> tuple[TrimPoint, Float[np.ndarray, "flight 3"]]:
-    """Trim steady flights with the textbook's constants; return stacked trim points, and Euler angles (rad).
+    """Trim steady flights with the textbook's constants.
 
+    Returns the trim points, stacked over the flights, and the Euler angles phi, theta, psi (rad), shape (flight, 3).
     Raises RuntimeError if a flight has no trim; the message names the flight.
     """
     points, euler = _trim_all(textbook_aircraft(_LEVEL_X_CG), textbook_environment(), jnp.array(flights))
@@ -338,7 +352,7 @@ def _measure_trims() -> Iterator[Comparison]:
 
 
 def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float]:
-    """Return the results of a trim by their published names, in the published units."""
+    """Return the results of a trim by published name and in published units; `euler` is phi, theta, psi (rad)."""
     elevator, aileron, rudder = (float(angle) * RAD_DEG for angle in point.state.surfaces)
     power = float(point.power)
     return {
@@ -371,9 +385,10 @@ def _compare_level(
 
 
 def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, float]]) -> Iterator[Comparison]:
-    """Compare trims with the printed cases, to four significant digits.
+    """Compare trims in level flight, turn and pull-up with the printed cases, to four significant digits.
 
-    The sideslip has two, printed as 4.8E-4 and 4.1E-5.
+    The sideslip has two, printed as 4.8E-4 and 4.1E-5; printed angles below 1e-5 count as zero; aileron and pull-up
+    rudder have tolerances of their own.
     """
     for case, figures in zip(cases, trim_figures, strict=True):
         for name, printed in case["published"].items():
