@@ -156,7 +156,7 @@ def write_campaign(
 
 
 def _spaced_indices(size: int, count_max: int) -> np.ndarray:
-    """Return at most `count_max` evenly spaced indices of an array of `size` elements, first and last included."""
+    """Return at most `count_max` evenly spaced indices of an array of `size` elements, from the first to the last."""
     return np.unique(np.linspace(0, size - 1, min(size, count_max)).round().astype(int))
 
 

@@ -53,9 +53,9 @@ def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np
 def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Combine samples with the scenario's values: replace, add or multiply, as each table [[vary]] says in `how`.
 
-    Returns the values to write into the flights' scenarios, by key path, shape (flights,); columns of a table replace.
-    Raises ScenarioError if a path does not exist, or if `how` is add or multiply and the scenario's value is not a
-    number.
+    Columns of a CSV table replace the scenario's values. Returns the values to write into the flights' scenarios, by
+    key path, shape (flights,). Raises ScenarioError if a path does not exist, or if `how` is add or multiply and the
+    scenario's value is not a number.
     """
     operations, applied = {dispersion.path: dispersion.how for dispersion in study.vary}, {}
     for path, values in sampled.items():
@@ -255,7 +255,7 @@ def refuse_outputs(study: Study, scenarios: list[Scenario]) -> None:
     """Raise ScenarioError if the flights cannot have the outputs that the study defines in tables [[output]].
 
     The errors are: an expression names an unknown variable, or a variable that no flight of `scenarios` records; an
-    aircraft is unknown; or a reduction other than greatest and least names no aircraft of a fleet.
+    aircraft is unknown; or a reduction other than greatest and least names no aircraft although the fleet has several.
     """
     if not study.output:
         return

@@ -128,7 +128,7 @@ def worker_processes(processes: int) -> Iterator[Executor | None]:
 
 @contextlib.contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Start worker processes in the `with` block that ignore Ctrl-C; the main process terminates the workers."""
+    """Block Ctrl-C in the `with` block: worker processes started there ignore Ctrl-C, and the main process ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -209,8 +209,7 @@ def rare(
     The first level is plain Monte Carlo. Its worst flights start the Markov chains of the next level, which vary the
     random numbers but accept only flights at least as bad as the level's bound, and so on up to the threshold. The
     simulation is repeated several times independently; the confidence interval follows from the scatter of the
-    repetitions. In a
-    script with several processes, call this function below ``if __name__ == "__main__":``.
+    repetitions. In a script with several processes, call this function below ``if __name__ == "__main__":``.
 
     Parameters
     ----------

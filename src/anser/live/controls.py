@@ -39,7 +39,8 @@ GOAL_KINDS = ("surface", "airborne")
 def sliders(scenario: Scenario) -> list[dict[str, Any]]:
     """Return the sliders of the page: key, label, unit, range, step, and the value in the scenario (or its default).
 
-    Sliders of keys without a value are left out, and those of the wind if the scenario has wind layers.
+    Limits are those of the first aircraft. Sliders of keys without a value are left out, and those of the wind if the
+    scenario has wind layers.
     """
     tables = {
         "wind": scenario.wind,

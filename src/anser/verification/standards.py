@@ -1,7 +1,4 @@
-"""Verification of standards: U.S.
-
-Standard Atmosphere 1976, and WGS-84 (ellipsoid, geodetic positions, normal gravity).
-"""
+"""Verification of standards: the US Standard Atmosphere 1976, and WGS-84 (ellipsoid, positions, normal gravity)."""
 
 import functools
 import math
