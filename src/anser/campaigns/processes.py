@@ -128,7 +128,10 @@ def worker_processes(processes: int) -> Iterator[Executor | None]:
 
 @contextlib.contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Block Ctrl-C in the `with` block: worker processes started there ignore Ctrl-C, and the main process ends them."""
+    """Block Ctrl-C in the `with` block, so that worker processes started in it ignore Ctrl-C.
+
+    The main process ends the workers. Without effect on Windows.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
