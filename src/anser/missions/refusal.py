@@ -34,7 +34,7 @@ _BISECTIONS = 5
 _TIME_TOLERANCE_S = 0.5
 _SAME_START = 1.001  # ratio of two times up to which a sequence counts as begun at its preferred time
 EXCESS_MEANINGFUL = 0.5
-"""Greatest relative excess over a limit for which the message about a failed path names the limit."""
+"""Greatest relative excess over a limit of an attempted path that shows the violated limit; beyond: no path."""
 _HIGH_SPEED = 0.9  # share of the greatest airspeed from which a mean airspeed points to that limit
 _EXCESS_NAMED = 1e-6  # relative excess over a limit from which the limit is named as violated
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
@@ -94,9 +94,9 @@ def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_wi
 
 
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[Refusal, ...]:
-    """Return the reasons for which the search found no plan for a scenario's fleet, the most specific kind alone.
+    """Return the reasons for which the search found no plan for a scenario's fleet, of the first kind that applies.
 
-    In order: rendezvous points too close; aircraft that cannot meet the request alone; no common time; separation.
+    The kinds: rendezvous points too close; aircraft that cannot meet the request alone; no common time; separation.
     `outcome` is the result of the search, without padding.
     """
     names, request = [aircraft.name for aircraft in scenario.aircraft], fleet.request
