@@ -69,10 +69,10 @@ def exit_start(
     time: Scalar,  # current time, s
     aircraft: Integer,  # index of the departing aircraft in the fleet
 ) -> AircraftTask:
-    """Return a departing aircraft's planning task, which begins with the motion at `time` (s) on its path or hold.
+    """Return a departing aircraft's planning task, with the start at its position and motion at `time` (s).
 
-    Before the arrival, the motion is that of the planned path, afterwards that of the planned hold. Without a planned
-    hold, or in a hold that cannot be flown as planned (see `hold_reference`), the measured motion is taken.
+    Before the arrival, position and motion are those of the planned path, afterwards that of the planned hold. Without
+    a planned hold, or in a hold that cannot be flown as planned (see `hold_reference`), the measured ones are taken.
     """
     plan, holds = plan_state.plan, plan_state.holds
     task, path, arrival_time = jax.tree.map(lambda leaf: leaf[aircraft], (tasks, plan.paths, plan.arrival_times))
@@ -145,7 +145,7 @@ def plan_exit(
 
 
 def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
-    """Return the state of the flight with `plan`, a state of the planner, in force."""
+    """Return the state of the flight with the planner's state replaced by `plan`."""
     return eqx.tree_at(lambda s: s.planner, state, plan)
 
 
@@ -365,8 +365,9 @@ def _target_times(
 ) -> np.ndarray:
     """Return the arrival times required after an event, (aircraft,), s after the start of the flight.
 
-    `times_s` unchanged, except that an event "arrival-put-off" delays the aircraft that can be replanned, and that the
-    followers of an aircraft that leaves a sequence move up by one spacing unless its gaps are kept.
+    The times in force, `times_s`, are unchanged with two exceptions. An event "arrival-put-off" delays the aircraft
+    that can be replanned. If an aircraft leaves a sequence before its arrival, and the event does not keep the gap, its
+    followers move up by one spacing, up to the first follower that cannot be replanned.
     """
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
@@ -388,9 +389,9 @@ def _target_times(
 def _requests(
     scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, now_s: float, target_times_s: np.ndarray
 ) -> Iterator[ArrivalRequest]:
-    """Yield the arrival requests to try in a search; their times count from `now_s`.
+    """Yield the arrival requests to try in a search, in this order; their times (s) count from `now_s`.
 
-    In order: target times and times in force, if not too late, then times that the search chooses by the arrival rule.
+    Target times and times in force, if not too late; then times that the search chooses by the arrival rule.
     """
     latest_s = scenario.timing.latest_arrival_s - now_s
     rule = scenario.arrival.rule

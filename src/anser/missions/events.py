@@ -38,7 +38,7 @@ _INFEASIBLE_M = 1e12  # cost of an infeasible pair, m
 
 @dataclass(frozen=True)
 class _FleetGoals:
-    """State of the fleet at the sample at which aircraft leave the fleet and their goals."""
+    """State of the fleet at the sample at which departing aircraft leave their goals to other aircraft."""
 
     scenario: Scenario
     goals: tuple[str, ...]  # name of the goal of each aircraft

@@ -227,7 +227,7 @@ def _check_path_limits(plan: FleetPlan, limits: Any, gravity: Any) -> LimitRepor
 
 @dataclass(frozen=True, repr=False)
 class PublishedFirstPlan(FirstPlan):
-    """First plan of a scenario by the published planner: never a refusal; `problems` lists obstacles to the flight."""
+    """First plan by the published planner, which always yields a plan; `problems` lists obstacles to the flight."""
 
     state_type = PublishedPlanState
 
@@ -325,7 +325,7 @@ class PublishedFirstPlan(FirstPlan):
 
 
 def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft, arrival_s: float) -> float:
-    """Return the magnitude of the wind's difference, m/s: rendezvous at `arrival_s` (s) minus start at time 0."""
+    """Return |wind at the rendezvous at `arrival_s` (s) - wind at the start at time 0|, m/s, of an aircraft."""
     if scenario.wind.field is None:
         up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
         return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
@@ -347,7 +347,7 @@ trim_and_build_tasks_compiled = compiled_quickly(trim_and_build_tasks, "trim")
 
 
 def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits: PathLimits) -> CertifiedPlanState:
-    """Return the state of the certified planner with a first plan."""
+    """Return the state of the certified planner with a first plan, its holds and the flight limits of the paths."""
     return CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, limits)
 
 
@@ -355,8 +355,8 @@ def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
     """Return the intervals of time, s after the start, in which each aircraft, flying alone, can arrive.
 
     Computed with the candidate paths of the certified planner, up to the latest allowed arrival time; an interval that
-    is open there ends at infinity. `flight` is the scenario's flight, padded. Raises ScenarioError if an aircraft
-    cannot be trimmed at its start.
+    contains the latest time ends at infinity. `flight` is the scenario's flight, padded. Raises ScenarioError if an
+    aircraft cannot be trimmed at its start.
     """
     planner = aircraft_planner(flight)
     fleet, tasks = trim_and_build_tasks_compiled(flight, planner)

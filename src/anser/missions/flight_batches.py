@@ -79,7 +79,7 @@ def _initialize_flights(flights: _FlightBatch, fleets: TrimmedFleet, plans: Cert
 
 
 class _RequiredDistances(NamedTuple):
-    """Distances that each flight of a batch must keep."""
+    """Separation and keep-outs that each flight of a batch must keep; leading axis flights."""
 
     separation: Separation
     keep_outs: KeepOuts

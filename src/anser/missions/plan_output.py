@@ -196,7 +196,7 @@ def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dic
 
     The values, (aircraft,), are those of the scenario. A limit that the scenario leaves open for an aircraft comes from
     `derived`, the certified planner's limits with the reserve taken off; NaN if `derived` is None, as for the other
-    planners, for which the altitude of the level-off after the arrival is included.
+    planners. For these, the altitude of the level-off after the arrival has a limit too.
     """
     values_by_key, resolved = {}, [aircraft.limits for aircraft in resolve_fleet(scenario)]
     for limit in LIMITS if derived is None else CERTIFIED_LIMITS:

@@ -112,7 +112,8 @@ def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"
     """Return the distance, m, between two aircraft whose positions differ by `difference` (NED, m).
 
     `separation` is the required horizontal and vertical separation, m. With horizontal 0, no separation is required,
-    and the distance is that in space. Otherwise, the horizontal separation times the separation ratio.
+    and the distance is that in space. Otherwise, the result is the horizontal separation times the ratio of distance to
+    required separation.
     """
     level = jnp.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
     height = jnp.abs(difference[..., 2])
@@ -242,7 +243,7 @@ def _keep_out_margins(
 
 
 def keep_out_margins(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return each aircraft's least distance from each keep-out, m, and the time of that, s; both (aircraft, keep-out).
+    """Return each aircraft's least distance from each keep-out, m, and its time, s; both (aircraft, keep-out).
 
     The distance is that of `keep_out_room`, negative inside, evaluated at sixteen times per sampling interval.
     """
@@ -276,11 +277,11 @@ class PlannedPath(Protocol):
     """Interface of the paths over time of any planner; NED, SI units."""
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Position, velocity and acceleration over the ground at a time (s)."""
+        """Return position, velocity and acceleration over the ground at a time (s); NED, m, m/s, m/s^2."""
         ...
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity relative to the air at a time (s), NED, m/s."""
+        """Return the velocity relative to the air at a time (s), NED, m/s."""
         ...
 
 
@@ -361,7 +362,7 @@ def sample_paths(
     times_s: np.ndarray,  # (time,), s
     gravity: ScalarLike,  # m/s^2
 ) -> dict[str, np.ndarray]:
-    """Return motion and demand on a fleet's paths at `times_s` by key, (time, aircraft); NaN after each arrival."""
+    """Return motion and demand on a fleet's paths at `times_s` (s) by key, (time, aircraft); NaN after each arrival."""
     arrivals = np.asarray(arrival_times)[:, None]
     sampled = _sample_demands_in_blocks(paths, np.minimum(np.asarray(times_s)[None, :], arrivals), gravity)
     is_flying = np.asarray(times_s)[None, :] <= arrivals

@@ -33,7 +33,7 @@ from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precisio
 
 
 def needs_single_flight(scenario: Scenario) -> bool:
-    """Whether a scenario must be flown alone, not in a batch: with events for the planner, or without a central one."""
+    """Whether a scenario must be flown alone, because of events for the planner or a decentralised planner."""
     is_central = scenario.fleet.is_central or user_parts(scenario).planner is not None
     return bool(scenario.planned_events) or not is_central
 
@@ -104,7 +104,7 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 
 def _import_results() -> None:
-    """Import the modules of results, with xarray and pandas; a failure is raised where `run` imports them again."""
+    """Import the modules of results, with xarray and pandas; a failure is ignored, as `run` imports them again."""
     with contextlib.suppress(Exception):
         importlib.import_module("anser.results.dataset")
 

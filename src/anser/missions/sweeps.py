@@ -54,7 +54,7 @@ def sweep_dataset(
 
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
-    """Return swept values as a coordinate: bool or float if all are such; otherwise texts, with non-texts as JSON."""
+    """Return swept values as a coordinate: booleans or numbers if all values are such, else texts (or JSON texts)."""
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):

@@ -43,7 +43,7 @@ class PathThroughAir(eqx.Module):
 
 @dataclass(frozen=True, repr=False)
 class UserFirstPlan(FirstPlan):
-    """First plan of a scenario by a user-defined planner: never a refusal; `problems` lists obstacles to the flight."""
+    """First plan by a user-defined planner, which always yields a plan; `problems` lists obstacles to the flight."""
 
     state_type = type(None)
 
@@ -53,7 +53,8 @@ class UserFirstPlan(FirstPlan):
     ) -> "UserFirstPlan":
         """Trim every aircraft at its start and plan by the user-defined planner, in one compiled program.
 
-        Raises ScenarioError if the planner cannot be traced or returns no stacked plans, or an aircraft has no trim.
+        Raises ScenarioError if the planner cannot be traced or returns no stacked plans, or an aircraft cannot be
+        trimmed.
         """
         _check_plans(flight)
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)

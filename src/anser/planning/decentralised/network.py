@@ -15,7 +15,7 @@ LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """Latest data that each aircraft holds about each aircraft, (receiver, subject); diagonal: its current data."""
+    """Latest data that each receiver holds about each subject, both aircraft; diagonal: current data on itself."""
 
     clocks: Float[Array, "aircraft aircraft"]  # clocks, s
     times: Float[Array, "aircraft aircraft"]  # times at which the subject sent the data, s

@@ -481,7 +481,7 @@ class DecentralisedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:
-        """Return the planner state after one step (s), with messages exchanged if due at sample `number`."""
+        """Return the planner state after a step (s): clocks advanced, messages exchanged if due at `number`."""
         time, is_due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
 
         def communicate() -> tuple[NetworkState, Array]:

@@ -138,7 +138,7 @@ def assign_holds(
     The aircraft choose one after the other, in the order of arrival. Each takes its first circle whose hold keeps the
     altitude limits, the keep-outs, the distance from the goal, and the separation from all paths and the holds chosen
     so far; or else the circle with the largest clearance ratio, preferably among holds that lack the separation only.
-    Then aircraft in conflict choose again, with the other aircraft's holds as chosen: three rounds in all.
+    Then aircraft in conflict choose again, with the other aircraft's holds as chosen, in at most three rounds.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]

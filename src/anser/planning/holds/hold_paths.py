@@ -90,9 +90,9 @@ def move_with_goals(
 ) -> PlannedHolds:
     """Return holds moved with their goals, whose measured positions and velocities in `tasks` are those at `time` (s).
 
-    Each path is shifted by the goal's offset from the former forecast, which grows with the change of the goal's
-    velocity; the added velocity is added to the path through the air. `time` may be one time per aircraft, as is then
-    `forecast_time` of the result.
+    Each path is shifted by the goal's offset from the former forecast at `time`, plus the change of the goal's velocity
+    times the time since then. The shift belongs to the path through the air, not to the drift. `time` may be one time
+    per aircraft, as is then `forecast_time` of the result.
     """
     time = jnp.asarray(time, dtype=float)
     offsets_n, changes_n = _forecast_errors(holds, tasks, time)

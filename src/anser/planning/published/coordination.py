@@ -123,7 +123,7 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Return the length of each nominal trajectory minus `path_length_deficit`, m (L_i of theory section 8)."""
+    """Return each nominal trajectory's length, m, minus the length flown too little so far (`path_length_deficit`)."""
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)
@@ -291,7 +291,7 @@ COMMITTED_S = 15.0  # time before the arrival without new coordination, see `rep
 def _refit_paths(
     plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
 ) -> FleetPlan:
-    """Return the plan with the rest of each path refitted to the present prediction; the arrival time stays."""
+    """Return the plan with each path refitted to the rendezvous predicted at `time` (s); the arrival time stays."""
     duration = jnp.maximum(plan.arrival_time - time, DURATION_MIN_S)
 
     def continue_path(old_path: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
@@ -339,7 +339,9 @@ def continue_plan(
     tasks: PlanningTask,
     even_speed: Flag | bool = False,
 ) -> tuple[FleetPlan, Flag]:
-    """Continue a plan from the present state; returns the plan, and whether the fleet must be coordinated again.
+    """Continue a plan from the present state; return the plan, and whether the fleet must be coordinated again.
+
+    Coordinated again means: with a new common arrival time, by `coordinate`.
 
     Every path is refitted from the aircraft's position to the predicted rendezvous. Arrival time and shape of the
     remaining path are kept (exactly: for an aircraft on its planned path and a goal as predicted, the plan is

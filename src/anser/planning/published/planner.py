@@ -226,7 +226,7 @@ class PublishedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: PublishedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Refit each path from the reported position at `time` (s) to the predicted rendezvous; the arrival stays.
+        """Refit each path from the reported position to the predicted rendezvous; arrival time and shape stay.
 
         Sets `replan_needed` if `continue_plan` requires that the fleet be coordinated again.
         """
