@@ -255,7 +255,7 @@ def _reach_agreement(
 def find_agreement(
     count: int, propose: Callable[[int], tuple[_Plan | None, str]], flood: MessageFlood
 ) -> tuple[_Plan | None, str]:
-    """Find the earliest of `count` increasing delays on which the fleet agrees.
+    """Find the earliest of `count` increasing delays of the arrivals on which the fleet agrees.
 
     The delays are proposed in doubled steps, because each proposal takes messages, and then by bisection between the
     last refused and the first agreed delay. If the time for messages ends before the bisection, the last agreement

@@ -41,7 +41,7 @@ EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2,
 
 
 class FleetSnapshot(NamedTuple):
-    """Planning tasks and fixed paths of a fleet in flight at one sample, as input of the planner."""
+    """Planning tasks (start, goal, limits) and fixed paths of a fleet in flight at one sample, for the planner."""
 
     # planning tasks from the planned positions to the sensed goals; active: aircraft that can be replanned
     replannable_tasks: AircraftTask

@@ -121,7 +121,7 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
 
 
 def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple[Refusal, ...]:
-    """Describe the worst violation of each failed path of an attempt, one sentence for each aircraft or pair.
+    """Describe the worst violation of each failed path in an attempt at a plan, one sentence per aircraft or pair.
 
     At most three sentences, shown while the search goes on; the reasons for a refusal (`diagnose_refusal`) need further
     searches. `attempt` has no padding.

@@ -21,9 +21,9 @@ from anser.shapes import Integer
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
 fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, one_kernel=True, packed_rows=True))
-"""One segment of a single flight of up to four aircraft, compiled; see `anser.simulation.fly`."""
+"""Program that flies one segment of a single flight of up to four aircraft; see `anser.simulation.fly`."""
 fly_large_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, packed_rows=True))
-"""One segment of a single flight of more aircraft, compiled."""
+"""Program that flies one segment of a single flight of more than four aircraft."""
 # Greatest number of aircraft whose step is made of single kernels. With more, the kernels take longer: for twenty
 # aircraft 1.7 times as long on two cores.
 _KERNEL_AIRCRAFT = 4

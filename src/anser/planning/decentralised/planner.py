@@ -418,7 +418,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
     def _path_search(self, correction: _Correction, selected: Bool[Array, " aircraft"]) -> _PathSearch:
-        """Return the problem of finding a new path for the selected aircraft, from `LEAD_S` ahead of its clock on."""
+        """Return the problem of finding a new path for the selected aircraft, which begins `LEAD_S` after now."""
         planner_state, tasks, planner = correction.planner_state, correction.tasks, self.aircraft_planner
         agreed_paths, clock = planner_state.exchange.agreed_paths.path, planner_state.clocks.clock
 
@@ -453,7 +453,10 @@ class DecentralisedPlanner(AbstractPlanner):
         paths: TimedPath,  # paths of a plan
         selected: Bool[Array, " aircraft"],  # mask of the aircraft that offers its path
     ) -> tuple[Flag, ApproachAndHold]:
-        """Add a hold to the selected aircraft's new path; return whether both are clear, and all proposals."""
+        """Add a hold to the selected aircraft's new path (`paths`).
+
+        Returns whether path and hold keep the separation from the fleet, and the proposals of all aircraft.
+        """
         planner, exchange = self.aircraft_planner, correction.planner_state.exchange
         former = exchange.agreed_paths.hold
         holds = assign_holds(
