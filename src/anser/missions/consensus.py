@@ -1,4 +1,4 @@
-"""First plan of a fleet without a central planner: consensus over the network on the arrival time, then on paths."""
+"""First plan of a fleet without a central planner: agreement by messages on arrival times, then on paths and holds."""
 
 import contextlib
 from collections.abc import Callable, Mapping
@@ -42,7 +42,7 @@ from anser.simulation.flight import Flight
 from anser.simulation.start import TrimmedFleet
 
 _DELAY_COUNT = 34
-"""Number of arrival times that may be proposed, in steps of `DELAY_RATIO`: up to 1.3 times the first agreed time."""
+"""Number of arrival times to propose, each `DELAY_RATIO` times the last: up to 1.3 times the first agreed time."""
 
 
 @compiled_quickly
@@ -52,7 +52,10 @@ def _certify_fleet(plan: CertifiedPlan, tasks: AircraftTask, airspace: Any) -> A
 
 @compiled_quickly
 def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rounds: Any) -> Any:
-    """Whether each link is up at each exchange before the flight, (exchange, receiver, sender)."""
+    """Return whether each link is up at each exchange before the flight, (exchange, receiver, sender).
+
+    `rounds` are the exchanges' sample numbers for the random numbers.
+    """
 
     def links_at(outages: Any, exchange_number: Any) -> Any:
         return network.links(outages, positions_n, active, exchange_number, randomness)
@@ -84,10 +87,11 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
     ) -> "DecentralisedFirstPlan":
         """Trim every aircraft and negotiate the first plan.
 
-        Every aircraft searches for its first arrival, and the fleet agrees on the latest of these times
-        (max-consensus). Then the aircraft plan in the order of the scenario: a path with the agreed arrival time and
-        with separation from the paths received so far. If a search fails, the aircraft proposes a later time and the
-        fleet plans anew, see `find_agreement`. The holds follow from the paths by a common rule.
+        Unless the arrival times are prescribed, every aircraft searches for its first arrival, and the fleet agrees on
+        the latest of these times (max-consensus). Then the aircraft plan in the order of the scenario: a path with the
+        agreed arrival time and with separation from the paths received so far. If a search fails, or the holds after
+        the paths are not clear, the fleet plans anew for a later time, see `find_agreement`. Without an agreement,
+        `refusals` has the reason. Raises ScenarioError if an aircraft cannot be trimmed.
         """
         on_progress("trimming")
         planner = aircraft_planner(flight)
@@ -106,23 +110,23 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "DecentralisedFirstPlan":
-        """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
+        """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`, an `Agreement`)."""
         plan_state, agreed_after_s = state.plan_state, float(state.negotiation_s)
         tasks = aircraft_planner(flight).aircraft_tasks(fleet.reports, plan_state.limits)
         return cls(scenario, flight, fleet, (), plan_state, padded_tasks=tasks, agreed_after_s=agreed_after_s)
 
     def saved_state(self) -> Agreement:
-        """Return the content of a plan file: paths, holds and the duration of the negotiation (s)."""
+        """Return the content of a plan file; raises `NoPlanError` if the fleet has not agreed on a plan."""
         return Agreement(self._planned_state(), as_array(self.agreed_after_s))
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Compute the entry `network` of a flight's summary."""
+        """Compute the entry `network` of a flight's summary, from the recorded times (s) and variables by key."""
         from anser.results.network_summary import summarize_network
 
         return summarize_network(time_s, history, self.scenario, self.agreed_after_s)
 
     def notes(self) -> tuple[str, ...]:
-        """Duration of the negotiation, then the notes of the certified planner; one sentence each."""
+        """Return notes, one sentence each: the duration of the negotiation, then those of the certified planner."""
         negotiation_note = f"agreed without a centre after {self.agreed_after_s:.1f} s"
         return (negotiation_note, *super().notes())
 
@@ -133,16 +137,19 @@ class NoAgreementError(Exception):
 
 @dataclass
 class MessageFlood:
-    """Messages before the flight: each aircraft passes on every message that it has received."""
+    """Exchanges of messages before the flight, in which each aircraft passes on every received message."""
 
     links: np.ndarray  # whether each link is up at each exchange, (exchange, aircraft, aircraft)
     delay: int  # delay of messages, exchanges
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # names of the aircraft
     period_s: float  # time between two exchanges, s
     exchange_index: int = 0  # exchange that the negotiation has reached
 
     def broadcast(self, sources: list[int]) -> None:
-        """Advance to the exchange by which the messages of all `sources` (aircraft) have reached the whole fleet."""
+        """Advance to the exchange by which messages of all `sources` (aircraft indices) have reached the whole fleet.
+
+        Raises NoAgreementError if the exchanges end before.
+        """
         self.exchange_index = max(self._reached(source) for source in sources)
 
     def _reached(self, source: int) -> int:
@@ -165,10 +172,10 @@ class MessageFlood:
 def negotiate_plan(
     scenario: Scenario, flight: Flight, tasks: AircraftTask, on_progress: Callable[[str], None] = lambda message: None
 ) -> tuple[CertifiedPlan | None, PlannedHolds | None, float, str]:
-    """Negotiate a plan before the flight by messages, as `DecentralisedFirstPlan.make` describes.
+    """Negotiate a plan before the flight by messages, see `DecentralisedFirstPlan.make`.
 
-    Returns the plan and the holds (None without an agreement), the duration of the negotiation (s), and the reason for
-    a failure, else "".
+    Returns the plan and the holds (both None without an agreement), the duration of the negotiation, s, and the reason
+    for a failure as a sentence ("" with an agreement).
     """
     flood = _make_message_flood(scenario, flight, tasks)
     try:
@@ -208,7 +215,7 @@ def _reach_agreement(
     flood: MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan, PlannedHolds]:
-    """Agree on arrival times, then on paths and holds; raises `NoAgreementError` with the reason if this fails."""
+    """Return the paths and holds on which the fleet agrees; raises `NoAgreementError` with the reason for a failure."""
     names, request = flood.names, arrival_request(scenario, np.asarray(tasks.active).size)
     offsets = request.offsets(np.asarray(tasks.active).size)
     is_fixed = request.times_s is not None
@@ -248,20 +255,21 @@ def _reach_agreement(
 def find_agreement(
     count: int, propose: Callable[[int], tuple[_Plan | None, str]], flood: MessageFlood
 ) -> tuple[_Plan | None, str]:
-    """Find the earliest of `count` rising delays on which the fleet agrees.
+    """Find the earliest of `count` increasing delays of the arrivals on which the fleet agrees.
 
-    The delays are proposed in doubled steps, because each proposal takes messages, and then between the last refused
-    and the first agreed delay. If the time for messages ends before this search, the last agreement holds.
+    The delays are proposed in doubled steps, because each proposal takes messages, and then by bisection between the
+    last refused and the first agreed delay. If the time for messages ends before the bisection, the last agreement
+    holds.
 
     Parameters
     ----------
     propose
-        Function of the index of a delay; returns the agreement and "", or None and the reason.
+        Function of the index of a delay; returns the agreement and "", or None and the reason of the refusal.
 
     Returns
     -------
     tuple
-        Agreement and reason of the last refusal; None without an agreement.
+        Agreement (None if every delay is refused), and the reason if the last proposal was refused, else "".
 
     Raises
     ------
@@ -292,9 +300,10 @@ def _plan_in_turn(
     flood: MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, str]:
-    """Plan the aircraft one after the other, each separated from the aircraft planned before.
+    """Plan the aircraft one after the other for `arrival_times_s` (s), each separated from the aircraft before.
 
-    Returns the plan and "", or None and the reason for a failure.
+    Each aircraft broadcasts its path or its failure. Returns the certified plan and "", or None and the reason for a
+    failure. Raises NoAgreementError if the exchanges of messages end before.
     """
     airspace, plan = planner.aircraft_planner.airspace, None
     request = ArrivalRequest("times", float(np.max(arrival_times_s)), times_s=arrival_times_s)

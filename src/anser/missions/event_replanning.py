@@ -1,7 +1,7 @@
-"""Replanning after an event, outside the compiled loop.
+"""Replanning after an event of the scenario, between two steps of the flight.
 
-An exit path for the departing aircraft, checked for separation, and a new plan for the rest of the fleet. The
-periodic correction of paths inside the loop is in `anser.planning.certified.replanning`.
+An aircraft that leaves the fleet gets an exit path that is checked for separation, and the rest of the fleet a new plan
+if necessary. The periodic correction of paths in the compiled loop is in `anser.planning.certified.replanning`.
 """
 
 import dataclasses
@@ -41,16 +41,16 @@ EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2,
 
 
 class FleetSnapshot(NamedTuple):
-    """Planning tasks and fixed paths of a fleet in flight at one sample, as input of the planner."""
+    """Planning tasks (start, goal, limits) and fixed paths of a fleet in flight at one sample, for the planner."""
 
     # planning tasks from the planned positions to the sensed goals; active: aircraft that can be replanned
     replannable_tasks: AircraftTask
-    fixed_paths: FixedPaths  # paths in force of the other flying aircraft: arrived, about to arrive, or departed
-    flying_tasks: AircraftTask  # the same tasks with every flying aircraft active, departed aircraft included
+    fixed_paths: FixedPaths  # planned paths of the remaining flying aircraft: arrived, about to arrive, or departed
+    flying_tasks: AircraftTask  # tasks from the reported motions; active: every flying aircraft, departed ones too
 
 
 def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport) -> FleetSnapshot:
-    """Return the data with which the certified planner replans a fleet in flight at a time (s), see `FleetSnapshot`."""
+    """Return the certified planner's input for replanning a fleet in flight at `time` (s), see `FleetSnapshot`."""
     planner, plan_state = aircraft_planner(flight), state.planner
     plan = plan_state.plan
     flying_tasks = planner.aircraft_tasks(reports, plan_state.limits)
@@ -69,9 +69,10 @@ def exit_start(
     time: Scalar,  # current time, s
     aircraft: Integer,  # index of the departing aircraft in the fleet
 ) -> AircraftTask:
-    """Return the task of one aircraft with the motion from which it leaves the fleet: that of its path or of its hold.
+    """Return a departing aircraft's planning task, with the start at its position and motion at `time` (s).
 
-    An aircraft in a hold that is not flown as planned (see `hold_reference`) leaves from its measured motion.
+    Before the arrival, position and motion are those of the planned path, afterwards that of the planned hold. Without
+    a planned hold, or in a hold that cannot be flown as planned (see `hold_reference`), the measured ones are taken.
     """
     plan, holds = plan_state.plan, plan_state.holds
     task, path, arrival_time = jax.tree.map(lambda leaf: leaf[aircraft], (tasks, plan.paths, plan.arrival_times))
@@ -92,17 +93,18 @@ def plan_exit(
     airspace: Airspace,
     time: Scalar,  # current time, s
     aircraft: Integer,  # index of the departing aircraft in the fleet
-    start: AircraftTask,  # its task from `exit_start`
+    start: AircraftTask,  # task of the departing aircraft, from `exit_start`
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
 ) -> CertifiedPlan:
-    """Replace one aircraft's path by an exit path: the first of the turns that keeps the separation.
+    """Return the plan with an exit path for a departing aircraft: the first of `turns` that keeps the separation.
 
-    The separation is that from the paths and the holds of the others. If no turn keeps it, the first turn that keeps it
-    from the paths up to the arrivals and from the holds already flown, for the other holds can be chosen anew; without
-    such a turn, the one with the greatest clearance ratio is flown. The arrival time of the exit path is the end of the
-    flight; the certificate of the returned plan has the ratios of its distances from the other paths to the separation
-    (at least 1: separated).
+    The turn is, in this order: the first with the separation from the paths and holds of all other aircraft; the first
+    with the separation from the paths up to the arrivals and from the holds already begun, as later holds can be
+    assigned anew; the turn with the greatest ratio of distance to separation from these paths and holds.
+
+    The exit path lasts to the end of the flight, which is the departing aircraft's new arrival time. The certificate of
+    the returned plan has the clearance ratios of the paths, at least 1 where separated, but not those of the holds.
     """
     plan, holds = plan_state.plan, plan_state.holds
     knot_count, count = plan.paths.times.shape[1], plan.arrival_times.shape[0]
@@ -118,7 +120,7 @@ def plan_exit(
     hold_tracks = None if hold_paths is None else jax.lax.map(tracked, hold_paths)
 
     def hold_ratios(path: TimedPath) -> Float[Array, " aircraft"]:
-        """Clearance ratios between an exit path and the holds of the others."""
+        """Return the clearance ratio between an exit path and each other aircraft's hold; infinite without a hold."""
         if hold_tracks is None:
             return jnp.full(count, jnp.inf)
         track = jax.tree.map(lambda leaf: leaf[None], tracked(path))
@@ -143,7 +145,7 @@ def plan_exit(
 
 
 def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
-    """Return the state of the fleet with `plan` in force."""
+    """Return the state of the flight with the planner's state replaced by `plan`."""
     return eqx.tree_at(lambda s: s.planner, state, plan)
 
 
@@ -161,13 +163,13 @@ def _certificate(plan: CertifiedPlan, tasks: Any, airspace: Any, time: Any) -> A
 
 @dataclass(frozen=True)
 class EventOutcome:
-    """Effect of an event on the plan."""
+    """Effect of an event on the plan, for the flight's summary."""
 
-    time_s: float
+    time_s: float  # time of the event, s after the start of the flight
     kind: str  # type of the event, as in the scenario
     subject: str  # name of the aircraft, goal or keep-out
     has_valid_plan: bool  # whether the fleet has a valid plan afterwards
-    message: str  # the action, in one sentence
+    message: str  # response of the planner, in one sentence
     goal: str | None = None  # goal that the aircraft took over
 
     def as_dict(self) -> dict[str, Any]:
@@ -190,7 +192,7 @@ def apply_event(
     performance: Performance | None,  # of the fleet at its start; None: without events of lost thrust
     on_progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Flight, FlightState, EventOutcome]:
-    """Apply an event's effect on the plan at sample `sample`; return flight, state and outcome.
+    """Apply an event's effect on the plan at sample `sample`; return the new flight and state, and the outcome.
 
     The event's effect on aircraft and goals (less thrust, a lost sensor, a turning goal) is not applied here: it is
     part of the flight from its start, see `anser.scenario.build`. A change of a goal's motion therefore needs no action
@@ -234,9 +236,9 @@ def apply_event(
 
 
 def _exit_turns(start: AircraftTask, event: Event) -> Any:
-    """Turns to try for a departing aircraft, rad, right positive: onto its prescribed course, or else `EXIT_TURNS`.
+    """Return the turns to try for a departing aircraft, rad, right positive: `EXIT_TURNS`, or onto a prescribed course.
 
-    The number of turns is always the same, so that one compiled program serves both cases.
+    A turn onto a prescribed course is repeated to the length of `EXIT_TURNS`, so that both cases share a program.
     """
     if event.course_deg is None:
         return as_array(EXIT_TURNS)
@@ -246,7 +248,7 @@ def _exit_turns(start: AircraftTask, event: Event) -> Any:
 
 
 def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
-    """Write a new keep-out into the planner's table, in the row reserved for this event."""
+    """Return the flight with the keep-out of an event in the planner's table, in the row reserved for the event."""
     appeared, volumes = event.keep_out, aircraft_planner(flight).airspace.keep_outs
     assert appeared is not None
     earlier = [keep_out_event for keep_out_event in scenario.event if keep_out_event.kind == event.kind]
@@ -260,11 +262,12 @@ def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
 def _with_less_thrust(
     flight: Flight, state: FlightState, performance: Performance, aircraft: int, thrust_share: float
 ) -> FlightState:
-    """Reduce an aircraft's greatest acceleration along the path (m/s^2) to the value that the remaining thrust allows.
+    """Return the state with an aircraft's greatest acceleration along the path, m/s^2, reduced to its remaining thrust.
 
-    The acceleration is (thrust - drag) / mass. Only the differences of idle and full thrust from the drag at the start
-    are available, so the loss applies to the difference between full and idle thrust. A prescribed limit stays one, and
-    the reserve makes the limit smaller, also where the aircraft must decelerate.
+    The acceleration is (thrust - drag) / mass. `performance` has only the accelerations at full and at idle thrust at
+    the start of the flight, so `thrust_share` (0..1, the remaining part) applies to the difference between full and
+    idle thrust. A limit prescribed in the scenario stays an upper bound. The planner's acceleration reserve is
+    subtracted from the result, also from a negative one (the aircraft can only decelerate).
     """
     planner = aircraft_planner(flight)
     gain, loss = (
@@ -286,10 +289,12 @@ def _replan_if_needed(
     planned_times_s: np.ndarray,  # arrival times before the event, s
     on_progress: Callable[[str], None],
 ) -> tuple[FlightState, bool, str]:
-    """Keep the plan in force if it is still valid and its arrival times are still required; otherwise replan.
+    """Keep the plan in force if it still meets all requirements, arrival times included; otherwise replan.
 
-    If replanning fails, the plan in force stays, with clear new holds where some were found. Returns the state, whether
-    the fleet has a valid plan, and the action.
+    After a new keep-out or a departure, aircraft that have not arrived also get new holds. If no plan is found, or no
+    aircraft can be replanned, the paths in force stay, with the new holds if all of these are clear. Arrivals are not
+    put off beyond the latest allowed arrival time. Returns the state, whether the fleet has a valid plan, and a
+    sentence on the planner's response.
     """
     plan_state, now_s = state.planner, sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
@@ -334,7 +339,7 @@ def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
 
 
 def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapshot:
-    """Take the snapshot of a fleet in flight at a sample, by compiled programs."""
+    """Return the planner's input (`FleetSnapshot`) for a fleet in flight at sample `sample`, by compiled programs."""
     reports = sense_fleet(flight, state, as_array(sample, np.int32))
     return _take_snapshot(flight, state, as_array(sample * float(flight.timing.step)), reports)
 
@@ -342,9 +347,9 @@ def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapsho
 def replan_fleet(
     scenario: Scenario, flight: Flight, state: FlightState, sample: int, on_progress: Callable[[str], None]
 ) -> FlightState | None:
-    """Search for a new plan from a sample on, first with the arrival times in force.
+    """Search for a new plan from sample `sample` on, first with the arrival times in force, then by the arrival rule.
 
-    Returns the state of the flight with the new plan, or None if no plan is found.
+    Returns the state of the flight with the new plan; None if no plan is found or no aircraft can be replanned.
     """
     times_s, now_s = np.asarray(state.planner.plan.arrival_times), sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
@@ -358,7 +363,12 @@ def replan_fleet(
 def _target_times(
     scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, event: Event, planned_times_s: np.ndarray
 ) -> np.ndarray:
-    """Arrival times (s after the start, one per aircraft) that the arrival rule requires after an event."""
+    """Return the arrival times required after an event, (aircraft,), s after the start of the flight.
+
+    The times in force, `times_s`, are unchanged with two exceptions. An event "arrival-put-off" delays the aircraft
+    that can be replanned. If an aircraft leaves a sequence before its arrival, and the event does not keep the gap, its
+    followers move up by one spacing, up to the first follower that cannot be replanned.
+    """
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
     arrival = scenario.arrival
@@ -379,7 +389,10 @@ def _target_times(
 def _requests(
     scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, now_s: float, target_times_s: np.ndarray
 ) -> Iterator[ArrivalRequest]:
-    """Arrival requests to try in a search, in order: target times, times in force, then times by the arrival rule."""
+    """Yield the arrival requests to try in a search, in this order; their times (s) count from `now_s`.
+
+    Target times and times in force, if not too late; then times that the search chooses by the arrival rule.
+    """
     latest_s = scenario.timing.latest_arrival_s - now_s
     rule = scenario.arrival.rule
     remaining_times = [
@@ -404,10 +417,10 @@ def _search_plan(
     requests: Iterable[ArrivalRequest],
     on_progress: Callable[[str], None],
 ) -> FlightState | None:
-    """Search for a new plan from a time (`now_s`) on; return the state with this plan, or None.
+    """Search for a new plan from the time `now_s` (s) on; return the flight's state with the plan, or None.
 
-    Each request is tried with gentle accelerations first, then with the limits of a corrected path. Arrived and
-    departed aircraft keep their paths.
+    Each request is tried with accelerations along the path of at most 2 m/s^2, then with the limits of a corrected
+    path. Aircraft that have arrived, are about to arrive or have left the fleet keep their paths.
     """
     plan_state, planner = state.planner, aircraft_planner(flight)
     limit_sets = (

@@ -38,7 +38,7 @@ _INFEASIBLE_M = 1e12  # cost of an infeasible pair, m
 
 @dataclass(frozen=True)
 class _FleetGoals:
-    """State of the fleet at the sample at which the goals of departing aircraft become free."""
+    """State of the fleet at the sample at which departing aircraft leave their goals to other aircraft."""
 
     scenario: Scenario
     goals: tuple[str, ...]  # name of the goal of each aircraft
@@ -47,7 +47,7 @@ class _FleetGoals:
     now_s: float  # time of the sample, s
 
     def aircraft_with_goal(self, goal: str) -> list[int]:
-        """Indices of the aircraft that fly to a goal and have not left the fleet."""
+        """Return the indices of the aircraft that fly to a goal and have not left the fleet."""
         events = self.scenario.event
         departed = {
             event.aircraft for event in events if event.kind == "aircraft-leaves" and event.time_s <= self.now_s
@@ -56,10 +56,12 @@ class _FleetGoals:
         return [k for k, name in enumerate(names) if self.goals[k] == goal and name not in departed]
 
     def distances_m(self, departures: Sequence[tuple[int, Event]]) -> np.ndarray:
-        """Distance of every aircraft to the rendezvous of every departed aircraft, (aircraft, departure), m.
+        """Return each aircraft's distance from each departed aircraft's rendezvous, (aircraft, departure), m.
 
-        `_INFEASIBLE_M` if even a straight flight at the greatest airspeed with the wind would arrive too late, or if
-        the aircraft may not change its present goal. Whether the remaining pairs are feasible is decided by the search.
+        The rendezvous is that at the aircraft's planned arrival. `_INFEASIBLE_M` if even a straight flight at the
+        greatest airspeed with the wind would arrive too late, if the aircraft cannot be replanned, or if no other
+        aircraft flies to its present goal and the event does not ask for the "nearest" aircraft. The search for a plan
+        decides whether the remaining pairs are feasible. `departures` are pairs (index of the aircraft, event).
         """
         tasks, names = self.snapshot.replannable_tasks, [aircraft.name for aircraft in self.scenario.aircraft]
         positions_n = np.asarray(tasks.position_n)
@@ -94,10 +96,12 @@ def reassign_goals(
 ) -> tuple[Flight, FlightState, tuple[str, ...], list[EventOutcome]]:
     """Reassign the goals of departing aircraft to other aircraft, if a plan exists for the new assignment.
 
-    The assignment with the least sum of distances is tried first, among aircraft that can still be replanned and can
-    arrive in time. If no plan is found, the longest pair is excluded and the next assignment is tried.
+    The assignment of the most goals with the least sum of distances is tried first, among aircraft that can still be
+    replanned and can arrive in time. If no plan is found, the pair with the longest distance is excluded, and the next
+    assignment is tried.
 
-    Returns the flight, the state, the goal names of all aircraft, and the outcomes.
+    Returns the flight and the state with the new goals and plan (unchanged without a reassignment), the names of all
+    aircraft's goals, and the outcome for each goal to take over.
     """
     requests = [event for event in departures if event.goal_taken_over_by is not None]
     if not requests:
@@ -143,10 +147,12 @@ def reassign_goals(
 
 
 def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]) -> list[tuple[int, int]]:
-    """Return the pairs (taker, departure) that serve the most goals, with the least sum of distances among those.
+    """Return the assignment that serves the most goals, and among such the one with the least sum of distances, m.
 
-    No goal is abandoned by takers that must be spare. Branch and bound: in place of an assignment that abandons a goal,
-    one of its aircraft stays, or none of them takes over a goal that asks for spare ones.
+    The result has pairs (index of the aircraft that takes over a goal, column of the departure). If a departure does
+    not ask for the "nearest" aircraft, an aircraft takes over only if another one still flies to its former goal
+    (`_abandons_goal`). Branch and bound: in place of an assignment that abandons a goal, either one of the goal's
+    aircraft stays, or none of these takes over a goal of such a departure.
     """
     from scipy.optimize import linear_sum_assignment  # half a second, for flights with a departure only
 
@@ -175,7 +181,11 @@ def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Seq
 def _abandons_goal(
     fleet: _FleetGoals, pair: tuple[int, int], pairs: Sequence[tuple[int, int]], departures: Sequence[Event]
 ) -> bool:
-    """Whether a taker that must be spare would leave its present goal together with all others that fly to it."""
+    """Whether the aircraft of `pair` would leave its present goal without any aircraft, by the assignment `pairs`.
+
+    False for a departure that asks for the "nearest" aircraft, which may abandon its goal. Pairs are (aircraft, column
+    of `departures`).
+    """
     if departures[pair[1]].goal_taken_over_by == "nearest":
         return False
     goal = fleet.goals[pair[0]]
@@ -183,7 +193,10 @@ def _abandons_goal(
 
 
 def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) -> tuple[Flight, FlightState]:
-    """Give goal, rendezvous and goal estimate of the aircraft `giver` to the aircraft `taker` (fleet indices)."""
+    """Return flight and state in which the aircraft `taker` has goal, rendezvous and goal estimate of `giver`.
+
+    Both are indices into the fleet.
+    """
     (giver_group, giver_row), (taker_group, taker_row) = _group_and_row(flight, giver), _group_and_row(flight, taker)
 
     def mission(group: int) -> Any:
@@ -215,7 +228,7 @@ def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) 
 
 
 def _group_and_row(flight: Flight, aircraft: int) -> tuple[int, int]:
-    """Index of the group of an aircraft, and its row in the group."""
+    """Return the index of an aircraft's group, and the aircraft's row in the group, from the index in the fleet."""
     return next((k, kind.members.index(aircraft)) for k, kind in enumerate(flight.groups) if aircraft in kind.members)
 
 
@@ -233,7 +246,7 @@ class EventSchedule:
     on_progress
         Called with a description of the current work.
     performance
-        Accelerations that the aircraft can reach at the start of the flight; for events of lost thrust.
+        Accelerations that the aircraft can reach at the start of the flight; None if no event is a loss of thrust.
 
     Attributes
     ----------
@@ -258,7 +271,7 @@ class EventSchedule:
         self._goal_event: tuple[int, int] | None = None
 
     def apply_due(self, flight: Flight, state: FlightState, sample: int) -> tuple[Flight, FlightState]:
-        """Apply the events that are due at a sample, and return flight and state after them."""
+        """Apply the events that are due at sample `sample`, and return flight and state after the events."""
         due_events: list[Event] = []
         while self._coming and self._coming[0][0] <= sample:
             due_events.append(self._coming.pop(0)[1])
@@ -276,7 +289,7 @@ class EventSchedule:
         return flight, state
 
     def steps_until_next(self, sample: int, steps_max: int) -> int:
-        """Number of steps from a sample to the next event or the next check of the replanning, at most `steps_max`."""
+        """Return the number of steps from `sample` to the next event or `check_replanning`, at most `steps_max`."""
         steps = min([steps_max, *(event_step - sample for event_step, _ in self._coming[:1])])
         if self._goal_event is not None and self._replan_steps:
             steps = min(steps, -sample % self._replan_steps + 1)
@@ -286,7 +299,8 @@ class EventSchedule:
         """Search for a new plan if the periodic replanning has failed after a change of a goal; return the state.
 
         Periodic replanning, in the compiled loop, tries small corrections only; the complete search takes longer and
-        may find a plan. The state is unchanged if periodic replanning succeeded or no plan is found.
+        may find a plan. At most three searches follow the last goal event. The checks end with a plan from a search, or
+        when periodic replanning succeeds later than 10 s after the event. The state is unchanged without a new plan.
         """
         if self._goal_event is None:
             return state

@@ -1,4 +1,4 @@
-"""The first plan of a scenario: common interface, and first plans by the published and the certified planner."""
+"""First plan of a scenario: common interface, and the classes for the published and the certified planner."""
 
 import abc
 import functools
@@ -54,7 +54,7 @@ _WIND_CHANGE_M_S = 0.5
 OnProgress = Callable[[str], None]
 """Callback with a description of the current work."""
 PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
-"""Callback that prepares the program needed after planning, from a flight and the shapes of its first state."""
+"""Function from a flight and the shapes of its first state to the program needed after planning; None: none."""
 
 
 def prepare_nothing(flight: Flight, shapes: Any) -> PreparedProgram | None:
@@ -70,7 +70,7 @@ class NoPlanError(Exception):
 
 
 class PlanFileError(ValueError):
-    """The file contains no plan, is damaged, or contains the plan of another scenario."""
+    """The file contains no plan, is damaged, or has the plan of another scenario or version of anser."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,7 +78,7 @@ class FirstPlan(abc.ABC):
     """The first plan of a scenario, made before the flight; the printed form lists arrival times and problems."""
 
     scenario: Scenario  #: Planned scenario.
-    flight: Flight  #: Arrays of the flight, padded with inactive aircraft to a multiple of a fixed size.
+    flight: Flight  #: The flight, padded with inactive aircraft to a size with a compiled program.
     fleet: TrimmedFleet  #: The aircraft of `flight`, trimmed at the start.
     refusals: tuple[Refusal, ...]  #: Reasons for a missing plan, one sentence each; empty if a plan exists.
     plan_state: Any = None  # the planner's first state with the plan of all aircraft of `flight`; None without a plan
@@ -90,7 +90,7 @@ class FirstPlan(abc.ABC):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "FirstPlan":
-        """Trim every aircraft at its start and plan; parameters and errors as in `anser.plan`."""
+        """Trim every aircraft at its start and make the first plan; arguments and errors are those of `anser.plan`."""
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "FirstPlan":
@@ -100,22 +100,22 @@ class FirstPlan(abc.ABC):
     @functools.cached_property
     @abc.abstractmethod
     def plan(self) -> Any:
-        """The planner's plan, of the type that the planner makes; raises `NoPlanError` if there is no plan."""
+        """Plan, in the planner's own type, without the padding of `flight`; raises `NoPlanError` without a plan."""
 
     @abc.abstractmethod
     def problems(self) -> tuple[str, ...]:
-        """Reasons for a missing plan, or obstacles to flying the plan, one sentence each; empty for a flyable plan."""
+        """Return reasons for a missing plan, or obstacles to flying the plan, one sentence each; empty: none."""
 
     @abc.abstractmethod
     def notes(self) -> tuple[str, ...]:
-        """Differences between the plan and the request of the scenario, one sentence each."""
+        """Return the differences between the plan and the request of the scenario, one sentence each."""
 
     @abc.abstractmethod
     def path_descriptions(self) -> tuple[str, ...]:
-        """Shape of each aircraft's path in two or three words."""
+        """Return a description of each aircraft's path in two or three words, such as "bent left"."""
 
     def initial_state(self) -> FlightState:
-        """State of the fleet at the start of the flight, with the plan."""
+        """Return the state of the flight at time 0, with the plan. Raises `NoPlanError` if there is no plan."""
         if self.start_state is not None:
             return self.start_state
         return initialize_compiled(self.flight, self.fleet, self._planned_state())
@@ -131,7 +131,7 @@ class FirstPlan(abc.ABC):
 
     @abc.abstractmethod
     def record(self) -> "RecordedPlan":
-        """Sample and summarize the plan. Raises `NoPlanError` if there is no plan."""
+        """Return samples of the plan over time and the planner's report. Raises `NoPlanError` without a plan."""
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any] | None:
         """Compute the entry `network` of a flight's summary; None for a fleet with a central planner."""
@@ -174,24 +174,24 @@ class FirstPlan(abc.ABC):
         )
 
     def _problems_and_notes(self) -> list[str]:
-        """Problems and notes, one line each."""
+        """Return the lines of the printed form after the first: problems, then notes."""
         problems = self.problems() if self.refusals else [f"not flyable: {problem}" for problem in self.problems()]
         return [*problems, *(f"note: {note}" for note in self.notes())]
 
 
 @compiled_quickly
 def initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: Any) -> FlightState:
-    """Return the state of a flight at time 0 with the planner's first state, by a compiled program."""
+    """Return the state of a flight at time 0 from trimmed fleet and planner state, by a compiled program."""
     return initialize_flight(flight, fleet, flight.planner.initial_state(plan_state, flight.randomness))
 
 
 def aircraft_planner(flight: Flight) -> CertifiedPlanner:
-    """Return the certified planner of a flight, or of each aircraft in a fleet without a central planner."""
+    """Return a flight's certified planner; in a decentralised fleet, the one with which each aircraft plans."""
     return cast("CertifiedPlanner | DecentralisedPlanner", flight.planner).aircraft_planner
 
 
 def start_next(prepare_next: PrepareNext, flight: Flight, shapes: Any) -> None:
-    """Start the compilation of the program needed after planning."""
+    """Start the compilation of the program needed after planning, if `prepare_next` returns one."""
     following = prepare_next(flight, shapes)
     if following is not None:
         following.start()
@@ -203,7 +203,11 @@ _start_flight = compiled_quickly(start_flight, "trim and first plan")
 def trim_and_plan(
     scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
 ) -> tuple[FlightState, TrimmedFleet]:
-    """Trim every aircraft at its start and make the first plan by the planner's `first_plan`, in one program."""
+    """Trim every aircraft at its start and make the first plan by the planner's `first_plan`, in one program.
+
+    Returns the state of the flight at time 0, with the plan, and the trimmed fleet. Raises ScenarioError if an aircraft
+    cannot be trimmed.
+    """
     on_progress("trimming and planning")
     start = _start_flight.prepare(flight)
     start_next(prepare_next, flight, start.shapes[0])  # the largest program first
@@ -223,7 +227,7 @@ def _check_path_limits(plan: FleetPlan, limits: Any, gravity: Any) -> LimitRepor
 
 @dataclass(frozen=True, repr=False)
 class PublishedFirstPlan(FirstPlan):
-    """The first plan of a scenario by the published planner, which never refuses: `problems` lists the obstacles."""
+    """First plan by the published planner, which always yields a plan; `problems` lists obstacles to the flight."""
 
     state_type = PublishedPlanState
 
@@ -231,7 +235,7 @@ class PublishedFirstPlan(FirstPlan):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "PublishedFirstPlan":
-        """Trim every aircraft at its start and coordinate the fleet, in one compiled program."""
+        """Trim every aircraft at its start and plan a simultaneous arrival of the fleet, in one compiled program."""
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
         return cls(scenario, flight, fleet, (), state.planner, state)
 
@@ -247,7 +251,7 @@ class PublishedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def limits(self) -> LimitReport:
-        """Least and greatest speed, turn, climb and altitude at samples of each path, against the limits.
+        """Extremes of airspeed, turn, climb and altitude at samples of each path, compared with the limits.
 
         Leading axis aircraft.
         """
@@ -262,7 +266,11 @@ class PublishedFirstPlan(FirstPlan):
         return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on a mean airspeed above the requested airspeed, and on a different wind at start and rendezvous."""
+        """Return the notes on the plan, one sentence each; empty without differences.
+
+        Notes concern a mean airspeed above the requested one, and a wind at a rendezvous that differs by more than
+        0.5 m/s from the wind at the aircraft's start.
+        """
         fleet, notes, speed_m_s = self.scenario.fleet, [], float(self.plan.speed)
         preferred_m_s = fleet.airspeed_m_s
         if speed_m_s > preferred_m_s * (1.0 + _SPEED_TOLERANCE):
@@ -285,7 +293,11 @@ class PublishedFirstPlan(FirstPlan):
         return tuple(notes)
 
     def problems(self) -> tuple[str, ...]:
-        """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
+        """Return the obstacles to flying the plan, one sentence each; empty for a flyable plan.
+
+        Obstacles are a last arrival at or after the end of the flight and, for each aircraft, the first of: an error
+        status at the start, a failure of the planner, a limit that the path violates.
+        """
         problems, duration_s = [], self.scenario.timing.duration_s
         if self.arrival_s >= duration_s:
             problems.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
@@ -302,18 +314,18 @@ class PublishedFirstPlan(FirstPlan):
         return tuple(problems)
 
     def path_descriptions(self) -> tuple[str, ...]:
-        """Shape of the path of each aircraft: "nominal", "bent left" or "bent right"."""
+        """Return the shape of the path of each aircraft: "nominal", "bent left" or "bent right"."""
         return tuple(describe_bend(float(bend)) for bend in np.asarray(self.plan.lateral_bends))
 
     def record(self) -> "RecordedPlan":
-        """Sample and summarize the plan."""
+        """Return the samples of the plan over time and the planner's report."""
         from anser.missions.plan_output import record_published
 
         return record_published(self)
 
 
 def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft, arrival_s: float) -> float:
-    """Return the magnitude of the wind at the rendezvous at `arrival_s` minus the wind at the start at time 0, m/s."""
+    """Return |wind at the rendezvous at `arrival_s` (s) - wind at the start at time 0|, m/s, of an aircraft."""
     if scenario.wind.field is None:
         up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
         return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
@@ -326,7 +338,7 @@ def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft,
 
 
 def trim_and_build_tasks(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
-    """Trim the fleet at its start, and build the planning task of each aircraft from its first readings."""
+    """Return the fleet trimmed at its start, and each aircraft's planning task from its first readings."""
     fleet = trimmed_fleet(flight)
     return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
@@ -335,14 +347,16 @@ trim_and_build_tasks_compiled = compiled_quickly(trim_and_build_tasks, "trim")
 
 
 def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits: PathLimits) -> CertifiedPlanState:
-    """Return the state of the certified planner with a first plan."""
+    """Return the state of the certified planner with a first plan, its holds and the flight limits of the paths."""
     return CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, limits)
 
 
 def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
-    """Return the times, s after the start, at which each aircraft by itself can arrive, by the certified planner.
+    """Return the intervals of time, s after the start, in which each aircraft, flying alone, can arrive.
 
-    `flight` are the padded arrays of the scenario. Raises ScenarioError if an aircraft cannot be trimmed at its start.
+    Computed with the candidate paths of the certified planner, up to the latest allowed arrival time; an interval that
+    contains the latest time ends at infinity. `flight` is the scenario's flight, padded. Raises ScenarioError if an
+    aircraft cannot be trimmed at its start.
     """
     planner = aircraft_planner(flight)
     fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
@@ -353,7 +367,11 @@ def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
 def _search_without_difference(
     planner: CertifiedPlanner, scenario: Scenario, tasks: AircraftTask, fleet_task: FleetTask, outcome: SearchOutcome
 ) -> tuple[Refusal, ...]:
-    """Search again without the difference between a wind field and its layers; if a plan exists then, return why."""
+    """Search again in the planner's wind layers alone, without their difference from the wind field.
+
+    If this search finds a plan, the difference is the reason for the refusal, which is returned; else an empty tuple,
+    as also without a wind field. `outcome` is the result of the failed search, without padding.
+    """
     if not isinstance(planner.airspace.wind, FittedWind):
         return ()
     no_difference = eqx.tree_at(lambda p: p.airspace.wind.residuals, planner, replace_fn=np.zeros_like)
@@ -364,7 +382,7 @@ def _search_without_difference(
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class CertifiedFirstPlan(FirstPlan):
-    """The first plan of a scenario by the certified planner."""
+    """First plan of a scenario by the certified planner, or the reasons for a missing plan (`refusals`)."""
 
     state_type = CertifiedPlanState
     padded_tasks: AircraftTask  # input of the search, for all aircraft of `flight`
@@ -374,7 +392,10 @@ class CertifiedFirstPlan(FirstPlan):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "CertifiedFirstPlan":
-        """Trim every aircraft and search for a certified plan; if none is found, diagnose the reasons (`refusals`)."""
+        """Trim every aircraft and search for a plan and holds; if none is found, diagnose the reasons (`refusals`).
+
+        Raises ScenarioError if an aircraft cannot be trimmed at its start.
+        """
         on_progress("trimming")
         planner, count = aircraft_planner(flight), len(scenario.aircraft)
         start = trim_and_build_tasks_compiled.prepare(flight, planner).start()
@@ -405,17 +426,17 @@ class CertifiedFirstPlan(FirstPlan):
 
     @property
     def airspace(self) -> Airspace:
-        """Wind, required distances and keep-outs of the search."""
+        """Wind, gravity, required separation and keep-outs with which the planner searches."""
         return aircraft_planner(self.flight).airspace
 
     @property
     def holds(self) -> PlannedHolds | None:
-        """Paths after the arrivals, for all aircraft of `flight`; None without a plan."""
+        """Holds after the arrivals, for all aircraft of `flight`, padding included; None without a plan."""
         return None if self.plan_state is None else self.plan_state.holds
 
     @functools.cached_property
     def tasks(self) -> AircraftTask:
-        """Planning tasks of the scenario's aircraft; leading axis aircraft."""
+        """Planning tasks of the scenario's aircraft, without padding; leading axis aircraft."""
         return first_rows(self.padded_tasks, len(self.scenario.aircraft))
 
     @functools.cached_property
@@ -424,13 +445,17 @@ class CertifiedFirstPlan(FirstPlan):
         return self._planned_state().plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
-        """Reasons for a missing plan, or else the unproven paths, one sentence each; empty for a proven plan."""
+        """Return the reasons for a missing plan, or else the unproven paths, one sentence each; empty: all proven."""
         if self.plan_state is None:
             return self.refusals
         return unproven_paths(self.scenario, np.asarray(self.plan_state.plan.feasible)[: len(self.scenario.aircraft)])
 
     def notes(self) -> tuple[str, ...]:
-        """Difference of a wind field from the planner's layers, mean airspeeds, and the start of a sequence."""
+        """Return the notes on the plan, one sentence each; empty without a plan or differences.
+
+        Notes concern the difference of a wind field from the planner's wind layers, mean airspeeds other than
+        preferred, and the time at which a sequence of arrivals begins.
+        """
         if self.plan_state is None:
             return ()
         return (*self._wind_notes(), *self._airspeed_notes(), *self._sequence_notes())
@@ -465,11 +490,11 @@ class CertifiedFirstPlan(FirstPlan):
         return (f"mean airspeeds other than the preferred {preferred}: {names}",)
 
     def path_descriptions(self) -> tuple[str, ...]:
-        """Shape of the path of each aircraft, such as "turns 83 deg"."""
+        """Return the sum of turns of each aircraft's path as text, such as "turns 83 deg"."""
         return tuple(describe_turns(math.degrees(float(total_turn))) for total_turn in np.asarray(self.plan.total_turn))
 
     def record(self) -> "RecordedPlan":
-        """Sample and summarize the plan with its proven bounds."""
+        """Return samples of the plan over time and the planner's report with the proven bounds of the paths."""
         from anser.missions.plan_output import record_certified
 
         gravity = self.airspace.gravity
@@ -478,9 +503,9 @@ class CertifiedFirstPlan(FirstPlan):
 
 
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
-    """Return the arrival rule of a scenario with the times requested (s), as input of the search.
+    """Return the arrival rule of a scenario with its arrival times, offsets or windows (s), as input of the search.
 
-    Padded to `count` aircraft by repeating the times of the last aircraft.
+    These are padded to `count` aircraft (None: not padded) with the numbers of the last aircraft.
     """
     arrival, fleet = scenario.arrival, scenario.aircraft
     times = offsets = windows = None
@@ -517,25 +542,26 @@ def _rough_flight_time_s(scenario: Scenario) -> float:
 
 
 def start_search_programs(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> list[Any]:
-    """Start the compilation of the programs of a search for the shapes of the tasks; return the shapes of the results.
+    """Start to compile the programs of a search for a plan, for the shapes of the tasks (or for tasks).
 
-    The last two are those of the plan and of the holds; the list is empty if the size of the paths is uncertain.
+    Returns the shapes of the programs' results; the last two are those of the plan and of the holds. The list is empty,
+    and nothing is compiled, if the rough flight time leaves the number of intervals of a path uncertain.
     """
     programs = planner.prepare_programs(tasks, _rough_flight_time_s(scenario), scenario.timing.duration_s)
     return [program.start().shapes for program in programs]
 
 
 _started: "weakref.WeakKeyDictionary[PreparedProgram, set[tuple[Any, ...]]]" = weakref.WeakKeyDictionary()
-"""Sizes of the plans and holds whose programs were started together with a program of the trim."""
+"""Sizes of plans and holds for which the programs of a search were started, by program of the trim."""
 
 
 def start_programs(
     scenario: Scenario, flight: Flight, planner: CertifiedPlanner, trim: PreparedProgram, prepare_next: PrepareNext
 ) -> None:
-    """Start the compilation of the programs for a search and for the work after it.
+    """Start to compile the programs of a search for a plan, of the first state, and of the work after planning.
 
-    The programs follow from the shapes of fleet and tasks. Programs that were started before, for an earlier plan
-    without work after it, are not prepared again.
+    The shapes of fleet and tasks are those of the results of `trim`. Without work after planning (`prepare_nothing`),
+    programs that were started for an earlier plan of equal sizes are not started again.
     """
     fleet, tasks = trim.shapes
     longest_s = _rough_flight_time_s(scenario)

@@ -55,7 +55,7 @@ class FlightCase(NamedTuple):
     """One flight of many: a scenario, with the flight number and the seed that determine its random numbers."""
 
     scenario: Scenario
-    number: int = 0
+    number: int = 0  # flight number
     seed: int | None = None  # seed; None: the scenario's
     randomness: AbstractRandomness | None = None  # source of random numbers; replaces number and seed if not None
 
@@ -79,7 +79,7 @@ def _initialize_flights(flights: _FlightBatch, fleets: TrimmedFleet, plans: Cert
 
 
 class _RequiredDistances(NamedTuple):
-    """Distances that each flight of a batch must keep."""
+    """Separation and keep-outs that each flight of a batch must keep; leading axis flights."""
 
     separation: Separation
     keep_outs: KeepOuts
@@ -129,8 +129,8 @@ def fly_many(
     progress
         Called with a description of the current work and its completed share, 0..1.
     batch
-        Number of flights in one compiled call; fewer flights are padded to it. Each number needs a compiled program of
-        its own. None: the number of flights, at most `BATCH`.
+        Number of flights in one compiled call; fewer flights are padded to this number. Each number needs a compiled
+        program of its own. None: the number of flights that are not flown singly, at most `BATCH`.
     on_rows
         Called with the indices of finished flights in `cases` and their rows: once for all flights that do not allow
         the precision, then after each batch and after each flight that is flown singly.
@@ -249,7 +249,8 @@ def plan_many(cases: Sequence[FlightCase]) -> PlannedFlights:
 def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: OutputRecording | None) -> FlightRow:
     """Fly one case as `anser.run` does and return its result row.
 
-    The row of a flight that cannot start contains the reason.
+    The row of a flight that cannot start contains the reason. Raises ValueError if the case has a number other than 0,
+    or `randomness`.
     """
     if case.number != 0 or case.randomness is not None:
         received = f"the number {case.number}" if case.randomness is None else "random numbers of its own"
@@ -278,8 +279,8 @@ def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: Output
 class _FlightGroup:
     """Flights of equal structure that wait for a batch.
 
-    `stacked` records in the group which leaves (arrays) have differed between flights: these are batched from then on,
-    the rest is shared.
+    `stacked` records which leaves (arrays) have differed between flights of the group: these leaves are batched from
+    then on, the rest is shared by the flights of a batch.
     """
 
     def __init__(self) -> None:
@@ -288,9 +289,9 @@ class _FlightGroup:
         self.flights: list[Flight] = []
 
     def stacked(self, flights: Sequence[Flight], size: int) -> _FlightBatch:
-        """Stack flights to a batch of `size`, padded with the last flight.
+        """Stack flights to a batch of `size` flights, padded with copies of the last flight.
 
-        A leaf that once differed stays batched, which avoids recompilation.
+        A leaf that differed in an earlier batch of the group is batched again, which avoids recompilation.
         """
         padding = [flights[-1]] * (size - len(flights))
         stacked = stack_objects([*flights, *padding], tables_only=False, batched=self._differing)
@@ -308,7 +309,10 @@ class _FlightGroup:
 
 
 def _group_cases(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_FlightGroup, list[int], list[Flight]]]:
-    """Yield batches of cases with equal structure and equal periods: group, indices of the cases, and flights."""
+    """Yield batches of at most `batch` flights of equal structure, step, replanning period and duration.
+
+    Each batch has the group, the indices of the batch's flights in `cases`, and the flights.
+    """
     groups: dict[Any, _FlightGroup] = {}
     previous: tuple[Scenario, Flight] | None = None
     for number, case in enumerate(cases):
@@ -387,7 +391,7 @@ def _fly_batch(
 
 
 def _start_planning_programs(scenario: Scenario, flight: Flight, flights: _FlightBatch) -> None:
-    """Start the compilation of the programs that trim a batch and search the plans of its flights."""
+    """Start to compile the programs that trim a batch and search the plan of one of its flights after the other."""
     _, tasks = _trim_and_build_tasks.prepare(flights).start().shapes
     one_flight = jax.tree.map(lambda shape: jax.ShapeDtypeStruct(shape.shape[1:], shape.dtype), tasks)
     start_search_programs(scenario, aircraft_planner(flight), one_flight)
@@ -401,9 +405,9 @@ def _search_plans(
     on_share: Callable[[float], None],
     on_first_plan: Callable[[CertifiedPlanState], None],  # called with the first plan that is found
 ) -> dict[int, CertifiedPlanState]:
-    """Search the first plans of a batch; return them by index in the batch.
+    """Search the first plans of the flights of a batch that are not in `refusals`; return the plans by index.
 
-    Adds the reasons of the flights without a plan to `refusals`.
+    Adds the flights without a plan to `refusals`, with the reason. Indices are those of the flights in the batch.
     """
     plans: dict[int, CertifiedPlanState | None] = {}
     plans_by_input: dict[bytes, CertifiedPlanState | None] = {}
@@ -442,11 +446,11 @@ def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTa
 
 @dataclasses.dataclass(frozen=True)
 class _FlownBatch:
-    """Batch with everything that the program of its segments takes besides the state."""
+    """Batch in flight: arguments of the program that flies segments, apart from the state of the batch."""
 
-    flights: _FlightBatch
+    flights: _FlightBatch  # flights in the precision of the steps
     required: _RequiredDistances
-    first_summaries: Any  # summaries before the first step
+    first_summaries: Any  # states of the recorders before the first step
     steps: int  # number of steps of a flight
     series: SeriesSelection | None
     outputs: OutputRecording | None
@@ -457,14 +461,14 @@ class _FlownBatch:
         return 1 if self.series is None else self.series.recording_stride
 
     def arguments(self, state: BatchState, first_sample: int, step_count: int) -> tuple[Any, ...]:
-        """Arguments of the program that flies a segment from a state, or from the shapes of a state."""
+        """Return the arguments of the program that flies a segment from a state, or from the shapes of a state."""
         numbers = (as_array(number, np.int32) for number in (first_sample, step_count, self.steps))
         # the program of flights without outputs has no argument for them
         selections = (self.series,) if self.outputs is None else (self.series, self.outputs)
         return (self.flights, *state, self.required, *numbers, *selections)
 
     def fly_on(self, state: BatchState, first_sample: int, step_count: int) -> tuple[BatchState, Any]:
-        """Fly a segment; returns the state after it and the recorded rows."""
+        """Fly `step_count` steps from a sample on; return the state after the last step and the recorded rows."""
         flown = _fly_segment(*self.arguments(state, first_sample, step_count))
         return BatchState(*flown[:2]), flown[2]
 
@@ -504,7 +508,7 @@ def _replan_steps(case: FlightCase) -> int:
 def _start_flight_programs(
     flown: _FlownBatch, flights: _FlightBatch, fleets: TrimmedFleet, plan: CertifiedPlanState, precision: Precision
 ) -> None:
-    """Start the compilation of the programs that fly a batch, for plans of the shapes of one plan."""
+    """Start to compile the programs that fly a batch, for plans with the shapes of `plan`, the plan of one flight."""
     size = _size_of(flights)
     plans = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape), leaf.dtype), plan)
     states = _initialize_flights.prepare(flights, fleets, plans).start().shapes
@@ -524,7 +528,7 @@ def _summarize_flights(
 ) -> list[FlightRow]:
     """Fly a batch to the end of the flights and return the result rows of the cases.
 
-    `positions` are the indices of the cases in the batch.
+    `positions` are the indices of the cases in the batch; `on_share` is called with the completed share, 0..1.
     """
     if not cases:
         return []
@@ -556,7 +560,7 @@ def _arrival_times(flights: _FlightBatch, states: FlightState) -> Array:
 
 
 def _group_by_structure(plans: dict[int, CertifiedPlanState]) -> list[list[int]]:
-    """Group the indices of plans with equal shapes: a path's duration determines its number of intervals."""
+    """Group the indices of the plans by equal array shapes, which depend on the durations of the paths."""
     groups: dict[Any, list[int]] = {}
     for k, plan in plans.items():
         groups.setdefault(tree_signature(plan), []).append(k)
@@ -572,7 +576,7 @@ def _index_row(tree: Any, k: int) -> Any:
 
 
 def _content_hash(value: Any) -> bytes:
-    """Hash of the structure and the numbers of a value; equal for equal planning inputs."""
+    """Return a SHA-256 hash of the structure and the numbers of a pytree; equal for equal planning inputs."""
     leaves, structure = jax.tree.flatten(value)
     text = hashlib.sha256(repr(structure).encode())
     for leaf in leaves:

@@ -59,7 +59,7 @@ class FlightOutput(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of the expression and of its combination with the reduction.
+        """Return the problems of the expression and of its combination with the reduction; empty without problems.
 
         A condition requires the reduction "time", and this reduction requires a condition.
         """
@@ -90,18 +90,22 @@ class FlightOutput(Table):
 
 
 class OutputFormula(NamedTuple):
-    """What a recorder needs of an output."""
+    """Output of a study for a certain fleet, with the methods that compute the output during or after a flight."""
 
-    expression: str
-    reduction: Reduction
+    expression: str  # expression over variables by their names in datasets
+    reduction: Reduction  # reduction over time
     aircraft: int | None  # index of the aircraft; None: all
-    until_arrival: bool
+    until_arrival: bool  # whether samples in the hold are left out
 
     def partial(self, values: Mapping[str, Any], weights: Any, xp: Any) -> tuple[Any, Any]:
-        """Reduce some samples to a running value and its weight.
+        """Reduce some consecutive samples to the pair (running value, weight).
 
-        `values` are arrays (time, aircraft) in dataset units by dataset name; `weights` (time,) the seconds for which
-        each sample counts; `xp` is `numpy` or `jax.numpy`. Samples without a value (NaN) do not count.
+        For "greatest", the greatest value and 0; for "least", the same of the values with opposite sign; for "final",
+        the last value and 1, or 0 without a sample; for other reductions, the integral over time and its duration, s.
+        Samples without a value (NaN) do not count, except for "final". Without a variable of the expression: NaN, 0.
+
+        `values` are arrays (time, aircraft) in dataset units by dataset name; `weights`, (time,), the seconds for which
+        each sample counts; `xp` is `numpy` or `jax.numpy`.
         """
         expression = parse_expression(self.expression)
         if any(name not in values for name in expression.names):
@@ -122,11 +126,11 @@ class OutputFormula(NamedTuple):
 
     @property
     def start(self) -> tuple[float, float]:
-        """Running value and weight before the first sample."""
+        """Pair (running value, weight) before the first sample."""
         return (-np.inf if self.reduction in _EXTREMES else 0.0), 0.0
 
     def combine(self, earlier: tuple[Any, Any], later: tuple[Any, Any]) -> tuple[Any, Any]:
-        """Combine the running value and weight of earlier samples with those of later samples."""
+        """Combine the pair (running value, weight) of earlier samples with the pair of later samples."""
         (value, weight), (later_value, later_weight) = earlier, later
         if self.reduction in _EXTREMES:
             return jnp.maximum(value, later_value), weight
@@ -135,7 +139,7 @@ class OutputFormula(NamedTuple):
         return value + later_value, weight + later_weight
 
     def finish(self, value: float, weight: float) -> float | None:
-        """Return the output from the running value and weight of a whole flight; None if it has no value."""
+        """Return the output from the running value and weight of a whole flight; None without a finite value."""
         if self.reduction in _EXTREMES:
             return finite_or_none(value if self.reduction == "greatest" else -value)
         if weight <= 0.0 and self.reduction != "time":
@@ -144,13 +148,13 @@ class OutputFormula(NamedTuple):
 
 
 class OutputRecording(eqx.Module):
-    """Outputs to compute for many flights while they are flown."""
+    """Selection of the outputs that are computed for many flights during the flights."""
 
     formulas: tuple[tuple[str, OutputFormula], ...] = eqx.field(static=True)  # by name of the output
 
     @classmethod
     def of_study(cls, outputs: Sequence[FlightOutput], scenario: Scenario) -> "OutputRecording | None":
-        """Return the outputs of a study for the fleet of a scenario; None without outputs."""
+        """Return the selection of a study's outputs for the fleet of a scenario; None without outputs."""
         names = [aircraft.name for aircraft in scenario.aircraft]
 
         def formula(o: FlightOutput) -> OutputFormula:
@@ -160,19 +164,19 @@ class OutputRecording(eqx.Module):
         return cls(tuple((o.name, formula(o)) for o in outputs)) if outputs else None
 
     def recorder(self, inner: AbstractRecorder, last_sample: Integer | None) -> "OutputRecorder":
-        """Return the recorder of the outputs in addition to an inner recorder."""
+        """Return the recorder of the outputs, up to the sample `last_sample`, in addition to an inner recorder."""
         formulas = tuple(formula for _, formula in self.formulas)
         return OutputRecorder(inner=inner, formulas=formulas, last_sample=last_sample, stride=inner.stride)
 
     def values(self, output_state: Sequence[tuple[Any, Any]], index: int) -> dict[str, float | None]:
-        """Return the outputs by name of the flight `index` of a batch, from the recorder's state at the end."""
+        """Return the outputs of the flight `index` of a batch by name, from the running values at the end."""
         return {
             name: formula.finish(float(value[index]), float(weight[index]))
             for (name, formula), (value, weight) in zip(self.formulas, output_state, strict=True)
         }
 
     def values_from_dataset(self, dataset: "xr.Dataset", step_s: float) -> dict[str, float | None]:
-        """Return the outputs by name from the dataset of a flight recorded at every step."""
+        """Return the outputs by name, from the dataset of a flight recorded at every step; `step_s` in s."""
         weights = np.full(dataset.sizes["time"], step_s)
         weights[-1] = 0.0
         arrays = {str(name): values.values for name, values in dataset.items()}
@@ -186,10 +190,10 @@ class OutputRecording(eqx.Module):
 class OutputRecorder(AbstractRecorder):
     """Recorder of outputs beside an inner recorder; its state is the pair (inner state, running values)."""
 
-    inner: AbstractRecorder
+    inner: AbstractRecorder  # recorder that stores the rows
     formulas: tuple[OutputFormula, ...] = eqx.field(static=True)
-    last_sample: Integer | None  # number of the last sample; None: no limit
-    stride: int = eqx.field(static=True)
+    last_sample: Integer | None  # number of the last sample that counts; None: no limit
+    stride: int = eqx.field(static=True)  # steps between two rows of the inner recorder
 
     def init(self, aircraft: int) -> tuple[Any, Any]:
         """Return the pair (state of the inner recorder, running values) before the first sample."""

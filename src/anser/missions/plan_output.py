@@ -58,7 +58,7 @@ class RecordedPlan:
 
 
 def record_published(planned: "PublishedFirstPlan") -> RecordedPlan:
-    """Sample and summarize a plan of the published planner."""
+    """Return the samples of a plan of the published planner, with the planner's report."""
     scenario, plan = planned.scenario, planned.plan
     details = PlanDetails(
         scenario,
@@ -81,7 +81,10 @@ def record_published(planned: "PublishedFirstPlan") -> RecordedPlan:
 def record_user_plan(
     scenario: Scenario, paths: PlannedPath, arrivals_s: np.ndarray, gravity: Any, problems: tuple[str, ...]
 ) -> RecordedPlan:
-    """Sample and summarize a plan of a user-defined planner; its paths are not compared with the limits."""
+    """Return the samples of a plan of a user-defined planner, with a report in which no path is compared with limits.
+
+    `paths` are stacked by aircraft, `arrivals_s` the times of arrival (s), `gravity` in m/s^2.
+    """
     count = len(scenario.aircraft)
     details = PlanDetails(
         scenario,
@@ -101,9 +104,9 @@ def record_certified(
     holds: PlannedHolds | None = None,
     notes: tuple[str, ...] = (),
 ) -> RecordedPlan:
-    """Sample and summarize a plan of the certified planner with its proven bounds; gravity in m/s^2.
+    """Return the samples of a plan of the certified planner, with a report that has its proven bounds.
 
-    Inactive rows of the stacked tasks are padding without an aircraft of the scenario.
+    Inactive rows of plan, tasks and holds are padding and are left out; `gravity` in m/s^2.
     """
     indices = np.flatnonzero(np.asarray(tasks.active) > 0.0)
     active_plan, limits = rows_on_host((plan, tasks.limits), indices)
@@ -131,9 +134,10 @@ def record_certified(
 
 
 def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
-    """Proven bounds of the flight quantities along each path, by key of the limit, in SI units and radians.
+    """Return proven bounds of the flight quantities, (aircraft,), by key of the limit, in SI units and radians.
 
-    Accelerations are converted to values of equal demand at the start of each aircraft.
+    Accelerations along the path are converted to equal demands in level flight at the start, see
+    `PathBounds.along_at_start`.
     """
     values = {limit.key: np.asarray(getattr(bounds, limit.field)) for limit in CERTIFIED_LIMITS}
     along = np.array(
@@ -143,7 +147,10 @@ def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarr
 
 
 def _holds_by_key(holds: PlannedHolds | None, indices: np.ndarray) -> dict[str, Any]:
-    """Values of the selected aircraft's holds for the record, by key."""
+    """Return the fields of `PlanDetails` on the holds of the aircraft at `indices`; empty without holds.
+
+    Radii and heights above the goals, m; turn directions, +1 clockwise; least clearance ratio of all pairs.
+    """
     if holds is None:
         return {}
     ratio = float(np.min(np.asarray(holds.clearance_ratio)[:, indices]))
@@ -172,7 +179,7 @@ def _record(
 
 
 def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
-    """Positions of a scenario's goal at times (s), (time, NED axis), m."""
+    """Return a goal's positions at times (s), (time, NED axis), m; linear between waypoints, then constant."""
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()
         start = goal.position_m(0.0)
@@ -185,9 +192,11 @@ def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
 
 
 def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dict[str, float | np.ndarray]:
-    """Limits of the scenario by key; a limit absent there is the limit derived for each aircraft, without reserve.
+    """Return the limits without reserve, by key of `anser.planning.limits.LIMITS`, in SI units and radians.
 
-    The published planner derives no limits, and only for this planner is the level-off after the arrival checked.
+    The values, (aircraft,), are those of the scenario. A limit that the scenario leaves open for an aircraft comes from
+    `derived`, the certified planner's limits with the reserve taken off; NaN if `derived` is None, as for the other
+    planners. For these, the altitude of the level-off after the arrival has a limit too.
     """
     values_by_key, resolved = {}, [aircraft.limits for aircraft in resolve_fleet(scenario)]
     for limit in LIMITS if derived is None else CERTIFIED_LIMITS:

@@ -1,7 +1,7 @@
 """Samples of planned paths: demand on each aircraft, extremes, and closest approaches to aircraft and keep-outs.
 
-Between two samples a path is the cubic through the positions and velocities at both samples. At half a second the error
-for aircraft paths is below a millimetre: fourth derivative times interval to the fourth power, over 384.
+Between two samples a path is interpolated by the cubic with the positions and velocities of both samples. For samples
+every half second the error on aircraft paths is below a millimetre: fourth derivative times interval^4 / 384.
 """
 
 import functools
@@ -37,7 +37,7 @@ FLEET_MULTIPLE, _TIMES_MULTIPLE, _VOLUMES_MULTIPLE = 4, 512, 2
 
 
 class SampledMotion(eqx.Module):
-    """Motion of a fleet over the ground at sample times, (time, aircraft, NED axis); NaN after an arrival."""
+    """Motion of a fleet over the ground at sample times, (time, aircraft, NED axis); NaN after each arrival."""
 
     times: Float[Array, " time"]  # sample times, s
     # positions, m, and velocities, m/s
@@ -46,14 +46,14 @@ class SampledMotion(eqx.Module):
 
 
 def sampled_motion(times_s: np.ndarray, history: Mapping[str, np.ndarray]) -> SampledMotion:
-    """Compute the motion of a fleet over the ground from the result of `sample_paths`."""
+    """Return the motion of a fleet over the ground at `times_s` (s), from the result of `sample_paths`."""
     positions = np.stack([history["north"], history["east"], -history["altitude"]], axis=-1)
     velocities = np.stack([history[f"velocity_{axis}"] for axis in ("north", "east", "down")], axis=-1)
     return SampledMotion(*map(as_array, (times_s, positions, velocities)))
 
 
 def _pad(motion: SampledMotion) -> SampledMotion:
-    """Pad times and aircraft to a multiple of a fixed size, with NaN."""
+    """Pad samples and aircraft to multiples of fixed sizes, with NaN motion at later times, one second apart."""
     sample_count, fleet_size = motion.positions_n.shape[:2]
     padding, fleet_padding = -sample_count % _TIMES_MULTIPLE, -fleet_size % FLEET_MULTIPLE
     sample_times = np.asarray(motion.times)
@@ -81,7 +81,10 @@ def _interpolate(
 def _cubic(
     step: Array, position: Array, next_position: Array, velocity: Array, next_velocity: Array, u: Array
 ) -> Float[Array, "*batch 3"]:
-    """Position on the cubic of an interval of duration `step` (s), at the fraction `u` of the interval."""
+    """Return the position, m, on the cubic of an interval of duration `step` (s), at the fraction `u` of the interval.
+
+    Positions (m) and velocities (m/s) are those at the start and at the end (`next_...`) of the interval.
+    """
     displacement = next_position - position
     c2 = 3.0 * displacement - step * (2.0 * velocity + next_velocity)
     c3 = step * (velocity + next_velocity) - 2.0 * displacement
@@ -98,7 +101,7 @@ def _fine_times(times: Float[Array, " time"]) -> Float[Array, " fine"]:
 def _fine_positions(
     times: Float[Array, " time"], positions: Float[Array, "time 3"], velocities: Float[Array, "time 3"]
 ) -> Float[Array, "fine 3"]:
-    """Positions at `_fine_times`, as by `_interpolate`."""
+    """Return one aircraft's positions at `_fine_times`, m, by the cubics between the samples."""
     states = positions[:-1], positions[1:], velocities[:-1], velocities[1:]
     step, states = (times[1:] - times[:-1])[:, None, None], (state[:, None] for state in states)
     inner = _cubic(step, *states, (jnp.arange(_SUBINTERVALS) / _SUBINTERVALS)[None, :, None])
@@ -106,9 +109,11 @@ def _fine_positions(
 
 
 def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"]) -> Float[Array, "*batch"]:
-    """Distance between two aircraft, m, whose positions differ by `difference`.
+    """Return the distance, m, between two aircraft whose positions differ by `difference` (NED, m).
 
-    In space if no separation is required, else the horizontal distance with the same separation ratio.
+    `separation` is the required horizontal and vertical separation, m. With horizontal 0, no separation is required,
+    and the distance is that in space. Otherwise, the result is the horizontal separation times the ratio of distance to
+    required separation.
     """
     level = jnp.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
     height = jnp.abs(difference[..., 2])
@@ -120,9 +125,11 @@ def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"
 def _distances_at_samples(
     positions: Float[Array, "time aircraft 3"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " time"], Int[Array, " time"], Float[Array, "aircraft aircraft"]]:
-    """Smallest distance in the fleet at each sample, m, its pair, and the least of each pair over all samples.
+    """Return the least distance in the fleet at each sample, m, the nearest pair, and each pair's least distance, m.
 
-    The pair is an index into the flattened matrix of pairs.
+    Distances are those of `_distance`; infinite where no pair is flying. The nearest pair is an index into the
+    flattened (aircraft, aircraft) matrix. The third result is such a matrix with the least distances over all samples,
+    infinite on and below the diagonal.
     """
     fleet_size = positions.shape[1]
     is_pair = jnp.triu(jnp.ones((fleet_size, fleet_size), dtype=bool), 1)
@@ -142,9 +149,10 @@ def _distances_at_samples(
 def _closest_approaches(
     motion: SampledMotion, pairs: Int[Array, "pairs 2"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " pairs"], Float[Array, "pairs 3"]]:
-    """Compute the smallest distance of each pair of aircraft until the pair's first arrival.
+    """Compute the smallest distance of each pair of aircraft until the first arrival of the two, also between samples.
 
-    Returns the distances, m, their times, s, and the differences of the positions at these times, NED, m.
+    Returns the distances (`_distance`, m; infinite if undefined), their times, s, and the position of the second
+    aircraft relative to the first at these times, NED, m.
     """
     fine = _fine_times(motion.times)
 
@@ -181,11 +189,10 @@ def nearest_pairs(
     # separation: the requirement is met if this is at least the horizontal separation
     separation_m: tuple[float, float] | None,
 ) -> ClosestApproach:
-    """Find the nearest pair of a fleet at every sample, and the closest approach overall.
+    """Find the nearest pair of aircraft at every sample, and the closest approach of the whole plan.
 
-    A pair counts until its first arrival.
-
-    The closest approach is searched among the 64 pairs that are nearest at the samples.
+    A pair counts until the first arrival of the two. The closest approach is searched also between the samples, among
+    the 64 pairs that are nearest at the samples. Without a pair, distances and times are NaN, and indices -1.
     """
     count, fleet = motion.positions_n.shape[:2]
     if fleet < 2:
@@ -236,7 +243,7 @@ def _keep_out_margins(
 
 
 def keep_out_margins(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least distance of each aircraft from each keep-out, m, and its time, s; both (aircraft, volume).
+    """Return each aircraft's least distance from each keep-out, m, and its time, s; both (aircraft, keep-out).
 
     The distance is that of `keep_out_room`, negative inside, evaluated at sixteen times per sampling interval.
     """
@@ -267,21 +274,21 @@ _SAME_TIME_S = 1e-6
 
 
 class PlannedPath(Protocol):
-    """Interface of a path in time that any planner delivers; NED, SI units."""
+    """Interface of the paths over time of any planner; NED, SI units."""
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Position, velocity and acceleration over the ground at a time (s)."""
+        """Return position, velocity and acceleration over the ground at a time (s); NED, m, m/s, m/s^2."""
         ...
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity relative to the air at a time (s), NED, m/s."""
+        """Return the velocity relative to the air at a time (s), NED, m/s."""
         ...
 
 
 def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sample times from the start to the last arrival, s, and the mask of the regular times.
+    """Return the sample times from the start to the last arrival, s, and the mask of the regular times among them.
 
-    Every arrival time is a sample time, in addition to the regular times.
+    Regular times are multiples of `SAMPLE_STEP_S` after the start; every arrival time is a sample time too.
     """
     arrivals = np.unique(arrival_times)
     count = int(np.ceil((arrivals[-1] - start_s) / SAMPLE_STEP_S))
@@ -294,7 +301,7 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
 
 
 def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
-    """Motion and demand of an aircraft on its path at a time (s), by key of `anser.variables`; SI units and radians.
+    """Return motion and demand of an aircraft on its path at a time (s), by key of `anser.variables`; SI units, rad.
 
     Bank angle and load factor hold for coordinated flight along the path: they follow from the specific force
     perpendicular to the velocity relative to the air (theory section 6).
@@ -334,9 +341,9 @@ def _sample_demands(
 
 
 def _sample_demands_in_blocks(paths: PlannedPath, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
-    """Motion and demand of each path at its times, (aircraft, time), by key.
+    """Return the results of `motion_and_demand` for each path at the path's own `times` (s), (aircraft, time), by key.
 
-    Blocks of padded size limit the number of compilations.
+    Computed in blocks of padded size, which limits the number of compilations.
     """
     fleet_size, count = times.shape
     padded_times = np.pad(times, ((0, -fleet_size % FLEET_MULTIPLE), (0, -count % _BLOCK)), mode="edge")
@@ -355,7 +362,7 @@ def sample_paths(
     times_s: np.ndarray,  # (time,), s
     gravity: ScalarLike,  # m/s^2
 ) -> dict[str, np.ndarray]:
-    """Sample the paths of a fleet by key of `anser.variables`; (time, aircraft), NaN after the arrival."""
+    """Return motion and demand on a fleet's paths at `times_s` (s) by key, (time, aircraft); NaN after each arrival."""
     arrivals = np.asarray(arrival_times)[:, None]
     sampled = _sample_demands_in_blocks(paths, np.minimum(np.asarray(times_s)[None, :], arrivals), gravity)
     is_flying = np.asarray(times_s)[None, :] <= arrivals
@@ -369,9 +376,10 @@ def sample_extremes(
     gravity: ScalarLike,
     limits: PathLimits | None = None,
 ) -> PlanExtremes:
-    """Compute the extremes (greatest or least values) of each path at its samples, not proven between the samples.
+    """Compute the extremes (greatest or least values) of each path at 1024 equally spaced times up to its arrival.
 
-    With `limits`, accelerations are converted to values of equal demand at the start of each aircraft.
+    The extremes are not proven between these times. With `limits` whose deceleration depends on the airspeed (`idle`),
+    accelerations are converted to equal demands in level flight at the start, see `_along_at_start`.
     """
     duration = np.asarray(arrival_times) - start_s
     sampled = _sample_demands_in_blocks(
@@ -398,9 +406,10 @@ def sample_extremes(
 def _along_at_start(
     idle: IdleDeceleration, deceleration: ScalarLike, along_path: np.ndarray, speed: np.ndarray, load_factor: np.ndarray
 ) -> tuple[Any, Any]:
-    """Convert a path's greatest acceleration and deceleration to equal demands in level flight at the start, m/s^2.
+    """Return a path's greatest acceleration and deceleration, m/s^2, as equal demands in level flight at the start.
 
-    See `PathBounds.along_at_start`.
+    The path is sampled by `along_path` (acceleration along the path, m/s^2), `speed` (m/s) and `load_factor`. A
+    converted value is within the limit at the start if and only if the samples are within the limit in flight.
     """
     accelerations = along_path + deceleration * idle.rise(speed, load_factor)
     return np.max(accelerations), np.max(-along_path / idle.share(speed, load_factor))

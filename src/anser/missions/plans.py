@@ -63,8 +63,8 @@ def plan(
     on_progress
         Called with a description of the current work.
     prepare_next
-        Prepares a program that is needed after planning, from a flight and the shapes of its first state; the program
-        is compiled in parallel.
+        Function from the flight and the shapes of its first state to a program that is needed after planning; the
+        program is compiled in parallel. By default none.
     randomness
         Source of the random numbers; None: derived from the scenario's seed. Ignored for a fleet without a central
         planner.
@@ -108,7 +108,7 @@ def write_plan(planned: FirstPlan, path: Path) -> None:
     FileExistsError
         If the file exists.
     NoPlanError
-        If no plan was found.
+        If `planned` has no plan.
     ValueError
         If the planner is user-defined.
     """
@@ -202,9 +202,9 @@ def _with_checksum(archive: io.BytesIO) -> bytes:
 
 
 def _rebuild_state(kind: type, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Rebuild a planner's state from the arrays of a plan file whose keys begin with `prefix`.
+    """Rebuild an object of the class `kind` from the arrays of a plan file whose keys begin with `prefix`.
 
-    The fields and their types are those of the class `kind`.
+    Fields and their types are the annotations of the class. An optional field without an array in the file is None.
     """
     fields = {}
     for name, hint in get_type_hints(kind).items():

@@ -1,7 +1,7 @@
 """Reasons for a missing plan: the binding constraint, the size of the conflict, and the nearest feasible request.
 
-Called by `anser.missions.first_plan` after a search of the certified planner. The sentences name the scenario's
-aircraft and keys, so that the diagnosis needs the scenario. The start of a planned sequence has a reason too.
+`anser.missions.first_plan` calls these functions after a failed search of the certified planner. The sentences name
+aircraft and keys of the scenario. Also the reason for the time at which a planned sequence of arrivals begins.
 """
 
 import math
@@ -34,7 +34,7 @@ _BISECTIONS = 5
 _TIME_TOLERANCE_S = 0.5
 _SAME_START = 1.001  # ratio of two times up to which a sequence counts as begun at its preferred time
 EXCESS_MEANINGFUL = 0.5
-"""Relative excess over a limit up to which an attempt shows what is missing; a path far beyond shows nothing."""
+"""Greatest relative excess over a limit of an attempted path that shows the violated limit; beyond: no path."""
 _HIGH_SPEED = 0.9  # share of the greatest airspeed from which a mean airspeed points to that limit
 _EXCESS_NAMED = 1e-6  # relative excess over a limit from which the limit is named as violated
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
@@ -47,7 +47,7 @@ class Refusal(str):
     keys: tuple[str, ...]  #: Key paths of the constraints that bind, such as "limits.bank_max_deg".
 
     def __new__(cls, text: str, aircraft: Sequence[str] = (), keys: Sequence[str] = ()) -> "Refusal":
-        """Attach aircraft and keys to a sentence."""
+        """Return the sentence `text` with the names of aircraft and the key paths of constraints attached."""
         refusal = super().__new__(cls, text)
         refusal.aircraft, refusal.keys = tuple(aircraft), tuple(keys)
         return refusal
@@ -69,7 +69,11 @@ def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
 
 
 def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_without: bool) -> tuple[Refusal, ...]:
-    """Return the reason for a missing plan in a wind field if the layers alone, without the difference, have a plan."""
+    """Return the reason for a missing plan in a wind field, if the planner's wind layers alone have a plan.
+
+    The planner computes with wind layers, and its certificate allows for their difference from the field. Returns an
+    empty tuple unless `has_plan_without`, which tells whether a search without the difference found a plan.
+    """
     if not has_plan_without:
         return ()
     attempts = [plan for plan in (outcome.plan_without_holds, outcome.best_attempt) if plan is not None]
@@ -90,8 +94,9 @@ def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_wi
 
 
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[Refusal, ...]:
-    """Return the reasons that the search found no plan for a scenario's fleet.
+    """Return the reasons for which the search found no plan for a scenario's fleet, of the first kind that applies.
 
+    The kinds: rendezvous points too close; aircraft that cannot meet the request alone; no common time; separation.
     `outcome` is the result of the search, without padding.
     """
     names, request = [aircraft.name for aircraft in scenario.aircraft], fleet.request
@@ -116,9 +121,10 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
 
 
 def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple[Refusal, ...]:
-    """Return what each failed path of an attempt violates most, one sentence for each aircraft or pair.
+    """Describe the worst violation of each failed path in an attempt at a plan, one sentence per aircraft or pair.
 
-    `attempt` has no padding. The sentences precede the reasons for a refusal, which need further searches.
+    At most three sentences, shown while the search goes on; the reasons for a refusal (`diagnose_refusal`) need further
+    searches. `attempt` has no padding.
     """
     names, messages = [aircraft.name for aircraft in scenario.aircraft], {}
     certificate, times = attempt.certificate, np.asarray(attempt.arrival_times)
@@ -153,16 +159,16 @@ def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple
 
 
 def _straight_airspeed_m_s(scenario: Scenario, aircraft: Aircraft, time_s: float) -> float:
-    """Mean airspeed, m/s, of the straight way to the rendezvous at a time, s, in the wind at the start."""
+    """Return the mean airspeed, m/s, of a straight flight that arrives at `time_s` (s), in the wind at the start."""
     goal_m = np.add(scenario.goal_of(aircraft).position_m(time_s), aircraft.rendezvous.stand_off_m)
     wind_m_s = np.array(scenario.wind.velocity_m_s(aircraft.start.altitude_m))
     return float(np.linalg.norm(goal_m - aircraft.start.position_m - time_s * wind_m_s)) / max(time_s, 1e-9)
 
 
 def earliest_common_time(arrival_intervals: Sequence[Intervals], from_s: float) -> float | None:
-    """Return the earliest time from `from_s` (s) on at which every aircraft, flying alone, can arrive.
+    """Return the earliest time, s, from `from_s` (s) on at which every aircraft, flying alone, can arrive.
 
-    In seconds, rounded up to 0.1 s; None if no such time exists.
+    Rounded up to 0.1 s; None if no such time exists. `arrival_intervals` has the intervals (s) of each aircraft.
     """
     common = common_times(arrival_intervals, np.zeros(len(arrival_intervals)))
     earliest_s = min((max(start, from_s) for start, end in common if end >= from_s), default=None)
@@ -170,7 +176,7 @@ def earliest_common_time(arrival_intervals: Sequence[Intervals], from_s: float) 
 
 
 def _later_common_time(arrival_intervals: Sequence[Intervals], requested_s: float) -> tuple[Refusal, ...]:
-    """Reason that names the earliest time after a prescribed one at which all aircraft can arrive, if there is one."""
+    """Return a sentence with the earliest time after `requested_s` (s) at which all can arrive; empty without one."""
     earliest_s = earliest_common_time(arrival_intervals, requested_s)
     if earliest_s is None or earliest_s <= requested_s:
         return ()
@@ -207,7 +213,7 @@ def describe_sequence_start(
 
 
 def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedPlan) -> str:
-    """Describe why an attempt at earlier times failed: an aircraft alone, the closest pair, or the holds."""
+    """Return a clause on the failure of an attempt at earlier times: aircraft alone, the closest pair, or the holds."""
     times = np.asarray(attempt.arrival_times)
     alone = fleet.active & ~np.asarray(attempt.valid & attempt.certificate.satisfied_individually)
     if alone.any():
@@ -224,9 +230,10 @@ def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedP
 
 
 def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[Refusal, ...]:
-    """Return reasons why aircraft can arrive but cannot hold afterwards: one per aircraft or pair too close together.
+    """Return the reasons for which aircraft can arrive but cannot hold afterwards, at most three.
 
-    `holds` are the holds that the search found for the plan up to the arrivals. At most `_MESSAGES_MAX` reasons.
+    One for each pair whose holds come too close, and for each aircraft whose hold alone violates altitude limits,
+    keep-outs or distance from the goal. `holds` are the best holds for the plan up to the arrivals.
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     scenario_aircraft = slice(len(names))  # without the padding
@@ -253,7 +260,7 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
 
 
 def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
-    """Format intervals of arrival times (s) as text."""
+    """Return intervals of arrival times (s) as text: the first three, or "at no time" without intervals."""
     if not intervals:
         return "at no time"
     parts = [
@@ -264,7 +271,10 @@ def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
 
 
 def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[Refusal]:
-    """Reasons about pairs of aircraft whose rendezvous points are too close at every permitted arrival time."""
+    """Return reasons for pairs of aircraft whose rendezvous points are too close at every permitted arrival time.
+
+    At most three; none for arrival windows or for more than 20 aircraft.
+    """
     if fleet.request.windows_s is not None or len(names) > _ALL_PAIRS_MAX:
         return []
     times = fleet.requested_times()
@@ -289,7 +299,7 @@ def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[Refu
 
 
 def _distances(horizontal_m: float, vertical_m: float, with_vertical: bool) -> str:
-    """Format a horizontal distance (m), with the vertical distance (m) if `with_vertical`."""
+    """Return a horizontal distance (m) as text, with the vertical distance (m) if `with_vertical`."""
     return f"{horizontal_m:.0f} m" + (f" / {vertical_m:.0f} m" if with_vertical else "")
 
 
@@ -298,9 +308,9 @@ def _infeasible_aircraft(
     fleet: FleetTask,
     arrival_intervals: Sequence[Intervals],
     outcome: SearchOutcome,
-    keep_outs: Sequence[str],  # names
+    keep_outs: Sequence[str],  # names of the keep-outs
 ) -> list[Refusal]:
-    """Reasons about aircraft that cannot meet the request even without the other aircraft."""
+    """Return one reason for each aircraft that cannot meet the arrival request even without the other aircraft."""
     messages, request, best = [], fleet.request, outcome.best_attempt
     # The search covers more than the arrival sets: an aircraft with a path from the search is not infeasible.
     is_feasible = (
@@ -336,9 +346,10 @@ def _infeasible_aircraft(
 
 
 def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out: int | None = None) -> FleetTask:
-    """Return the fleet's task with one type of limit, or the keep-outs, relaxed by a factor (1: unchanged).
+    """Return the fleet's task with one constraint relaxed by a factor (1: unchanged).
 
-    `keep_out` is the index of a single keep-out; None: all of them.
+    `constraint` is a key of `RELAXED_TOGETHER`, or "keep-outs", whose radii are divided by the factor: of the keep-out
+    with the index `keep_out`, or, for None, of all.
     """
     limits = fleet.tasks.limits
     if constraint == "keep-outs":
@@ -355,10 +366,10 @@ def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out
 def _binding_constraint(
     aircraft: int, fleet: FleetTask, requested_s: float, keep_outs: Sequence[str]
 ) -> tuple[str, tuple[str, ...]]:
-    """Describe the constraint that prevents an aircraft from arriving at `requested_s`, and how far it must be relaxed.
+    """Find the constraint of least relaxation with which an aircraft, flying alone, can arrive at `requested_s` (s).
 
-    Also returns the scenario's keys of the constraint. Constraints are relaxed one at a time; a constraint counts if
-    relaxing it alone lets the aircraft arrive.
+    Constraints are relaxed one at a time, up to a factor of four. Returns a clause that names the constraint and its
+    relaxation, and the scenario's keys of the constraint; without such a constraint, a clause that says so, and ().
     """
     best: tuple[float, str] | None = None
 
@@ -414,7 +425,11 @@ def _no_common_time(
 
 
 def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> Refusal:
-    """Return the reason that names the largest separation (m) for which new searches have a plan."""
+    """Return a reason with the largest separation (m), to 1/32 of the required one, for which new searches find a plan.
+
+    Horizontal and vertical separation are reduced by the same factor. Without a required separation, or without a plan
+    at the least part tried, the reason says so.
+    """
     separation = fleet.airspace.separation
     horizontal, vertical = float(separation.horizontal), float(separation.vertical)
     if horizontal == 0.0:

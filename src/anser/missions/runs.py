@@ -33,16 +33,16 @@ from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, Precisio
 
 
 def needs_single_flight(scenario: Scenario) -> bool:
-    """Whether a scenario must be flown alone: it stops for searches outside the loop, or its plans vary in size."""
+    """Whether a scenario must be flown alone, because of events for the planner or a decentralised planner."""
     is_central = scenario.fleet.is_central or user_parts(scenario).planner is not None
     return bool(scenario.planned_events) or not is_central
 
 
 def _precision_problem(scenario: Scenario, precision: Precision) -> Problem | None:
-    """Return the reason why a scenario cannot be flown in a precision, if there is one.
+    """Return the reason why a scenario cannot be flown in a precision; None if the precision is allowed.
 
-    Over a round Earth, positions are integrated as distances from the centre of the Earth, for which float32 has a
-    resolution of half a metre. Fleets that plan during the flight do this in float64, between two steps.
+    float32 is refused for a round Earth, where positions are integrated as distances from the centre of the Earth, of
+    which float32 resolves half a metre; and for scenarios that must be flown alone (`needs_single_flight`).
     """
     received = None
     if scenario.earth.model != "flat":
@@ -55,14 +55,14 @@ def _precision_problem(scenario: Scenario, precision: Precision) -> Problem | No
 
 
 def check_precision(scenario: Scenario, precision: Precision, source: str | None = None) -> None:
-    """Raise ScenarioError, with the file name `source`, if a scenario cannot be flown in a precision."""
+    """Raise ScenarioError if a scenario cannot be flown in a precision; `source` is the file named in the message."""
     problem = _precision_problem(scenario, precision)
     if problem is not None:
         raise ScenarioError(source or scenario.name, [problem])
 
 
 def precision_problems(scenarios: Sequence[Scenario], precision: Precision) -> dict[int, str]:
-    """Reasons why scenarios cannot be flown in a precision, by index of the scenario."""
+    """Return the reasons why scenarios cannot be flown in a precision, by index; scenarios that can are left out."""
     problems = {k: _precision_problem(scenario, precision) for k, scenario in enumerate(scenarios)}
     return {k: str(problem) for k, problem in problems.items() if problem is not None}
 
@@ -71,7 +71,7 @@ def limits_text(
     scenario: Scenario,
     flight: Flight,  # arrays built from the scenario; padding aircraft are left out
 ) -> str:
-    """Limits of the scenario's aircraft as JSON, one object per aircraft.
+    """Return the limits of the scenario's aircraft as JSON text, one object per aircraft.
 
     The objects have the keys of `[limits]` with the effective values (null: no limit), and `surfaces_deg`: lower
     and upper stop of each control surface by name, deg; surfaces without finite stops are left out.
@@ -96,7 +96,7 @@ _RESULT_FILES = (FLIGHT, SUMMARY, "report.html")
 
 
 def _prepare(precision: Precision, flight: Flight, state: FlightState) -> PreparedProgram:
-    """Start the program of a flight's segments in a precision; import xarray while it is compiled."""
+    """Start to compile the program of a flight's segments in a precision, and import xarray meanwhile."""
     prepared = prepare_flight(cast_flight(flight, precision), cast_state(state, precision)).start()
     if prepared.is_compiling:
         _import_results()
@@ -104,13 +104,16 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 
 def _import_results() -> None:
-    """Import the modules of results, with xarray and pandas; a failure is raised where `run` imports them again."""
+    """Import the modules of results, with xarray and pandas; a failure is ignored, as `run` imports them again."""
     with contextlib.suppress(Exception):
         importlib.import_module("anser.results.dataset")
 
 
 def _start_replanning_programs(flight: Flight, state: FlightState) -> None:
-    """Start the programs of replanning beside a compilation of the flight, where a new plan is likely."""
+    """Start to compile the replanning programs while the flight's program is compiled, if a new plan is likely.
+
+    Likely means: a flight with random numbers and periodic replanning, by a planner that often searches for new plans.
+    """
     is_uncertain = flight.randomness is not None and int(flight.timing.replan_steps) > 0
     if is_uncertain and flight.planner.searches_often and prepare_flight(flight, state).is_compiling:
         start_replanning_programs(flight, state)
@@ -124,7 +127,7 @@ class FlightResult(SavedFlight):
     planned: FirstPlan  #: The first plan.
 
     def save(self, folder: Path | str, *, force: bool = False) -> Path:
-        """Write `flight.nc`, `summary.json` and `report.html` into a new folder.
+        """Write `flight.nc`, `summary.json` and `report.html` into a new folder; returns the folder.
 
         With `force` the folder may exist: the three files are then replaced, further files stay.
 
@@ -139,7 +142,10 @@ class FlightResult(SavedFlight):
         return target
 
     def write_into(self, folder: Path) -> None:
-        """Write the three files into an existing folder; raises FileExistsError if one of the files exists."""
+        """Write `flight.nc`, `summary.json` and `report.html` into an existing folder.
+
+        Raises FileExistsError if one of the files exists.
+        """
         from anser.results.netcdf import write_netcdf
         from anser.results.summary import write_summary
 

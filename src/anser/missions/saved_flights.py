@@ -18,7 +18,7 @@ PLAN = "plan.npz"
 
 
 class RunFolderError(ValueError):
-    """The folder contains no recorded flight, or files that cannot be read."""
+    """The folder contains no recorded flight, files that cannot be read, or files of different flights."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,7 +59,7 @@ class SavedFlight:
         return page
 
     def report(self, path: Path | str) -> Path:
-        """Write the interactive HTML report; raises FileExistsError if the file exists."""
+        """Write the interactive HTML report to `path`; returns the path. Raises FileExistsError if the file exists."""
         from anser.report.flight_page import write_report
 
         write_report(self.dataset, self.summary, Path(path))
@@ -112,7 +112,7 @@ def _read(folder: Path) -> tuple["xr.Dataset", dict[str, Any]]:
 
 
 def check_run_folder(folder: Path) -> None:
-    """Raise RunFolderError for a folder without a run."""
+    """Raise RunFolderError if `folder` is no folder, or lacks `flight.nc` or `summary.json`."""
     expected = "one that `anser run` wrote"
     if not folder.is_dir():
         if folder.name in RUN_FILES and folder.is_file():

@@ -1,7 +1,7 @@
-"""Segments of flights: the steps that one compiled program flies, and replanning between two steps.
+"""Segments of flights, each flown by one call of a compiled program, and replanning between two steps.
 
-The compiled loop corrects plans. Where a new plan is needed, the flight stops at this sample, and the plan is made by
-programs of its own: the program of the loop stays small, and the programs of a search serve here too.
+The compiled loop only corrects plans. Where a new plan is needed, the flight stops at this sample, and other programs
+make the plan: the program of the loop stays small, and the programs of a search for a first plan serve here too.
 """
 
 import functools
@@ -21,9 +21,9 @@ from anser.shapes import Integer
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
 fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, one_kernel=True, packed_rows=True))
-"""One segment of a single flight of up to four aircraft, compiled; see `anser.simulation.fly`."""
+"""Program that flies one segment of a single flight of up to four aircraft; see `anser.simulation.fly`."""
 fly_large_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, packed_rows=True))
-"""One segment of a single flight of more aircraft, compiled."""
+"""Program that flies one segment of a single flight of more than four aircraft."""
 # Greatest number of aircraft whose step is made of single kernels. With more, the kernels take longer: for twenty
 # aircraft 1.7 times as long on two cores.
 _KERNEL_AIRCRAFT = 4
@@ -31,12 +31,12 @@ _SHORT_SEGMENTS = 6  # number of segments from one planning time to the next tha
 
 
 def segment_program(flight: Flight) -> Program[..., Any]:
-    """Return the program of a flight's segments, by the number of its aircraft."""
+    """Return the program of a flight's segments: `fly_segment` for up to four aircraft, else `fly_large_segment`."""
     return fly_segment if flight.count <= _KERNEL_AIRCRAFT else fly_large_segment
 
 
 def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
-    """Prepare the program of a flight's segments, for a state or the shapes of a state."""
+    """Return the program of a flight's segments for a state or the shapes of a state, prepared but not called."""
     steps = as_array(SEGMENT_STEPS, np.int32)
     return segment_program(flight).prepare(flight, state, as_array(0, np.int32), active_steps=steps)
 
@@ -78,13 +78,13 @@ def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tup
 
 @compiled_quickly
 def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> AircraftReport:
-    """Return the reports of a fleet in flight to its planner at sample `sample`, in fleet order; a compiled program."""
+    """Return the aircraft's reports to the planner at sample `sample`, in fleet order; a compiled program."""
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     return cast_to_precision(fleet_reports(flight, state, instant)[1], float)
 
 
 def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> FlightState:
-    """Replan a fleet in flight before the step from sample `sample` on."""
+    """Return the state of a flight at sample `sample` with a new plan, made before the step from this sample on."""
     number = as_array(sample, np.int32)
     reports, time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
     planner_state = flight.planner.replan_between_steps(state.planner, time_s, reports)
@@ -94,12 +94,12 @@ def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> Fl
 class BatchState(NamedTuple):
     """State of a batch between two steps."""
 
-    flights: FlightState
-    summaries: Any
+    flights: FlightState  # states of the flights, stacked
+    summaries: Any  # states of the recorders, stacked
 
 
 class Segment(NamedTuple):
-    """Flown segment of a batch."""
+    """Segment that a batch has flown."""
 
     first_sample: int
     end: int  # sample after the last one
@@ -119,11 +119,11 @@ def fly_segments(
 ) -> Iterator[Segment]:
     """Fly a batch to the last sample, and yield each segment.
 
-    The compiled steps make no new plans. Where a flight needs one, the segment is discarded, and the batch flies short
-    segments, from one planning time to the next. The first step of a short segment, flown in advance, tells which
-    flights need a new plan; they are replanned, and the segment is flown. Without a need, the step is a segment of its
-    own, if the recorded rows allow it: the corrections of its plans need not be computed again. Long segments follow
-    after `_SHORT_SEGMENTS` without a new plan.
+    The compiled steps make no new plans. If a flight needs a new plan in a segment, the segment is discarded, and the
+    batch flies short segments instead, each up to the next planning time. The first step of a short segment is flown
+    in advance, to find the flights that need a new plan. These are replanned, and the segment is flown. If no flight
+    needs a plan and every step is recorded (`row_stride` 1), the step in advance is kept as a segment. Long segments
+    follow after `_SHORT_SEGMENTS` short ones without a new plan.
     """
 
     def flights_to_replan(after: BatchState) -> Int[np.ndarray, " flights"]:
@@ -155,7 +155,7 @@ def fly_segments(
 def replan_flights(
     flights: Stacked[Flight], states: FlightState, indices: Int[np.ndarray, " chosen"], sample: int
 ) -> FlightState:
-    """Replan the chosen flights of a batch before the step from sample `sample` on; return the states of the batch."""
+    """Return the states of a batch at sample `sample` with new plans for the flights at `indices`."""
     batched, rows = (jax.tree.map(np.asarray, tree) for tree in (flights.batched, states))
     host_flights = Stacked(batched, flights.shared)
     replanned = [

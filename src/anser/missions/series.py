@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class SeriesSelection(eqx.Module):
-    """Which variables to record over time for many flights, and how often."""
+    """Selection of the variables that are recorded over time for many flights, and of the recording period."""
 
     keys: tuple[str, ...] = eqx.field(static=True)  # keys of `anser.variables.CATALOGUE`
     stride: int = eqx.field(static=True)  # steps between two rows
@@ -38,9 +38,9 @@ class SeriesSelection(eqx.Module):
 
     @property
     def recording_stride(self) -> int:
-        """Steps between two rows that the compiled program records: a divisor of every segment's length.
+        """Number of steps between two rows recorded by the compiled program; divides the length of every segment.
 
-        It may record more rows than the series has; `segment_rows` selects.
+        The program may thus record more rows than the series has; `segment_rows` selects.
         """
         return math.gcd(self.stride, self.segment_divisor)
 
@@ -49,17 +49,17 @@ class SeriesSelection(eqx.Module):
         return dataclasses.replace(self, segment_divisor=divisor)
 
     def rows(self, scenario: Scenario) -> int:
-        """Number of rows of one flight, the start included."""
+        """Return the number of rows of one flight, the start included."""
         return round(scenario.timing.duration_s / scenario.timing.step_s) // self.stride + 1
 
     def times_s(self, scenario: Scenario) -> np.ndarray:
-        """Time of each row, s."""
+        """Return the time of each row, s after the start of the flight."""
         return np.arange(self.rows(scenario)) * (self.stride * scenario.timing.step_s)
 
     def segment_rows(self, recorded: Mapping[str, Array], first_sample: int, last_sample: int) -> dict[str, np.ndarray]:
-        """Select the rows of the series from the rows recorded in a segment, up to its last sample.
+        """Select the rows of the series from the rows recorded in a segment, up to the sample `last_sample`.
 
-        Returns arrays (flights, rows, aircraft) by key.
+        Arguments and result are arrays (flights, rows, aircraft) by key; `first_sample` is the segment's first sample.
         """
         numbers = first_sample + np.arange(SEGMENT_STEPS // self.recording_stride) * self.recording_stride
         selected = np.flatnonzero((numbers % self.stride == 0) & (numbers <= last_sample))
@@ -70,7 +70,8 @@ class SeriesSelection(eqx.Module):
     ) -> dict[str, np.ndarray]:
         """Join the rows of all segments (`parts`) to the series of one flight of a batch.
 
-        Returns arrays by key, as in `FlightRow.series`; `index` is the flight's index in the batch.
+        `index` is the flight's index in the batch. Returns arrays (aircraft, rows) by key, in dataset units. Missing
+        are NaN or, for codes and flags, -1, as for a variable that the flight does not have.
         """
         shape = len(scenario.aircraft), self.rows(scenario)
         return {
@@ -81,7 +82,7 @@ class SeriesSelection(eqx.Module):
         }
 
     def values_from_dataset(self, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
-        """Return the series, as in `FlightRow.series`, from the dataset of a flight recorded with the same period."""
+        """Return the series as `values` does, from the dataset of a flight recorded with the period of the series."""
         series = {}
         for key in self.keys:
             name, missing = catalogue_variable(key).name, missing_series(key, dataset["north_m"].T.shape)
@@ -101,14 +102,14 @@ class SeriesRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True)  # steps between two rows
 
     def init(self, aircraft: int) -> tuple[FleetSummary, Any]:
-        """Recorder state before the first sample: an empty summary."""
+        """Return the recorder state before the first sample: the summary of no samples."""
         return self.summary.init(aircraft)
 
     def update(self, recorder_state: Any, sample: FleetSample, instant: Instant) -> Any:
-        """Recorder state after one more sample: the updated summary."""
+        """Return the recorder state after one more sample: the updated summary."""
         return self.summary.update(recorder_state, sample, instant)
 
     def output(self, sample: FleetSample, instant: Instant) -> dict[str, Array]:
-        """Values of the selected variables of each aircraft at a sample, SI units and radians."""
+        """Return the selected variables at a sample by key, (aircraft,), in SI units and radians."""
         values = sample.rows(record)
         return {key: values[key] for key in self.keys if key in values}

@@ -54,7 +54,7 @@ def sweep_dataset(
 
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
-    """Convert swept values to coordinate values: numbers, booleans and strings unchanged, tables as JSON."""
+    """Return swept values as a coordinate: booleans or numbers if all values are such, else texts (or JSON texts)."""
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
@@ -118,7 +118,7 @@ def sweep(
 
 
 def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -> list[Scenario]:
-    """Make the scenarios of a sweep; the value of the last path changes fastest.
+    """Return the scenarios of a sweep, one for each combination of values; the value of the last path changes fastest.
 
     Raises ScenarioError and ValueError as `sweep` does.
     """
@@ -155,7 +155,10 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
 def _first_cases(
     scenarios: Sequence[Scenario], swept: Mapping[str, Sequence[object]]
 ) -> Iterator[tuple[Scenario, dict[str, object]]]:
-    """Yield a few combinations for a first check: the first two values of each path, with first values elsewhere."""
+    """Yield a few combinations for a first check, each as the scenario and the values by path.
+
+    The first has the first value of every path; each further one has the second value of one path instead.
+    """
     sizes = [len(values) for values in swept.values()]
     strides = [math.prod(sizes[k + 1 :]) for k in range(len(sizes))]
     for index in [0, *(stride for stride, size in zip(strides, sizes, strict=True) if size > 1)]:
@@ -167,9 +170,9 @@ def _first_cases(
 
 
 def _refused(scenario: Scenario, problems: list, count: int) -> ScenarioError:
-    """Combine the problems of invalid combinations into one error.
+    """Combine the problems of invalid combinations into one error; `count` is the number of all combinations.
 
-    Of more than `_MESSAGES_MAX` combinations, the error has the problems of the first ones and the total number.
+    The error has the problems of at most `_MESSAGES_MAX` combinations. `problems` are pairs (values by path, problems).
     """
     messages = []
     for combination, combination_problems in problems[:_MESSAGES_MAX]:

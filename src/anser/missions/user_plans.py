@@ -1,4 +1,4 @@
-"""The first plan of a scenario by a planner from outside the package."""
+"""First plan of a scenario by a user-defined planner, a planner from outside the package."""
 
 import functools
 from dataclasses import dataclass
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 
 class PathThroughAir(eqx.Module):
-    """Trajectory of a user-defined planner, with the velocity relative to the air."""
+    """Trajectory of a user-defined planner, with the velocity relative to the air from the wind of the flight."""
 
     trajectory: AbstractReference
     wind: AbstractWind
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Return position, velocity and acceleration over the ground at a time (s)."""
+        """Return position, velocity and acceleration over the ground at a time (s); NED, m, m/s, m/s^2."""
         return self.trajectory.at(time)
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
@@ -43,7 +43,7 @@ class PathThroughAir(eqx.Module):
 
 @dataclass(frozen=True, repr=False)
 class UserFirstPlan(FirstPlan):
-    """The first plan of a scenario by a user-defined planner; it never refuses: `problems` lists the obstacles."""
+    """First plan by a user-defined planner, which always yields a plan; `problems` lists obstacles to the flight."""
 
     state_type = type(None)
 
@@ -51,14 +51,18 @@ class UserFirstPlan(FirstPlan):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "UserFirstPlan":
-        """Trim every aircraft at its start and plan, in one compiled program."""
+        """Trim every aircraft at its start and plan by the user-defined planner, in one compiled program.
+
+        Raises ScenarioError if the planner cannot be traced or returns no stacked plans, or an aircraft cannot be
+        trimmed.
+        """
         _check_plans(flight)
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
         return cls(scenario, flight, fleet, (), state.planner, state)
 
     @functools.cached_property
     def plan(self) -> AircraftPlan:
-        """Plans of the scenario's aircraft, stacked."""
+        """Plans of the scenario's aircraft, without the padding of `flight`; leading axis aircraft."""
         return first_rows(self.flight.planner.plans(self.plan_state), len(self.scenario.aircraft))
 
     @property
@@ -67,11 +71,14 @@ class UserFirstPlan(FirstPlan):
         return np.broadcast_to(np.asarray(self.plan.arrival_time), len(self.scenario.aircraft))
 
     def notes(self) -> tuple[str, ...]:
-        """Return no notes: the interface of planners has none."""
+        """Return an empty tuple: a user-defined planner has no means to report notes."""
         return ()
 
     def problems(self) -> tuple[str, ...]:
-        """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
+        """Return the obstacles to flying the plan, one sentence each; empty for a flyable plan.
+
+        Obstacles are a last arrival at or after the end of the flight, and aircraft with an error status at the start.
+        """
         duration_s = self.scenario.timing.duration_s
         late = f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s"
         codes = np.asarray(statuses(self.flight, self.initial_state())[0])
@@ -80,17 +87,17 @@ class UserFirstPlan(FirstPlan):
         return (*([late] if self.arrival_s >= duration_s else []), *problems)
 
     def path_descriptions(self) -> tuple[str, ...]:
-        """Name of the planner, for every aircraft."""
+        """Return the name of the planner's class, repeated for every aircraft of the scenario."""
         return (type(self.flight.planner).__name__,) * len(self.scenario.aircraft)
 
     def saved_state(self) -> Any:
-        """Raises ValueError: the file of a plan does not tell how a user-defined planner is built."""
+        """Raise ValueError: a plan file cannot describe the construction of a user-defined planner."""
         raise ValueError(
             "a plan by a user-defined planner is not written to a file; plan again in the process that flies it"
         )
 
     def record(self) -> "RecordedPlan":
-        """Sample and summarize the plan."""
+        """Return samples of the plan over time and a report, in which no path is compared with the limits."""
         from anser.missions.plan_output import record_user_plan
 
         paths = PathThroughAir(self.plan.trajectory, self.flight.environment.wind)
@@ -98,7 +105,10 @@ class UserFirstPlan(FirstPlan):
 
 
 def _check_plans(flight: Flight) -> None:
-    """Trace a user-defined planner on shapes alone; raise ScenarioError for plans not stacked over the fleet."""
+    """Trace `first_plan` and `plans` of a user-defined planner on shapes alone, without numbers.
+
+    Raises ScenarioError if a method fails, or if `plans` does not return an AircraftPlan with a leading aircraft axis.
+    """
     planner, fleet = flight.planner, eqx.filter_eval_shape(trimmed_fleet, flight)
     state = trace_method("planner", planner, "first_plan", jnp.zeros(()), fleet.reports, fleet.performance)
     plans = trace_method("planner", planner, "plans", state)

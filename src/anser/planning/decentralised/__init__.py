@@ -1,7 +1,7 @@
 """The decentralised planner: each aircraft plans for itself, and the fleet agrees by messages.
 
-``planner`` is the planner in the loop, ``path_exchange`` the agreement on paths, ``clocks`` and ``time_coordination``
-the common progress along the paths, ``network`` the radio links and messages.
+``planner`` is the planner in the loop, ``path_exchange`` the agreement on paths, ``time_coordination`` the common
+progress along the paths, ``network`` the radio links and messages.
 """
 
 import lazy_loader

@@ -15,10 +15,10 @@ LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """What each aircraft knows about each other, (receiver, subject); on the diagonal, its own current data."""
+    """Latest data that each receiver holds about each subject, both aircraft; diagonal: current data on itself."""
 
     clocks: Float[Array, "aircraft aircraft"]  # clocks, s
-    times: Float[Array, "aircraft aircraft"]  # times of the data, s
+    times: Float[Array, "aircraft aircraft"]  # times at which the subject sent the data, s
     # step counter of the subject's agreement on its path, see `path_exchange`; odd while its offer is open
     tokens: Int[Array, "aircraft aircraft"]
     # (receiver, subject, owner): last token of the owner that the subject has acknowledged
@@ -40,7 +40,7 @@ class NetworkState(eqx.Module):
     """State of a network between two exchanges: knowledge, outages, and messages that have not arrived."""
 
     outages: LinkMatrix  # links in an outage, (aircraft, aircraft)
-    hears: LinkMatrix  # links with a message in the last exchange: (receiver, sender)
+    hears: LinkMatrix  # links over which a message arrived in the last exchange: (receiver, sender)
     # messages under way, and the links they use; leading axis exchanges, a ring buffer
     messages: KnowledgeMatrix
     message_links: Bool[Array, "slots aircraft aircraft"]
@@ -62,7 +62,7 @@ class Network(eqx.Module):
     slots: int = eqx.field(static=True)  # length of the ring buffer, more than the delay
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:
-        """State before the first exchange: clocks and agreed paths are known to the whole fleet."""
+        """Return the state before the first exchange: the whole fleet knows all `clocks` (s) and agreed paths."""
         count = clocks.shape[0]
         pairs, zero = (count, count), jnp.zeros((count, count), dtype=jnp.int32)
         knowledge = KnowledgeMatrix(
@@ -88,7 +88,7 @@ class Network(eqx.Module):
         time: Scalar,
         randomness: AbstractRandomness | None,
     ) -> NetworkState:
-        """Send every aircraft's knowledge, and merge the messages that arrive in the exchange at this sample.
+        """Return the state after one exchange: every aircraft sends its knowledge, and merges the messages that arrive.
 
         Valid at the samples of exchanges only, every `period_samples`.
         """
@@ -110,7 +110,10 @@ class Network(eqx.Module):
         sample: Integer | int,
         randomness: AbstractRandomness | None,
     ) -> tuple[LinkMatrix, LinkMatrix]:
-        """Return the links in an outage, and the links that are up, in the exchange at `sample`; (receiver, sender)."""
+        """Return the links in an outage, and the links that are up, in the exchange at `sample`; (receiver, sender).
+
+        `outages` are the links in an outage at the exchange before.
+        """
         count = active.shape[0]
         uniforms = _link_uniforms(randomness, sample, count)
         outages = self.dropouts.next_outage(outages, self.period, uniforms[0])
@@ -132,7 +135,7 @@ def _with_broadcasts(knowledge: KnowledgeMatrix, broadcast: Broadcast, time: Sca
 
 
 def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears: LinkMatrix) -> KnowledgeMatrix:
-    """Update the knowledge from the messages received: of each subject, newer data replace the older."""
+    """Update the knowledge of each receiver: the newest received data about each subject replace older data."""
     count = hears.shape[0]
     # (receiver, sender, subject)
     times = jnp.where(hears[:, :, None], arrived.times[None], -jnp.inf)
@@ -150,7 +153,10 @@ def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears:
 def _link_uniforms(
     randomness: AbstractRandomness | None, sample: Integer | int, count: int
 ) -> Float[Array, "2 aircraft aircraft"]:
-    """Draw two uniform random numbers per link at number `sample`; they do not depend on the size of the fleet."""
+    """Draw two uniform random numbers (0..1) per link at sample number `sample`, equal for both directions.
+
+    The numbers of a pair of aircraft do not depend on the size of the fleet. Raises ValueError without `randomness`.
+    """
     if randomness is None:
         raise ValueError("a network draws random numbers: the flight has no seed")
     indices = np.arange(count)

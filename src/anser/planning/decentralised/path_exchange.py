@@ -26,14 +26,15 @@ _GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 
 
 class Exchange(eqx.Module):
-    """Each aircraft's path as agreed with the fleet, its open offer of a new path, and who has acknowledged the offer.
+    """State of the agreement on paths: each aircraft's agreed and offered path, and its acknowledgements of offers.
 
     Leading axis aircraft.
     """
 
     # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path
     agreed_paths: ApproachAndHold
-    # paths that are offered, or were just left or withdrawn; equal to the agreed path if settled
+    # paths that are offered, or were just left or withdrawn, and may still be flown as far as the fleet knows; equal to
+    # the agreed paths where `settled`
     alternative: ApproachAndHold
     # step counter of each aircraft's offers; odd while an offer is open (see the module docstring)
     tokens: Int[Array, " aircraft"]
@@ -49,7 +50,7 @@ class Exchange(eqx.Module):
 
 
 def initial_exchange(approaches: ApproachAndHold) -> Exchange:
-    """State at the start of the flight: the paths agreed before the flight, without an offer."""
+    """Return the state at the start of the flight: `approaches` are the agreed paths, and no offer is open."""
     count = approaches.path.times.shape[0]
     zero = jnp.zeros((count, count), dtype=jnp.int32)
     return Exchange(approaches, approaches, zero[0], jnp.ones(count, dtype=bool), jnp.full(count, -jnp.inf), zero)
@@ -67,7 +68,13 @@ def process_messages(
     participates: Bool[Array, " aircraft"],  # mask of the flying aircraft, which answer
     patience: ScalarLike,  # time after which an offer is withdrawn, s
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
-    """Acknowledge known offers; accept, withdraw or settle each offer. Returns state and mask of accepted offers."""
+    """Process the messages received by each aircraft; return the new state and the mask of the accepted offers.
+
+    An aircraft acknowledges the others' offers that keep clear of every path that the aircraft may fly. The
+    aircraft's own offer is accepted when every participating aircraft has acknowledged it in time. It is withdrawn when
+    it is older than `patience`, or conflicts with the open offer of an aircraft with a lower index. After that, the
+    aircraft is settled when every participating aircraft has acknowledged the outcome.
+    """
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]
     # (aircraft, owner): the owner's offer keeps clear of every path that the aircraft may fly
@@ -97,9 +104,9 @@ def process_messages(
 def open_offers(
     state: Exchange, approaches: ApproachAndHold, offers: Bool[Array, " aircraft"], clocks: Float[Array, " aircraft"]
 ) -> Exchange:
-    """Return the exchange after the aircraft selected by `offers` have offered their new paths (`approaches`).
+    """Return the state after the aircraft selected by `offers` have offered new paths, their rows of `approaches`.
 
-    The selected aircraft must be settled before.
+    The selected aircraft must be settled before; `clocks` are the present clocks of the aircraft, s.
     """
     return Exchange(
         state.agreed_paths,
@@ -122,8 +129,9 @@ def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
 
 
 def next_in_turn(searches: Int[np.ndarray, " places"], time: float) -> int:
-    """Return which of the aircraft that need a new path searches one at a time (s): fair turns for any period.
+    """Return the index of the aircraft that may search for a new path at `time` (s), out of the indices `searches`.
 
-    `searches` has their indices; multiples of an irrational number are evenly spread among them.
+    The turn follows from the time multiplied by the golden ratio: multiples of an irrational number are evenly spread,
+    so that every aircraft gets its share of turns for any period of the calls.
     """
     return int(searches[int(searches.size * (time * _GOLDEN_RATIO % 1.0))])

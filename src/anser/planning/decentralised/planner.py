@@ -1,9 +1,9 @@
 """Decentralised planner: each aircraft plans with its own knowledge and communicates over a network.
 
-Before the flight the aircraft agree on an arrival time, the latest of the requested times, and on paths
-(`anser.missions.consensus`). En route each aircraft corrects its path to the estimated goal, within a tube around the
-path that the fleet knows; larger changes need the fleet's acknowledgement (`path_exchange`). The clocks along the paths
-are coordinated (`anser.planning.decentralised.time_coordination`), so that the fleet waits for a delayed aircraft.
+Before the flight the aircraft agree on arrival times and on paths (`anser.missions.consensus`). In flight each aircraft
+corrects its path to the estimated goal, within a tube around the path that the fleet knows; larger changes need the
+fleet's acknowledgement (`path_exchange`). Each aircraft flies along its path by a clock, and the clocks are coordinated
+(`anser.planning.decentralised.time_coordination`), so that the fleet waits for a delayed aircraft.
 """
 
 import dataclasses
@@ -59,15 +59,15 @@ from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.spatial.rotations import safe_norm
 
 LEAD_S = 6.0
-"""Time between an offer and the start of the offered path, s: in this time the fleet must acknowledge it."""
+"""Time between an aircraft's offer of a path and the start of this path, s; the fleet must acknowledge in this time."""
 _CLEARANCE_RATIO_MIN = 1.0 - 1e-7  # ratio of distance to separation
 _SAME_TIME_S = 1e-3
-# of the time to go: small delays first, because the fleet follows
+# delays as fractions of the time to go: small delays first, because the fleet follows
 _DELAY_FRACTIONS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 
 
 class ClockedPath(AbstractReference):
-    """A path that one aircraft flies by its own clock instead of time."""
+    """Path of one aircraft as a function of the aircraft's clock, which may run faster or slower than time."""
 
     # present path and next path, as functions of the clock
     path: TimedPath
@@ -80,7 +80,7 @@ class ClockedPath(AbstractReference):
     time: Scalar  # time to which clock and rate belong, s
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Position, velocity and acceleration over the ground at a time of the flight (s), NED."""
+        """Return position, velocity and acceleration over the ground at a flight time (s); NED, m, m/s, m/s^2."""
         clock = self.clock + self.rate * (time - self.time)
         on_next_path = self.has_next_path & (clock >= self.next_path.start_time)
         point = jax.tree.map(lambda a, b: jnp.where(on_next_path, a, b), self.next_path.at(clock), self.path.at(clock))
@@ -89,12 +89,12 @@ class ClockedPath(AbstractReference):
 
     @property
     def duration(self) -> Scalar:
-        """Duration of the path by the aircraft's clock, s."""
+        """Duration of the present path by the aircraft's clock, s."""
         return self.path.duration
 
 
 class Clocks(eqx.Module):
-    """Clocks of the fleet; leading axis aircraft."""
+    """Clocks by which the aircraft of a fleet fly along their paths; leading axis aircraft."""
 
     clock: Float[Array, " aircraft"]  # commanded progress along the path, s
     # rate (1) and acceleration (1/s) of the clock
@@ -111,7 +111,7 @@ def clock_accelerations(
     coordinated: Bool[Array, " aircraft"],
     gains: CoordinationGains,
 ) -> Float[Array, " aircraft"]:
-    """Compute the accelerations of the clocks, 1/s, by the coordination law, from received messages."""
+    """Return the accelerations of the aircraft's clocks, 1/s, by the coordination law, from the received messages."""
     knowledge = network.knowledge
     estimated_clocks = knowledge.clocks + (paths.time[:, None] - knowledge.times)
     count = jnp.sum(active)
@@ -135,9 +135,9 @@ def advance_clocks(
     gains: CoordinationGains,
     step: ScalarLike,
 ) -> Clocks:
-    """Advance the clocks from a time (s) by one step (s), with bounded rates.
+    """Return the clocks after one step (s) from `time` (s) on, with rates bounded by `bounded_rate`.
 
-    The clock of an aircraft that has arrived or is inactive continues at rate 1.
+    `active` and `arrived` are masks: the clock of an aircraft that has arrived or is inactive runs at rate 1.
     """
     count = clocks.clock.shape[0]
     estimated_clocks = knowledge.clocks + (time - knowledge.times)
@@ -153,7 +153,7 @@ def advance_clocks(
 
 
 class DecentralisedPlanState(eqx.Module):
-    """State of the planner of a decentralised fleet. The row of an aircraft is known to this aircraft only."""
+    """State of the decentralised planner; leading axis aircraft. Only the aircraft itself knows its row."""
 
     plan: CertifiedPlan  # paths that the aircraft fly, as functions of their clocks
     # origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`
@@ -172,7 +172,7 @@ class DecentralisedPlanState(eqx.Module):
 
 
 class _Correction(eqx.Module):
-    """Fleet with corrected paths, before the aircraft offer new paths; leading axis aircraft."""
+    """Result of a correction of the fleet's paths, before any offer of new paths; leading axis aircraft."""
 
     planner_state: DecentralisedPlanState  # state with corrected paths and processed messages
     tasks: AircraftTask  # tasks to the goals measured now
@@ -183,15 +183,15 @@ class _Correction(eqx.Module):
     avoids_alternative: Bool[Array, "aircraft aircraft"]
 
     def with_offers(self, offers: Bool[Array, " aircraft"]) -> Exchange:
-        """Return the state of the agreement after the offers of the selected aircraft."""
+        """Return the state of the agreement after the aircraft in the mask `offers` have offered their proposals."""
         state = self.planner_state
         return open_offers(state.exchange, self.proposals, offers, state.clocks.clock)
 
 
 class _CorrectionLoop(eqx.Module):
-    """State of the loop over the fractions of a correction; leading axis aircraft."""
+    """State of the loop over the fractions (1 first) of the corrections of the paths; leading axis aircraft."""
 
-    attempt: Integer
+    attempt: Integer  # index of the next fraction in `CORRECTION_FRACTIONS`; after the last, the fraction 0
     paths: TimedPath  # paths corrected by the largest fraction that fits
     certificate: Certificate  # certificate of these paths
     is_changed: Bool[Array, " aircraft"]  # mask of the aircraft with a fraction that fits
@@ -202,17 +202,17 @@ class _CorrectionLoop(eqx.Module):
 
 
 class _PathSearch(eqx.Module):
-    """Problem of a new path for one aircraft of the fleet."""
+    """Problem of finding a new path for one aircraft of the fleet."""
 
     start: Scalar  # start of the path by the aircraft's clock, s
     arrival: Scalar  # arrival time known to the aircraft, s
     tasks: AircraftTask  # tasks from the planned states at the start, with this aircraft active
     fixed_paths: FixedPaths  # agreed paths of the other aircraft
-    ladder: AttemptLadder
+    ladder: AttemptLadder  # arrival delays and limits to try, in order
 
 
 class DecentralisedPlanner(AbstractPlanner):
-    """Planner of a fleet without a centre: each aircraft plans for itself."""
+    """Planner of a fleet without a central planner: each aircraft plans for itself and communicates over a network."""
 
     searches_often: ClassVar[bool] = True
     # limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew
@@ -222,13 +222,13 @@ class DecentralisedPlanner(AbstractPlanner):
     tube: Scalar  # greatest distance of an aircraft's path from its agreed path, m
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
-        """Raises ValueError: the aircraft agree on a plan before the flight (`anser.missions.consensus`)."""
+        """Raise ValueError: `anser.missions.consensus` makes the first plan of a decentralised fleet, by messages."""
         raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
 
     def initial_state(
         self, plan_state: CertifiedPlanState, randomness: AbstractRandomness | None
     ) -> DecentralisedPlanState:
-        """State at time 0, with the paths and holds agreed before the flight."""
+        """Return the planner state at time 0, with the paths and holds agreed before the flight (`plan_state`)."""
         assert plan_state.holds is not None, "without a centre a fleet agrees on its holds too"
         count, arrivals = plan_state.plan.arrival_times.shape[0], plan_state.plan.arrival_times
         clocks = Clocks(jnp.zeros(count), jnp.ones(count), jnp.zeros(count))
@@ -249,7 +249,10 @@ class DecentralisedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: DecentralisedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> DecentralisedPlanState:
-        """Let each aircraft process received messages, and correct its path to the rendezvous predicted now."""
+        """Let each aircraft process messages, correct its path to the predicted rendezvous, and offer another path.
+
+        Sets `replan_needed` in the returned state if an aircraft must search for another path.
+        """
         correction = self._correct(planner_state, reports)
         state, is_missing = correction.planner_state, jnp.any(correction.searches)
         return dataclasses.replace(
@@ -259,11 +262,11 @@ class DecentralisedPlanner(AbstractPlanner):
     def replan_between_steps(
         self, planner_state: DecentralisedPlanState, time: float, reports: AircraftReport
     ) -> DecentralisedPlanState:
-        """Correct the paths as `replan` does, and search a new path for one aircraft; the aircraft take turns.
+        """Correct the paths as `replan` does, and search a new path for one of the aircraft that need one, in turns.
 
-        The path arrives at the arrival time known to the aircraft. Without such a path, the aircraft tries later times,
-        and the fleet adopts the delay. A second round of attempts may use the acceleration reserve that the first round
-        leaves for corrections.
+        The aircraft offers the first path found that is clear of the fleet. Attempts are made for the arrival time
+        known to the aircraft, then for later times, a delay that the fleet adopts. A second round of attempts may use
+        the acceleration reserve that the first round leaves for corrections. Returns the planner state at `time` (s).
         """
         correction = _correct(self, planner_state, reports)
         searches = np.flatnonzero(correction.searches)
@@ -293,10 +296,10 @@ class DecentralisedPlanner(AbstractPlanner):
     def prepare_replanning(
         self, planner_state: DecentralisedPlanState, reports: AircraftReport
     ) -> Iterator[PreparedProgram]:
-        """Yield the programs that correct the paths, set up the search for a path, and propose the path found.
+        """Yield the programs that correct the paths, set up the search for a path, and propose a path.
 
-        They are for the shapes of state and reports. The programs of the search itself, those of `plan_at`, are not
-        among them.
+        The programs are for the shapes of `planner_state` and `reports`. Not included are the programs of the search
+        itself (`plan_at`).
         """
         program = _correct.prepare(self, planner_state, reports)
         yield program
@@ -403,10 +406,10 @@ class DecentralisedPlanner(AbstractPlanner):
     def _clearance(
         self, state: Exchange, approaches: ApproachAndHold, active: Float[Array, " aircraft"], from_time: ScalarLike
     ) -> Bool[Array, "paths paths"]:
-        """Return the mask of the pairs of paths that are separated from `from_time` (s) on; (path, path).
+        """Return the mask of the pairs of paths that keep the separation from `from_time` (s) on; (path, path).
 
-        The paths are the agreed, the alternative and the proposed ones (`approaches`) of all aircraft, with their
-        holds. Two paths of one aircraft count as separated.
+        The paths, with their holds, are the agreed paths of all aircraft, then the alternative ones, then the proposed
+        ones (`approaches`). Two paths of one aircraft count as separated, as do paths of inactive aircraft.
         """
         path_sets = jax.tree.map(
             lambda *leaves: jnp.concatenate(leaves), state.agreed_paths, state.alternative, approaches
@@ -415,7 +418,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
     def _path_search(self, correction: _Correction, selected: Bool[Array, " aircraft"]) -> _PathSearch:
-        """Return the problem of a new path for the selected aircraft."""
+        """Return the problem of finding a new path for the selected aircraft, which begins `LEAD_S` after now."""
         planner_state, tasks, planner = correction.planner_state, correction.tasks, self.aircraft_planner
         agreed_paths, clock = planner_state.exchange.agreed_paths.path, planner_state.clocks.clock
 
@@ -450,7 +453,10 @@ class DecentralisedPlanner(AbstractPlanner):
         paths: TimedPath,  # paths of a plan
         selected: Bool[Array, " aircraft"],  # mask of the aircraft that offers its path
     ) -> tuple[Flag, ApproachAndHold]:
-        """Add a hold to the new path; returns whether both keep clear of the fleet, and the proposals."""
+        """Add a hold to the selected aircraft's new path (`paths`).
+
+        Returns whether path and hold keep the separation from the fleet, and the proposals of all aircraft.
+        """
         planner, exchange = self.aircraft_planner, correction.planner_state.exchange
         former = exchange.agreed_paths.hold
         holds = assign_holds(
@@ -478,7 +484,7 @@ class DecentralisedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:
-        """Exchange messages if an exchange is due at sample `number`, and advance the clocks by one step (s)."""
+        """Return the planner state after a step (s): clocks advanced, messages exchanged if due at `number`."""
         time, is_due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
 
         def communicate() -> tuple[NetworkState, Array]:
@@ -523,7 +529,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return planner_state.replan_needed
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:
-        """Present paths, arrivals and holds in flight time: the clock of each aircraft delays or advances them."""
+        """Return the plan of each aircraft, with arrival and hold converted from its clock to flight time."""
         plan, clocks, time = planner_state.plan, planner_state.clocks, planner_state.time
         lag = time - clocks.clock
         to_go = plan.arrival_times - clocks.clock
@@ -551,20 +557,23 @@ class DecentralisedPlanner(AbstractPlanner):
 
 
 def _set_slices(count: int) -> tuple[slice, slice, slice]:
-    """Slices of agreed, alternative and proposed paths in their concatenation, `count` paths each."""
+    """Return the slices of agreed, alternative and proposed paths in their concatenation, `count` paths each."""
     return slice(0, count), slice(count, 2 * count), slice(2 * count, 3 * count)
 
 
 def _keeps_clear(
     is_clear: Bool[Array, "paths paths"], avoids_alternative: Bool[Array, "aircraft aircraft"]
 ) -> Bool[Array, " aircraft"]:
-    """Mask of the proposed paths that keep clear of every path that the other aircraft may fly."""
+    """Return the mask of the proposed paths that are separated from every path that the other aircraft may fly.
+
+    `is_clear` is the result of `_clearance`; `avoids_alternative` is that of `_Correction`.
+    """
     agreed, alternative, proposed = _set_slices(avoids_alternative.shape[0])
     return jnp.all(is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1)
 
 
 def _tasks_at_start(tasks: AircraftTask) -> AircraftTask:
-    """Return the tasks with the goals' positions at the start of an offered path."""
+    """Return the tasks with the goals where they are expected at the start of an offered path, in `LEAD_S`."""
     return eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n)
 
 
@@ -580,7 +589,7 @@ def _open_offers(
     selected: Bool[Array, " aircraft"] | None = None,  # mask of the aircraft with the new path
     extra_delay: Scalar | None = None,  # delay of the fleet that the new path demands, s
 ) -> DecentralisedPlanState:
-    """Return the planner state after the offers."""
+    """Return the planner state after the offers of the correction and, if there is one, of a newly found path."""
     state, offers = correction.planner_state, correction.offers
     if proposals is None or selected is None or extra_delay is None:
         return eqx.tree_at(lambda s: s.exchange, state, correction.with_offers(offers))

@@ -1,6 +1,6 @@
-"""Time coordination: clocks along the paths of a fleet, coordinated by messages.
+"""Time coordination of a fleet: clocks by which the aircraft fly along their paths, coordinated by messages.
 
-Each aircraft flies its path by its own clock gamma, with rate 1 without disturbances. The coordination law is
+Each aircraft flies its path by its own clock gamma (s), at rate 1 without disturbances. The coordination law is
 
     gamma_dot_dot_i = -b (gamma_dot_i - 1) - (b c / n) sum_j (gamma_i - gamma_j) - k lag_i,
 
@@ -24,7 +24,7 @@ SETTLED_LAG_S = 0.03
 
 
 class CoordinationGains(eqx.Module):
-    """Gains and limits of the coordination law."""
+    """Gains and limits of the law that coordinates the clocks, see the module's docstring."""
 
     coupling: Scalar  # c: rate at which clocks agree in a complete network, 1/s
     damping: Scalar  # b: rate at which a clock's rate returns to 1, 1/s
@@ -44,7 +44,10 @@ def clock_acceleration(
     count: ScalarLike,  # number of coordinated aircraft
     gains: CoordinationGains,
 ) -> Scalar:
-    """Acceleration of one aircraft's clock by the coordination law, 1/s."""
+    """Return the acceleration of one aircraft's clock, 1/s, by the coordination law.
+
+    A lag of up to `SETTLED_LAG_S` is ignored, and a greater one counts less by this time.
+    """
     clock_difference = jnp.sum(jnp.where(hears, clock - other_clocks, 0.0))
     effective_lag = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)
     coupling = gains.damping * gains.coupling / count
@@ -61,11 +64,11 @@ def bounded_rate(
     is_coordinated: Bool[Array, " others"],  # mask of the coordinated aircraft
     gains: CoordinationGains,  # only `rate_range` and `skew_max` are used
 ) -> Scalar:
-    """Limit the rate of a clock (s/s) to its range, and so that no two clocks differ by more than the greatest skew.
+    """Return the rate of a clock (s/s), limited to its range, and so that no two clocks differ by more than `skew_max`.
 
-    A clock may move away from another clock only while the other clock is certainly closer than the greatest skew:
-    since the last message it may have moved by `uncertainty`, under the same rule. After a long time without messages
-    the uncertainty alone reaches the greatest skew, and the rate is 1.
+    A clock may move away from another clock only while the other clock is certainly closer than `skew_max`. Since its
+    last message, the other clock may differ from its estimate by up to `uncertainty`. After a long time without
+    messages the uncertainty alone reaches `skew_max`, and the rate is 1.
     """
     limited = jnp.clip(rate, 1.0 - gains.rate_range, 1.0 + gains.rate_range)
     lead_max = jnp.max(jnp.where(is_coordinated, clock - other_clocks + uncertainty, -jnp.inf))
@@ -79,13 +82,13 @@ def quality_of_service(
     period_s: float,  # time between two samples, s
     window_s: float,  # T, s
 ) -> np.ndarray:
-    """Quality of service of a network over time: mu of (1 / (n T)) integral of Q L Q^T dt >= mu I over a window T.
+    """Return the quality of service mu of a network in a window of duration T from each sample on, shape (windows,).
 
-    L is the Laplacian of the links, and the rows of Q are orthonormal and orthogonal to (1, ..., 1): mu is 1 for a
-    network that is always complete, and 0 for a network that is disconnected over the whole window. Source: Xargay et
-    al. (2013).
+    The greatest mu with (1 / (n T)) integral of Q L Q^T dt >= mu I over the window, for n aircraft. L is the Laplacian
+    of the links, and the rows of Q are orthonormal and orthogonal to (1, ..., 1): mu is 1 for a network that is always
+    complete, and 0 for a network whose links in the window do not connect the fleet. Source: Xargay et al. (2013).
 
-    Returns mu of the window from each sample on, shape (windows,): only complete windows, at least one.
+    Only complete windows count; T is at most the duration of the record. A single aircraft has the result [1].
     """
     samples, count, _ = links.shape
     if count < 2:
@@ -100,15 +103,16 @@ def quality_of_service(
 
 
 def guaranteed_rate(mu: float, coupling: float, window_s: float) -> float:
-    """Guaranteed rate of convergence of clocks without range and skew limits, 1/s: c mu / (1 + c T)^2.
+    """Return the guaranteed rate of convergence of clocks without range and skew limits, 1/s: c mu / (1 + c T)^2.
 
-    For gamma_dot = -(c / n) L gamma and the quality of service mu over windows T, |Q gamma| falls at least as
-    exp(-rate t), over complete windows. Source: Xargay et al. (2013), after A. Loria, E. Panteley, *Uniform exponential
-    stability of linear time-varying systems: revisited*, Systems & Control Letters 47 (2002) 13-24.
+    For gamma_dot = -(c / n) L gamma with the coupling c (1/s) and the quality of service mu over windows T (s),
+    |Q gamma| falls at least as exp(-rate t), over complete windows. Source: Xargay et al. (2013), after A. Loria,
+    E. Panteley, *Uniform exponential stability of linear time-varying systems: revisited*, Systems & Control Letters 47
+    (2002) 13-24.
     """
     return coupling * mu / (1.0 + coupling * window_s) ** 2
 
 
 def coordination_error(clocks: np.ndarray) -> np.ndarray:
-    """Norm of Q gamma, s: deviation of the clocks (..., n) from their mean; Q as in `quality_of_service`."""
+    """Return the norm of the deviation of the clocks gamma (..., n), s, from their mean: |Q gamma|, (...,), s."""
     return np.linalg.norm(clocks - clocks.mean(axis=-1, keepdims=True), axis=-1)

@@ -36,7 +36,7 @@ from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.spatial.rotations import safe_norm
 
 _RATIO_CAP = 1e3  # of clearance to separation: larger ratios are equal
-_ROUNDS = 3  # of choices, given the other aircraft's choices
+_ROUNDS = 3  # greatest number of rounds, in which each aircraft chooses among its circles once
 _RADII = (1.0, 1.5, 2.25)  # multiples of the scenario's radius, besides the tightest
 _TIGHTEST_FACTOR = 1.2  # times the radius of the tightest turn over the ground
 _LEVELS = (0.0, 1.0, 2.0, 3.0)  # heights above the rendezvous, in units of the vertical separation
@@ -48,7 +48,7 @@ _CIRCLE_COUNT = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
 
 def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
-    """Circles that are tried for one aircraft's hold, the scenario's circle first; stacked."""
+    """Return the circles to try for one aircraft's hold in order, the scenario's circle first; stacked."""
     vertical_separation = airspace.separation.vertical
     step = jnp.where(vertical_separation > 0.0, _LEVEL_SPACING * vertical_separation, 0.0)
     base = -task.rendezvous.stand_off_n[2]
@@ -67,7 +67,7 @@ def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: Guidanc
 
 
 class _HoldOption(eqx.Module):
-    """One aircraft with one of its candidate holds, or without hold; stacked, a fleet."""
+    """Candidate hold of one aircraft, with the approach before the hold; stacked: of a fleet."""
 
     # path of the hold, and its circle
     path: TimedPath
@@ -85,7 +85,10 @@ class _HoldOption(eqx.Module):
 def _clearance_ratios(
     index: Integer, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
 ) -> Float[Array, " aircraft"]:
-    """Ratio of distance to separation between one aircraft and each of the fleet, from the pair's first arrival on."""
+    """Return the clearance ratio of one aircraft and each aircraft of the fleet, from the first arrival of the two on.
+
+    The lower bound of distance over separation, (aircraft,); infinite for the aircraft itself (`index`).
+    """
     is_other = jnp.arange(fleet.fits.shape[0]) != index
 
     def least_ratio(
@@ -107,13 +110,13 @@ _Search = tuple[Integer, Integer, Scalar, _HoldOption, Flag]
 
 
 class _Choice(eqx.Module):
-    """State of the assignment; leading axis aircraft."""
+    """State of the assignment of holds; leading axis aircraft."""
 
-    turn: Integer
-    options: _HoldOption
+    turn: Integer  # number of finished rounds
+    options: _HoldOption  # chosen holds
     pick: Array  # index of the chosen circle
-    clearance_ratio: Float[Array, "aircraft aircraft"]
-    clear: Bool[Array, " aircraft"]
+    clearance_ratio: Float[Array, "aircraft aircraft"]  # as in `PlannedHolds`
+    clear: Bool[Array, " aircraft"]  # as in `PlannedHolds`
 
 
 def assign_holds(
@@ -130,11 +133,12 @@ def assign_holds(
     *,
     one_kernel: bool = False,  # see `hold_path`
 ) -> PlannedHolds:
-    """Choose a hold for each aircraft that is clear of the fleet until the end of the flight.
+    """Choose a hold for each aircraft that keeps the separation from the fleet until the end of the flight.
 
-    The aircraft choose one after the other, in the order of arrival. Each takes its first circle that is clear of all
-    paths and of the holds chosen so far, or else the circle with the largest clearance. Then aircraft in conflict
-    choose again, given the other holds.
+    The aircraft choose one after the other, in the order of arrival. Each takes its first circle whose hold keeps the
+    altitude limits, the keep-outs, the distance from the goal, and the separation from all paths and the holds chosen
+    so far; or else the circle with the largest clearance ratio, preferably among holds that lack the separation only.
+    Then aircraft in conflict choose again, with the other aircraft's holds as chosen, in at most three rounds.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]

@@ -1,4 +1,4 @@
-"""Hold around the goal, flown after the arrival or after a break-off."""
+"""Guidance of the hold around the goal, flown after the arrival or after a breakaway from the plan."""
 
 import equinox as eqx
 import jax
@@ -27,19 +27,19 @@ _BANK_MAX = 1.2  # rad: keeps the tangent, the lateral acceleration, bounded
 
 
 class HoldAroundGoal(eqx.Module):
-    """Guidance of the hold: a circle around the moving goal at the height of the rendezvous, or the planned hold."""
+    """Guidance of the hold: along the planned hold, or in a circle around the moving goal at the rendezvous' height."""
 
-    settings: GuidanceSettings  # guidance settings: radius, turn direction, climb rate
+    settings: GuidanceSettings  # guidance settings: radius, turn direction, greatest vertical speed
     limits: FlightLimits  # least altitude of the hold, and limits of the aircraft
     gains: LoopGains  # gains of the controller's velocity loop (V, gamma, chi)
     speed: Scalar  # airspeed, m/s
 
     def clearance(self, belief: Belief) -> GroundClearance:
-        """Compute the ground clearance of the aircraft's present motion with the flight limits of the hold."""
+        """Return the ground clearance of the aircraft's present motion (estimated), with the limits of the hold."""
         return ground_clearance(belief, self.limits)
 
     def lateral_acceleration_max(self, clearance: GroundClearance, gravity: Scalar) -> Scalar:
-        """Greatest lateral acceleration in a level turn within bank limit, lift and load factor, m/s^2."""
+        """Return the greatest lateral acceleration in a level turn within bank limit, lift and load factor, m/s^2."""
         by_bank = gravity * jnp.tan(jnp.minimum(self.limits.bank_max, _BANK_MAX))
         by_lift = jnp.sqrt(jnp.maximum(clearance.normal_acceleration_max**2 - gravity**2, 1e-6))
         return jnp.minimum(by_bank, by_lift)
@@ -54,7 +54,12 @@ class HoldAroundGoal(eqx.Module):
         is_breakaway: Flag,  # whether the aircraft has left its plan, and must not follow the planned hold
         instant: Instant,
     ) -> tuple[PathCommand, Vector3]:
-        """Return the command, and the reference point of the hold (NED, m)."""
+        """Return the command through the air (V, gamma, chi with rates), and the reference point of the hold, NED, m.
+
+        The planned hold is followed if the plan has one that is still valid (`hold_reference`), except after a
+        breakaway. Otherwise a circle is flown, with radius, turn direction and height of the planned hold if there is
+        one. Near the ground, the command is changed to level off. Raises ValueError if the aircraft has no goal.
+        """
         if belief.goal is None:
             raise ValueError("a hold is flown around a goal: the aircraft has none")
         time, goal_n, goal_velocity_n = instant.time, belief.goal.position_n, belief.goal.velocity_n

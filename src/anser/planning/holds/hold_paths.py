@@ -1,4 +1,4 @@
-"""Planned holds as paths, and combined paths of approach and hold.
+"""Planned holds as paths over time, and approaches and holds combined.
 
 The hold of an aircraft is a path from the arrival into a circle around its goal, predicted at constant velocity. Turn
 direction, radius and height of the circle are chosen so that the path stays clear of the fleet until the flight ends.
@@ -37,11 +37,11 @@ _BANK_FRACTION = 0.95  # of the greatest bank angle
 GOAL_VELOCITY_TOLERANCE = 0.1
 """Greatest deviation of a goal's velocity from the prediction, relative to the airspeed, for flying a planned hold."""
 CELL_S = 2.0
-"""Greatest duration of a cell of a hold's path, s, in flights of up to 4096 cells."""
+"""Greatest duration of a cell (interval between knots) of a hold's path, s, in flights of up to 8192 s."""
 
 
 class HoldCircle(eqx.Module):
-    """Circle of a hold."""
+    """Circle around the goal that a hold joins."""
 
     radius: Scalar  # radius, m
     turn: Scalar  # +1: clockwise seen from above, -1: anticlockwise
@@ -49,11 +49,11 @@ class HoldCircle(eqx.Module):
 
 
 class PlannedHolds(eqx.Module):
-    """Planned holds of a fleet, from arrival to the end of the flight; leading axis aircraft."""
+    """Planned holds of a fleet, from the arrivals to the end of the flight; leading axis aircraft."""
 
     paths: TimedPath  # paths from the arrivals to the end of the flight
     circles: HoldCircle  # circles at the end of the paths
-    # predicted goals: positions (NED, m) and velocities (NED, m/s) at a time, s
+    # forecast of the goals: positions (NED, m) and velocities over the ground (NED, m/s) at `forecast_time`, s
     goal_positions_n: Float[Array, "aircraft 3"]
     goal_velocities_n: Float[Array, "aircraft 3"]
     forecast_time: Scalar
@@ -66,14 +66,20 @@ class PlannedHolds(eqx.Module):
 
 
 def choose_cell_count(duration_s: float) -> int:
-    """Cells of a hold's path for a duration (s): a power of two from 128 to 4096, of at most `CELL_S` if possible."""
+    """Return the number of cells of a hold's path: the least power of two from 128 on with cells of at most `CELL_S`.
+
+    At most 4096: for durations over 8192 s, the cells are longer.
+    """
     return next((cells for cells in (128, 256, 512, 1024, 2048) if CELL_S * cells >= duration_s), 4096)
 
 
 def _forecast_errors(
     holds: PlannedHolds, tasks: AircraftTask, time: Scalar | Float[Array, " aircraft"]
 ) -> tuple[Float[Array, "aircraft 3"], Float[Array, "aircraft 3"]]:
-    """Offsets of the measured goals from the forecast of the holds at a time (s), and of their velocities, NED."""
+    """Return the errors of the holds' forecast of the goals at `time` (s): positions (m) and velocities (m/s), NED.
+
+    Errors are the currently measured values in `tasks` minus the forecast ones.
+    """
     elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
     offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
     return offsets_n, tasks.goal_velocity_n - holds.goal_velocities_n
@@ -82,10 +88,11 @@ def _forecast_errors(
 def move_with_goals(
     holds: PlannedHolds, tasks: AircraftTask, time: ScalarLike | Float[Array, " aircraft"]
 ) -> PlannedHolds:
-    """Move holds with their goals, whose positions and velocities are predicted anew at `time` (s).
+    """Return holds moved with their goals, whose measured positions and velocities in `tasks` are those at `time` (s).
 
-    Positions stay continuous at `time`, rates may jump. The path through the air changes with the change of the goal's
-    velocity. `time` may be one time per aircraft, as is then `forecast_time` of the result.
+    Each path is shifted by the goal's offset from the former forecast at `time`, plus the change of the goal's velocity
+    times the time since then. The shift belongs to the path through the air, not to the drift. `time` may be one time
+    per aircraft, as is then `forecast_time` of the result.
     """
     time = jnp.asarray(time, dtype=float)
     offsets_n, changes_n = _forecast_errors(holds, tasks, time)
@@ -115,12 +122,12 @@ def goals_have_shifted(
     # covariances of the goals' positions and velocities, NED, m and m/s; None: the goals are known exactly
     covariances: Float[Array, "aircraft 6 6"] | None,
 ) -> Bool[Array, "aircraft aircraft"]:
-    """Whether the goals of each pair have shifted so far relative to each other that their holds may lack separation.
+    """Return the mask of the pairs whose goals have shifted so far that the pair's holds may lack separation.
 
-    The shift is that of the goals expected at the first arrival of the pair, relative to the forecast of the holds. The
-    ratio of distance to separation falls by at most the ratio of the shift. With `covariances`, the shift must also
-    exceed what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with an inactive aircraft or one
-    that has arrived do not count.
+    The shift is that of one goal relative to the other, expected at the first arrival of the pair, from the forecast of
+    the holds. The ratio of distance to separation falls by at most the ratio of the shift. With `covariances`, the
+    shift must also exceed what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with an inactive
+    aircraft or one that has arrived do not count.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
     offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))
@@ -140,16 +147,16 @@ def goals_have_shifted(
 
 
 class HoldReference(AbstractReference):
-    """Reference of one aircraft in its hold: the planned path, moved with the sensed goal."""
+    """Reference motion of one aircraft in its hold: the planned path, moved with the sensed goal."""
 
     path: TimedPath  # planned path of the hold
-    # offset of the goal from the prediction, m, and its rate, m/s
+    # offset of the goal from the forecast of the hold, NED, m, and rate of the offset, m/s
     goal_offset_n: Vector3
     goal_offset_rate_n: Vector3
     now: Scalar  # time of the offset, s
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Position, velocity and acceleration over the ground at a time (s), NED."""
+        """Return position, velocity and acceleration over the ground at a time (s); NED, m, m/s, m/s^2."""
         planned = self.path.at(time)
         return PathPoint(
             planned.position_n + self.goal_offset_n + (time - self.now) * self.goal_offset_rate_n,
@@ -159,7 +166,7 @@ class HoldReference(AbstractReference):
 
 
 def broadcast_holds(holds: PlannedHolds) -> PlannedHolds:
-    """Give every field of the holds a leading aircraft axis, for `vmap`."""
+    """Return the holds with a leading aircraft axis on every field, `forecast_time` included, for `vmap`."""
     count = holds.clear.shape[0]
     return eqx.tree_at(lambda h: h.forecast_time, holds, jnp.broadcast_to(holds.forecast_time, (count,)))
 
@@ -172,11 +179,12 @@ def hold_reference(
     speed: ScalarLike,
     reach: ScalarLike | None = None,
 ) -> tuple[HoldReference, Flag]:
-    """Return one aircraft's reference in its hold around its sensed goal, and whether the reference may be flown.
+    """Return one aircraft's reference motion in its planned hold, and whether the reference may be flown at `time` (s).
 
-    `holds` has no leading axis. The reference is not flown after its end, or if the goal's velocity deviates from the
-    prediction by more than `GOAL_VELOCITY_TOLERANCE` of the airspeed (m/s). With a `reach` (m), any velocity of the
-    goal is accepted, and the reference moves with the goal by at most the reach.
+    `holds` is the row of the aircraft; position (m) and velocity (m/s) of the goal are estimates, NED. The reference
+    may not be flown after its end, or if the goal's velocity deviates from the forecast by more than
+    `GOAL_VELOCITY_TOLERANCE` of `speed`, the airspeed (m/s). With a `reach` (m), any velocity of the goal is accepted,
+    and the reference is moved with the goal by at most this distance.
     """
     offset_rate_n = goal_velocity_n - holds.goal_velocities_n
     offset_n = goal_position_n - holds.goal_positions_n - (time - holds.forecast_time) * holds.goal_velocities_n
@@ -190,10 +198,10 @@ def hold_reference(
 
 
 class _PointMass(eqx.Module):
-    """Point mass in a hold; position over the ground and the part due to the air's drift, m."""
+    """State of a point mass in a hold, or its rates."""
 
-    position_n: Vector3
-    drift_n: Vector3
+    position_n: Vector3  # position over the ground, NED, m
+    drift_n: Vector3  # displacement by the wind since the start of the hold, NED, m
     course: Scalar  # course through the air, rad
     speed: Scalar  # airspeed, m/s
     climb: Scalar  # climb rate relative to the air, m/s
@@ -219,7 +227,11 @@ def hold_path(
     *,
     one_kernel: bool = False,  # whether a cell may become a single kernel, which must not be batched
 ) -> TimedPath:
-    """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance."""
+    """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance.
+
+    The wind depends on the position, and is that at the time of the arrival throughout. The path lasts at least one
+    second, even if `end_time` is earlier.
+    """
     position_n, velocity_n, begin = arrival
     goal_n, goal_velocity_n = goal
     settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
@@ -298,21 +310,21 @@ HOLD_INTERVALS_PER_CYLINDER = 4 * clearance.INTERVALS_PER_CYLINDER
 
 
 class ApproachAndHold(eqx.Module):
-    """Combined paths of approach and hold; leading axis aircraft."""
+    """Paths of the approaches to the rendezvous and of the holds after the arrivals; leading axis aircraft."""
 
     path: TimedPath  # paths to the arrivals
     hold: PlannedHolds  # holds after the arrivals, see `broadcast_holds`
 
 
 def is_holding(times: Float[Array, " instants"], arrival: ScalarLike) -> Bool[Array, " intervals"]:
-    """Mask of the intervals between instants (s) in which an aircraft holds, for part of the interval at least."""
+    """Return the mask of the intervals between instants (s) in which an aircraft is in its hold, at least partly."""
     return times[1:] > arrival
 
 
 def join_tracks(
     approach_track: Track, hold_track: Track, times: Float[Array, " instants"], arrival: ScalarLike
 ) -> Track:
-    """Join the tracks of an approach and its hold, at the same instants (s); the arrival interval belongs to both."""
+    """Join the tracks of an approach and its hold at instants (s); the error bound around the arrival covers both."""
     holding, underway = is_holding(times, arrival), times[:-1] < arrival
     error_bound = jnp.maximum(
         jnp.where(holding, hold_track.error_bound, 0.0), jnp.where(underway, approach_track.error_bound, 0.0)
@@ -324,9 +336,10 @@ def join_tracks(
 def pairwise_clearance_ratios(
     approaches: ApproachAndHold, active: Float[Array, " paths"], airspace: Airspace, from_time: ScalarLike
 ) -> Float[Array, "paths paths"]:
-    """Lower bound of the ratio of distance to separation of each pair of paths, from a time (s) to the holds' end.
+    """Return a lower bound of the ratio of distance to separation of each pair of paths, holds included.
 
-    Infinite on the diagonal. The time before the start of a path is ignored, and so are paths with `active` 0.
+    From `from_time` (s) to the end of the holds; infinite on the diagonal. The time before the start of a path is
+    ignored, and so are paths with `active` 0.
     """
     cells = approaches.hold.paths.times.shape[1] - 1
     end_time = jnp.max(approaches.hold.paths.times)

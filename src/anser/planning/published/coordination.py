@@ -1,4 +1,4 @@
-"""Simultaneous arrival of a fleet: a common arrival time, a trajectory per aircraft, and replanning en route."""
+"""Simultaneous arrival of a fleet: common arrival time, one trajectory per aircraft, and replanning in flight."""
 
 from typing import NamedTuple
 
@@ -54,14 +54,15 @@ class FleetPlan(eqx.Module):
     nominal_lengths: Float[Array, " aircraft"]  # lengths of the unbent air paths, m
     # mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed
     speed: Scalar
-    # common length of the paths, m, plus deficits: the longest nominal length of active aircraft that can arrive
+    # longest nominal length minus `path_length_deficit` of the active aircraft that can arrive, m; the length of each
+    # planned path is this plus the deficit of its aircraft
     reference_length: Scalar
     lengths: Float[Array, " aircraft"]  # lengths of the planned paths, m
     # lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew
     lateral_bends: Float[Array, " aircraft"]
     farthest: Integer  # index of the aircraft that flies its nominal path, because this path is the longest
     converged: Bool[Array, " aircraft"]  # whether the aircraft's trajectory has the reference length and arrival time
-    goal_reachable: Bool[Array, " aircraft"]
+    goal_reachable: Bool[Array, " aircraft"]  # whether a path meets the aircraft's moving goal at the plan's airspeed
     status: Int[Array, " aircraft"]  # status of each aircraft: index into PLAN_MESSAGES
 
     @property
@@ -71,7 +72,7 @@ class FleetPlan(eqx.Module):
 
 
 class PlanningTask(eqx.Module):
-    """Planning problem of one aircraft for the published planner; stacked, of a fleet."""
+    """Planning problem of one aircraft for the published planner; stacked: of a fleet."""
 
     position_n: Vector3  # position of the aircraft, NED, m
     air_velocity_n: Vector3  # velocity of the aircraft relative to the air, NED, m/s
@@ -103,10 +104,11 @@ def nominal_trajectory(
     speed: ScalarLike,
     end_slopes: tuple[Scalar, Scalar] | None = None,
 ) -> tuple[Trajectory, Flag]:
-    """Return the trajectory without bend to the predicted rendezvous, and whether its end direction can be flown.
+    """Return an aircraft's trajectory without bend to the predicted rendezvous, and whether its end can be flown.
 
-    The flag is False only if an end direction is prescribed that cannot be flown (see `final_air_velocity`).
-    `end_slopes` are |dr/ds| at both ends, m; None: airspeed times duration.
+    The start time and the duration are in s, `speed` is the airspeed at the rendezvous, m/s. The flag is False only if
+    the prescribed direction of arrival cannot be flown in the wind (see `final_air_velocity`). `end_slopes` are |dr/ds|
+    of the path at both ends, m; None: airspeed times duration.
     """
     drift = task.goal_velocity_n - task.wind_n
     end = task.goal_position_n + drift * duration + task.rendezvous.stand_off_n
@@ -121,19 +123,22 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Length of each nominal trajectory less `path_length_deficit`, m; without deficit, L_i of theory section 8."""
+    """Return each nominal trajectory's length, m, minus the length flown too little so far (`path_length_deficit`)."""
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)
 
 
 def _planned_for(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
-    """Mask of the active aircraft; every aircraft if none is active, so that the numbers stay finite."""
+    """Return the mask of the active aircraft; if none is active, of all, so that the numbers stay finite."""
     return tasks.active | ~jnp.any(tasks.active)
 
 
 def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
-    """Arrival time less the flight time of the longest path at the airspeed, s, and the slope of the difference."""
+    """Return a duration (s) minus the flight time of the longest path for this duration, s, and the derivative.
+
+    `data`: tasks, mean airspeed (m/s), and the mask of the aircraft that count.
+    """
     tasks, speed, included = data
 
     def value(duration: Scalar) -> Scalar:
@@ -145,7 +150,7 @@ def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, "
 def _straight_times(
     tasks: PlanningTask, speed: ScalarLike
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
-    """Times along straight lines to the rendezvous at an airspeed (m/s), s, and whether there is such a time."""
+    """Return the flight time, s, of each straight line to the moving rendezvous, and whether such a line exists."""
 
     def to_go(task: PlanningTask) -> tuple[Scalar, Flag]:
         line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
@@ -155,10 +160,10 @@ def _straight_times(
 
 
 def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
-    """Solve for the least duration (s) that equals the flight time of the longest path at a mean airspeed (m/s).
+    """Solve for the least duration (s) that equals the flight time of the longest path at the mean airspeed (m/s).
 
-    Also returns whether there is such a duration, and the mask of the aircraft with reachable goals. Without a
-    solution, the duration is the time along straight lines.
+    Also returns whether such a duration was found, and the mask of the active aircraft with reachable goals. Without a
+    solution, the duration is the longest flight time on straight lines.
     """
     included = _planned_for(tasks)
     straight, exists = _straight_times(tasks, speed)
@@ -195,7 +200,11 @@ class _CommonTime(NamedTuple):
 
 
 def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_raise: Flag) -> _CommonTime:
-    """Find the common duration; with `may_raise`, at an airspeed at which the farthest aircraft can descend."""
+    """Find the common flight duration and the nominal paths at the mean airspeed `speed` (m/s), from `start` (s) on.
+
+    With `may_raise`, the airspeed is raised to the least mean airspeed at which the aircraft with the longest path can
+    fly its descent with idle engine (`slowest_mean_speed`), if this is greater.
+    """
     speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
 
     @jax.jit  # one trace, also for the shapes
@@ -226,7 +235,7 @@ def coordinate(
     # faster aircraft has more speed to lose on the remaining descent.)
     speed_is_fixed: Flag | bool = False,
 ) -> FleetPlan:
-    """Plan a fleet's simultaneous arrival from the present state.
+    """Return a plan for the simultaneous arrival of a fleet from its present state.
 
     Failures are marked in `status` per aircraft, see PLAN_MESSAGES; the numbers stay finite.
 
@@ -282,7 +291,7 @@ COMMITTED_S = 15.0  # time before the arrival without new coordination, see `rep
 def _refit_paths(
     plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
 ) -> FleetPlan:
-    """Return the plan with the same arrival time, the rest of each path refitted to the rendezvous predicted now."""
+    """Return the plan with each path refitted to the rendezvous predicted at `time` (s); the arrival time stays."""
     duration = jnp.maximum(plan.arrival_time - time, DURATION_MIN_S)
 
     def continue_path(old_path: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
@@ -309,7 +318,7 @@ def _refit_paths(
 
 
 def _keep_inactive(plan: FleetPlan, new_plan: FleetPlan, active: Bool[Array, " aircraft"]) -> FleetPlan:
-    """Return the new plan with the rows of inactive aircraft from the previous plan."""
+    """Return the new plan with the rows of inactive aircraft from the previous `plan`, and their status INACTIVE."""
 
     def aircraft_fields(p: FleetPlan) -> tuple[object, ...]:
         return p.trajectories, p.arrival_times, p.nominal_lengths, p.lengths, p.lateral_bends, p.goal_reachable
@@ -326,20 +335,23 @@ def _keep_inactive(plan: FleetPlan, new_plan: FleetPlan, active: Bool[Array, " a
 def continue_plan(
     plan: FleetPlan,
     time: ScalarLike,  # present time, s
-    # as for `coordinate`; deficits refer to the plan's mean airspeed, which is kept
+    # stacked tasks, one per aircraft; deficits refer to the mean airspeed of the plan, which is kept
     tasks: PlanningTask,
     even_speed: Flag | bool = False,
 ) -> tuple[FleetPlan, Flag]:
-    """Continue a plan from the present state; returns the plan, and whether the fleet must be coordinated again.
+    """Continue a plan from the present state; return the plan, and whether the fleet must be coordinated again.
+
+    Coordinated again means: with a new common arrival time, by `coordinate`.
 
     Every path is refitted from the aircraft's position to the predicted rendezvous. Arrival time and shape of the
-    remaining path are kept (exactly: continued from the planned path, the plan stays the same). The fleet must be
-    coordinated again if an aircraft's mean airspeed leaves 1 percent of the plan's, because its goal did not move as
-    predicted, except in the last 15 s: a few metres of path would then require a bend of many g, while a small change
-    of speed suffices.
+    remaining path are kept (exactly: for an aircraft on its planned path and a goal as predicted, the plan is
+    unchanged). The fleet must be coordinated again if the mean airspeed of an aircraft differs from the plan's by more
+    than 1 percent, because its goal did not move as predicted, or if the plan has no solution for an aircraft whose
+    goal can be reached; but not in the last 15 s, when a few metres of path would require a bend of many g, while a
+    small change of speed suffices.
 
-    An inactive aircraft keeps its last plan with its arrival time, and the rest of the fleet continues without it:
-    unchanged, even if it was the farthest, until an aircraft leaves the band; a new plan excludes inactive aircraft.
+    An inactive aircraft keeps its last plan and arrival time. The plan of the rest of the fleet is not changed by its
+    loss, even if its path was the longest, until the fleet is coordinated again without inactive aircraft.
     """
     continued = _refit_paths(plan, time, tasks, plan.speed, even_speed)
     duration = continued.trajectories.duration
@@ -354,11 +366,13 @@ def continue_plan(
 def replan(
     plan: FleetPlan,
     time: ScalarLike,  # present time, s
-    tasks: PlanningTask,  # as for `continue_plan`
-    sides: Real[Array, " aircraft"],
+    tasks: PlanningTask,  # stacked tasks, one per aircraft, as for `continue_plan`
+    sides: Real[Array, " aircraft"],  # positive or zero: detour to the right; negative: to the left
     even_speed: Flag | bool = False,
 ) -> FleetPlan:
-    """Continue a plan from the present state, or coordinate the fleet again where `continue_plan` requires it.
+    """Return the plan continued from the present state, or a new one if `continue_plan` requires it.
+
+    A new plan keeps the mean airspeed of the former one.
 
     Notes
     -----

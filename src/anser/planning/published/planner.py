@@ -1,4 +1,4 @@
-"""The published planner in the closed loop: choice of the detours' sides, and check of the paths against the limits."""
+"""The published planner in the closed loop: sides of the detours, and check of the paths against the limits."""
 
 import dataclasses
 
@@ -30,11 +30,11 @@ def choose_sides(
     requested: Real[Array, " aircraft"],  # positive: right; negative: left; zero: free choice
     count: int = 65,  # number of instants for the comparison of distances
 ) -> Float[Array, " aircraft"]:
-    """Choose the side of each aircraft's detour: as requested, or else the side farther from the other aircraft.
+    """Choose the side of each aircraft's detour, +1 right or -1 left: as requested, or else farther from the others.
 
-    Returns +1 or -1 per aircraft. They are placed one after the other, the longest nominal path first. A free aircraft
-    gets the side with the greater least distance to the placed aircraft; for distances equal within 1 m, the side with
-    the smaller bend. Inactive aircraft are ignored.
+    Aircraft are placed one after the other, the longest nominal path first. Without a request, an aircraft gets the
+    side on which its least distance from the aircraft placed before is greater; for distances equal within 1 m, the
+    side with the smaller bend. Inactive aircraft do not count for the distances.
     """
     straightened = jax.vmap(lambda path, kappa: bend_trajectory(path, -kappa))(plan.trajectories, plan.lateral_bends)
     nominal = eqx.tree_at(lambda path: path.law, straightened, plan.trajectories.law)
@@ -73,7 +73,7 @@ def choose_sides(
 
 
 def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:
-    """Positions over the ground at equal time intervals from start to rendezvous, NED, m."""
+    """Return `count` positions over the ground at equal time intervals from start to rendezvous, NED, m."""
     times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
     return jax.vmap(trajectory.position_n)(times)
 
@@ -86,7 +86,7 @@ def separation_min(
     # mask of the active aircraft; distances of inactive aircraft are infinite. None: every aircraft
     active: Bool[Array, " aircraft"] | None = None,
 ) -> Float[Array, "aircraft aircraft"]:
-    """Least distance between any two aircraft during the common flight, m; infinite on the diagonal."""
+    """Return the least distance of each pair of aircraft at `count` instants, m; infinite on the diagonal."""
     positions = jnp.swapaxes(jax.vmap(lambda trajectory: positions_along(trajectory, count))(trajectories), 0, 1)
     fleet = positions.shape[1]
 
@@ -111,9 +111,9 @@ _PULL_SHARE = 0.75
 
 
 class LimitReport(eqx.Module):
-    """Extremes of the flight quantities at samples of a trajectory, and whether each limit is satisfied.
+    """Extremes of the flight quantities at samples of a trajectory, and whether the samples satisfy each limit.
 
-    Between the samples the limits are not proven.
+    Between the samples, nothing is proven.
     """
 
     speed_min: Scalar  # least airspeed, m/s
@@ -131,7 +131,7 @@ class LimitReport(eqx.Module):
 
 
 def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
-    """Compare a trajectory with an aircraft's limits at `count` equidistant instants from start to rendezvous.
+    """Compare a trajectory with flight limits at `count` equidistant instants from start to rendezvous.
 
     Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. Speed, turn and climb are
     relative to the air, as the aircraft experiences them; altitude is over the ground. The hold must be able to level
@@ -171,7 +171,7 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
 
 
 def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Return the height, m, that an aircraft loses between the arrival of a trajectory and level flight in the hold."""
+    """Return the height, m, that an aircraft loses from the end of a trajectory to level flight in the hold."""
     end = trajectory.start_time + trajectory.duration
     end_point = trajectory.at(end)
     end_demand = demand(end_point.velocity_n - trajectory.wind_n, end_point.acceleration_n, gravity)
@@ -191,7 +191,7 @@ class PublishedPlanState(eqx.Module):
 
 
 class PublishedPlanner(AbstractPlanner):
-    """Planner that coordinates a fleet's simultaneous arrival (theory section 8), by `coordinate` and `replan`."""
+    """Planner of a fleet's simultaneous arrival by paths of equal length (theory section 8)."""
 
     start_positions_n: Float[Array, "aircraft 3"]  # start positions, NED, m
     sides: Int[Array, " aircraft"]  # side of the detour: +1 right, -1 left, 0 free choice
@@ -200,7 +200,11 @@ class PublishedPlanner(AbstractPlanner):
     even_speed: Flag
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> PublishedPlanState:
-        """Plan with any sides, choose the sides of the detours from this plan, and plan again."""
+        """Return the planner state with the first plan, at `time` (s).
+
+        A plan with the requested sides (right if free) serves to choose the sides of the detours for the second, final
+        plan.
+        """
         requested = self.sides.astype(float)
         flown_length, deceleration = jnp.zeros_like(requested), performance.deceleration
         tasks = self._tasks(time, reports, self.speed, flown_length, deceleration)
@@ -233,7 +237,10 @@ class PublishedPlanner(AbstractPlanner):
     def replan_between_steps(
         self, planner_state: PublishedPlanState, time: float, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Coordinate the fleet again from the reported positions, as `replan` of the coordination does."""
+        """Return the planner state with a new plan from the reported positions at `time` (s), if still required.
+
+        Otherwise the plan in force is continued, see `anser.planning.published.coordination.replan`.
+        """
         plan = _coordinate_again(self, planner_state, as_array(time), reports)
         return eqx.tree_at(lambda m: m.plan, planner_state, plan)
 
@@ -254,7 +261,7 @@ class PublishedPlanner(AbstractPlanner):
         return planner_state.replan_needed
 
     def plans(self, planner_state: PublishedPlanState) -> AircraftPlan:
-        """Present the plan to the closed loop: trajectory, arrival time (s), status and length of each aircraft."""
+        """Return the plan of each aircraft for the closed loop: trajectory, arrival time, status, length, bend."""
         plan = planner_state.plan
         replanning = jnp.zeros(plan.status.shape, dtype=jnp.int32)
         return AircraftPlan(

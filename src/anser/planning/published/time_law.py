@@ -2,7 +2,7 @@
 
 There are two laws. With the published law (theory section 6), the path parameter s is linear in time; the airspeed then
 varies along a bent path, by a quarter in the published three-aircraft case, with decelerations of 3.5 m/s^2 that a
-clean F-16 cannot fly. With the even law, the airspeed on the same path changes evenly from the first to the last,
+clean F-16 cannot fly. With the even law, the airspeed on the same path changes at a constant rate from start to end,
 unless the path is steeper than the glide with the engine idle: the necessary part of the height is then converted to
 speed. Both laws have the same arrival time and mean speed.
 """
@@ -23,7 +23,7 @@ from anser.parts.paths import time_rounding
 from anser.shapes import Flag, Scalar, ScalarLike
 from anser.spatial.vectors import norm
 
-CELLS = 32
+CELLS = 32  # number of sections of a path, equal in the path parameter, at whose ends the even law is tabulated
 BRAKING_RESERVE_M_S2 = 0.2  # reserve for the autopilot and for the engine's spool-down
 _RULE = gauss_legendre(4)  # per cell: 128 nodes in total, exact to rounding except for tight paths
 # 20,000 random plans needed at most 16 braking steps, and 3 clock steps to rounding except for tight paths.
@@ -37,7 +37,7 @@ _SAME_INSTANT_S = 1e-6
 def _collocation() -> Float[np.ndarray, "rule rule"]:
     """Return the integration matrix of the quadrature rule on [0, 1], (upper limit, node).
 
-    The product with the values of a function at the nodes is the integral from 0 to each node.
+    The product of the matrix with a function's values at the nodes has the integrals from 0 to each node.
     """
     powers = np.arange(_RULE.nodes.size)
     ascending = _RULE.nodes[:, None] ** powers
@@ -54,11 +54,11 @@ _FACTORS = np.array([[math.perm(power + order, order) for power in range(_POWERS
 
 
 PathPolynomials = Float[Array, "orders 3 powers"]
-"""Coefficients of a path's derivatives of several orders, for ascending powers of s, m."""
+"""Coefficients (m) of a path's derivatives of several orders by s, for NED axes and ascending powers of s."""
 
 
 def path_polynomials(coefficients_n: Float[Array, "3 5"], orders: Sequence[int]) -> PathPolynomials:
-    """Return the polynomials of a path's derivatives with respect to the path parameter s, for `orders` of 0 to 3.
+    """Return the coefficients of a path's derivatives by the path parameter s, of the orders `orders` (0 to 3).
 
     The derivative of order 0 is the position.
     """
@@ -70,7 +70,7 @@ def path_polynomials(coefficients_n: Float[Array, "3 5"], orders: Sequence[int])
 
 
 def evaluate(polynomials: PathPolynomials, s: Float[Array, " points"]) -> Float[Array, "orders 3 points"]:
-    """Evaluate the derivatives of a path at several values of s, m, by Horner's scheme."""
+    """Return the derivatives of a path at several values of s, (order, NED axis, point), m, by Horner's scheme."""
     *lower, total = jnp.unstack(polynomials[..., None], axis=2)
     s = jnp.broadcast_to(s, (*total.shape[:2], *s.shape))
     for coefficient in reversed(lower):
@@ -81,7 +81,7 @@ def evaluate(polynomials: PathPolynomials, s: Float[Array, " points"]) -> Float[
 def path_derivatives(
     coefficients_n: Float[Array, "3 5"], s: Float[Array, " points"], orders: Sequence[int]
 ) -> Float[Array, "orders 3 points"]:
-    """Derivatives of the path with respect to s at several points, m, of several orders: 0 (position) to 3."""
+    """Return the derivatives of a path by s of the orders `orders` (0: position, to 3) at several values of s, m."""
     return evaluate(path_polynomials(coefficients_n, orders), s)
 
 
@@ -99,7 +99,7 @@ class Clock(eqx.Module):
 class Cell(eqx.Module):
     """Section of a path between two values of the path parameter, s and s + width.
 
-    The rows are the nodes of the quadrature rule, then the end of the section.
+    The rows of the arrays belong to the nodes of the quadrature rule in the section, then to the section's end.
     """
 
     slopes: Float[Array, " rows"]  # |dr/ds|, m
@@ -108,13 +108,13 @@ class Cell(eqx.Module):
     energy_gain: Float[Array, " rows"]
 
     def time(self, speeds: Float[Array, " rows"], width: ScalarLike) -> Scalar:
-        """Flight time through the cell, s, for the airspeeds of the rows, m/s."""
+        """Return the flight time through the cell, s, with airspeeds at the rows (m/s), for the cell's `width` in s."""
         weighted = jnp.asarray(_RULE.weights, speeds.dtype) * self.slopes[:-1]
         return width * jnp.sum(weighted / speeds[:-1])
 
 
 def _clip(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
-    """Clip a value to bounds, with the full derivative at the bounds."""
+    """Clip a value to bounds, with the derivative 1 at the bounds themselves, where `jnp.clip` has 1/2."""
     return jnp.where(value < low, low, jnp.where(value > high, high, value))
 
 
@@ -139,7 +139,7 @@ class _CellMotion(eqx.Module):
 
 
 class TimeLaw(eqx.Module):
-    """Path parameter s (0 to 1, no unit) over time; the fields from `exchange` on describe the even law."""
+    """Path parameter s (0 to 1, no unit) over time; the fields from `exchange` on are for the even law only."""
 
     even: Flag  # whether the speed changes evenly; otherwise s is linear in time
     exchange: Scalar  # energy exchange: fraction of the potential energy lost that becomes kinetic, 0 to 1
@@ -152,7 +152,7 @@ class TimeLaw(eqx.Module):
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
         """Return the path parameter and its rates `elapsed` seconds after the start of a path of `duration` seconds.
 
-        Beyond the ends of the path, the path parameter continues linearly.
+        Before the start and after the end of the path, the path parameter continues linearly.
         """
         path = path_polynomials(coefficients_n, (0, 1, 2))
         clipped = _clip(elapsed, 0.0, self.times[-1])
@@ -177,7 +177,10 @@ class TimeLaw(eqx.Module):
         )
 
     def _motion(self, path: PathPolynomials, start: Scalar, square: Scalar, offset: Scalar) -> _CellMotion:
-        """Motion at an offset from the start of a cell, where the square of the airspeed is `square` (m^2/s^2)."""
+        """Return the motion at the path parameter `start` + `offset` of a cell that begins at `start`.
+
+        `square` is the square of the airspeed demanded at the start of the cell, m^2/s^2.
+        """
         cell = _cell(path, start, offset)
         demanded = square + 2 * (self.exchange * cell.energy_gain - self.braking * cell.lengths)
         least = self.slowest**2
@@ -192,10 +195,10 @@ class TimeLaw(eqx.Module):
     def _offset_in_cell(
         self, path: PathPolynomials, start: Scalar, ends: Float[Array, "3 2"], time_in_cell: ScalarLike
     ) -> Scalar:
-        """Path parameter s minus its value at the start of a cell, `time_in_cell` seconds later; no unit.
+        """Return the increase of the path parameter s `time_in_cell` seconds after the start of a cell; no unit.
 
-        `ends` holds time, square of the airspeed and slope at both ends of the cell. The value follows from Newton
-        steps. The initial guess is the Hermite cubic of s over time in the cell.
+        `start` is s at the start of the cell; `ends` has time (s), square of the airspeed (m^2/s^2) and slope |dr/ds|
+        (m) at both ends. Newton steps start from the Hermite cubic of s over time in the cell.
         """
         parameters = self, path, start, ends[1, 0], jnp.asarray(time_in_cell)
         fixed, (times, squares, slopes) = jax.lax.stop_gradient((parameters, ends))
@@ -215,43 +218,46 @@ class TimeLaw(eqx.Module):
 
     @property
     def speeds(self) -> Float[Array, "*fleet nodes"]:
-        """Airspeed at s = k / CELLS, m/s."""
+        """Airspeed at s = k / CELLS by the even law, m/s; not below the least airspeed."""
         return jnp.sqrt(jnp.maximum(self.squares, self.slowest[..., None] ** 2))
 
 
 def _lateness_in_cell(
     offset: Scalar, parameters: tuple[TimeLaw, PathPolynomials, Scalar, Scalar, Scalar]
 ) -> tuple[Scalar, Scalar]:
-    """Time at an offset of s in a cell less the required time, in seconds, and the derivative by the offset."""
+    """Return the time to an offset of s in a cell minus the required time, s, and the derivative by the offset, s.
+
+    `parameters`: time law, path, s at the start of the cell, square of the airspeed there (m^2/s^2), required time (s).
+    """
     law, path, start, square, elapsed = parameters
     motion = law._motion(path, start, square, offset)
     return motion.time - elapsed, motion.slope / motion.speed
 
 
 def published_law() -> TimeLaw:
-    """Time law with the path parameter linear in time."""
+    """Return the published time law: path parameter linear in time. The fields of the even law are placeholders."""
     nodes, ones = jnp.linspace(0.0, 1.0, CELLS + 1), jnp.ones(CELLS + 1)
     zero = jnp.zeros(())
     return TimeLaw(jnp.asarray(False), zero, zero, jnp.ones(()), ones, ones, nodes)
 
 
 class _Profile(eqx.Module):
-    """Data for the even law of one path, before the braking is solved."""
+    """Data for the even law of one path, before the braking (m/s^2) is solved; fields as in `TimeLaw`."""
 
     cells: Cell  # stacked cells
     lengths: Float[Array, " nodes"]  # length from the start, m
     energy_gain: Float[Array, " nodes"]  # potential energy per mass released since the start, m^2/s^2
-    exchange: Scalar
-    speed_0: Scalar
-    duration: Scalar
-    slowest: Scalar
+    exchange: Scalar  # energy exchange, 0 to 1
+    speed_0: Scalar  # airspeed at the start, m/s
+    duration: Scalar  # duration of the path, s
+    slowest: Scalar  # least airspeed, m/s
 
     def squares(self, braking: Scalar) -> Float[Array, " nodes"]:
-        """Square of the airspeed demanded at the ends of the cells, m^2/s^2."""
+        """Return the square of the airspeed demanded at s = k / CELLS with a braking (m/s^2), m^2/s^2."""
         return self.speed_0**2 + 2 * (self.exchange * self.energy_gain - braking * self.lengths)
 
     def times(self, braking: Scalar) -> Float[Array, " nodes"]:
-        """Times at the ends of the cells, s after the start."""
+        """Return the times at s = k / CELLS with a braking (m/s^2), s after the start."""
 
         def time(cell: Cell, square: Scalar) -> Scalar:
             squares = square + 2 * (self.exchange * cell.energy_gain - braking * cell.lengths)
@@ -262,12 +268,12 @@ class _Profile(eqx.Module):
 
 
 def _lateness(braking: Scalar, profile: _Profile) -> tuple[Scalar, Scalar]:
-    """How late the path ends for a braking (m/s^2), s, and the derivative by the braking."""
+    """Return the flight time with a braking (m/s^2) minus the path's duration, s, and the derivative by the braking."""
     return jax.jvp(lambda e: profile.times(e)[-1] - profile.duration, (braking,), (jnp.ones_like(braking),))
 
 
 def _solve_braking(profile: _Profile) -> Scalar:
-    """Find the braking, m/s^2, for which the path takes its duration; the flight time increases with the braking."""
+    """Find the braking, m/s^2, with which the flight time, which increases with the braking, is the path's duration."""
     total, v0 = jnp.maximum(profile.lengths[-1], _TINY), profile.speed_0
     mean = total / profile.duration
     exchanged_energy = profile.exchange * profile.energy_gain
@@ -288,7 +294,7 @@ def _minimum_exchange(
     mean_speed: Scalar,
     deceleration: ScalarLike,
 ) -> Scalar:
-    """Return the least energy exchange (0 to 1), to first order, for which the idle engine brakes enough.
+    """Return the least energy exchange (0 to 1), to first order, with which an idle engine decelerates enough.
 
     With the altitude h, the length l and the braking e (see `even_law`), the deceleration required at the steepest
     point is (1 - exchange) g (-dh/dl) + e; available is `deceleration` (engine idle in level flight, m/s^2) less a
@@ -315,12 +321,13 @@ def even_law(
     exchange: ScalarLike | None = None,  # prescribed exchange; None: computed
     even: Flag | bool = True,  # False selects the published law
 ) -> TimeLaw:
-    """Time law of a path flown in `duration` seconds from the airspeed `speed_0`, with constant braking.
+    """Return the even time law of a path flown in `duration` seconds from `speed_0` (m/s) on, with constant braking.
 
-    V dV/dl = exchange g (-dh/dl) - e: the braking e is solved for the duration, by safeguarded Newton steps on the
-    flight time, which increases with e. The exchange is the fraction of the lost potential energy that becomes kinetic:
-    with 0 the acceleration is constant (for a matching length, the speed); with 1 the throttle is constant. The speed
-    is at least 0.3 of the mean.
+    V dV/dl = exchange g (-dh/dl) - e, with the airspeed V, the length l and the altitude h: the braking e is solved for
+    the duration, by safeguarded Newton steps on the flight time, which increases with e. The exchange is the fraction
+    of the lost potential energy that becomes kinetic: with 0 the acceleration is constant (for a matching length, the
+    speed); with 1 the throttle is constant. The airspeed is at least 0.3 of the mean.
+    With `even` False, the published law is selected in the result.
     """
     coefficients_n = jnp.asarray(coefficients_n)
     edges = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1))

@@ -1,6 +1,6 @@
-"""Trajectories of the published planner: a Hermite cubic with two bends, in a frame that drifts with steady wind.
+"""Trajectories of the published planner: Hermite cubics with two bends, in a frame that drifts with steady wind.
 
-Also arc length, slowest descent, and the lateral bend for a required length.
+Also the length of a trajectory, its least mean airspeed, and the lateral bend for a required length.
 """
 
 import equinox as eqx
@@ -44,11 +44,11 @@ class Trajectory(AbstractReference):
     law: TimeLaw  # time law: path parameter s as a function of time
 
     def clock(self, time: ScalarLike) -> Clock:
-        """Path parameter s (0 at the start, 1 at the rendezvous) and its rates (1/s, 1/s^2) at a time (s)."""
+        """Return the path parameter s (0 start, 1 rendezvous) and its two rates (1/s, 1/s^2) at a time (s)."""
         return self.law.clock(self.coefficients_n, time - self.start_time, self.duration)
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time (s); in steady wind the acceleration is the same in both frames."""
+        """Return position, velocity and acceleration over the ground at a time (s); NED, m, m/s, m/s^2."""
         clock = self.clock(time)
         position_n, slope_n, bend_n = path_derivatives(self.coefficients_n, clock.s[None], (0, 1, 2))[..., 0]
         return PathPoint(
@@ -58,15 +58,16 @@ class Trajectory(AbstractReference):
         )
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity relative to the air at a time, NED, m/s."""
+        """Return the velocity relative to the air at a time (s), NED, m/s."""
         clock = self.clock(time)
         return path_derivatives(self.coefficients_n, clock.s[None], (1,))[0, :, 0] * clock.s_dot
 
 
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
-    """Horizontal unit vector, NED, to the right of the line from start to rendezvous (in the frame of the path).
+    """Return the horizontal unit vector, NED, to the right of the line from start to rendezvous, `line_n` (m).
 
-    A vertical line is replaced by the horizontal direction of the start velocity, or else by north.
+    For a vertical line, to the right of the start velocity `velocity_0_n` (m/s); if also vertical, to the right of
+    north, i.e. east.
     """
     direction = line_n[:2]
     for replacement in (velocity_0_n[:2], jnp.array([1.0, 0.0])):
@@ -76,7 +77,7 @@ def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
 
 
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
-    """Add a sideways and an upward bend to a trajectory; end points, end directions and times stay.
+    """Return a trajectory with a sideways and an upward bend (m) added; endpoints, end directions and times stay.
 
     A bend (m) is the coefficient of the fourth power of the path parameter (0 to 1). It moves the middle of the path by
     a sixteenth of the bend, along `lateral_n` or upwards. In the symbols of the theory: kappa = b_4 duration^4
@@ -94,9 +95,10 @@ def with_even_speed(
     exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> Trajectory:
-    """Return the trajectory with the time law of `even_law`, from the airspeed `speed_0` (m/s) on.
+    """Return the trajectory flown with an evenly changing airspeed (`even_law`), from `speed_0` (m/s) on.
 
-    The path, the start time and the duration are unchanged; the arguments are those of `even_law`.
+    The path, the start time and the duration are unchanged. `deceleration` (m/s^2), `exchange` (0..1) and `even` are
+    arguments of `even_law`.
     """
     law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, exchange, even)
     return eqx.tree_at(lambda path: path.law, trajectory, law)
@@ -119,7 +121,9 @@ def fit_trajectory(
     # the first plan: only then does the rest of a bent path belong to the same family
     line_n: Vector3 | None = None,
 ) -> Trajectory:
-    """Fit a trajectory to positions and velocities at both ends.
+    """Return the trajectory with the required positions and velocities at both ends, plus the bends.
+
+    The time law is the published one: path parameter linear in time.
 
     Notes
     -----
@@ -143,10 +147,10 @@ def fit_trajectory(
 def arc_length(
     trajectory: Trajectory, start_phase: ScalarLike = 0.0, rule: QuadratureRule = GAUSS_LEGENDRE_16
 ) -> Scalar:
-    """Length of the air path, m, from a path parameter s (0 to 1) to the rendezvous.
+    """Return the length of the path through the air, m, from the path parameter `start_phase` (0..1) to the rendezvous.
 
-    From `trajectory.clock(t).s` on, it is the remaining length at time t. The rule's positive weights keep the length
-    convex in the bends.
+    With `trajectory.clock(t).s` as `start_phase`, the result is the remaining length at time t. The positive weights of
+    the quadrature rule keep the length convex in the bends.
     """
 
     def path_speed(phases: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
@@ -170,8 +174,8 @@ def slowest_mean_speed(path: Trajectory, speed_0: ScalarLike, deceleration: Scal
     """Return the least mean airspeed, m/s, at which an aircraft can fly a path: with the engine idle all the way.
 
     The airspeed V over the length l follows from V dV/dl = g (-dh/dl) - a, with the altitude h, and is at least 0.3 of
-    the initial airspeed `speed_0`, m/s. a is `deceleration`, with the engine idle in level flight, m/s^2, minus the
-    reserve of the even law. On a path steeper than the glide, the result exceeds the initial airspeed.
+    the initial airspeed `speed_0`, m/s. Here a is `deceleration` (m/s^2, engine idle in level flight) minus
+    `BRAKING_RESERVE_M_S2`. On a path steeper than the glide, the result exceeds the initial airspeed.
 
     The result depends on the shape of the path, not on the time law.
     """
@@ -195,21 +199,25 @@ _BEND_SLOPE_SQUARE = 2.0 / 105.0
 
 
 class Bend(eqx.Module):
-    """Result of `solve_lateral_bend`: a lateral bend, and whether it gives the required length."""
+    """Lateral bend of a path, and whether the path with this bend has the required length (`solve_lateral_bend`)."""
 
     kappa: Scalar  # lateral bend, m; positive to the right
-    converged: Flag
+    converged: Flag  # whether the path has the required length
 
 
 def bend_slope(phase: np.ndarray) -> np.ndarray:
-    """Derivative of the bend's shape s^2 (1 - s)^2 with respect to s."""
+    """Return the derivative of the bend's shape s^2 (1 - s)^2 with respect to s, at `phase` = s (0..1)."""
     return 2.0 * phase * (1.0 - phase) * (1.0 - 2.0 * phase)
 
 
 def _length_excess(
     size: Scalar, data: tuple[Float[Array, "nodes 3"], Float[Array, "nodes 3"], Float[Array, " nodes"], Scalar]
 ) -> tuple[Scalar, Scalar]:
-    """Length of a path with a bend of `size` (m) less the required length, m, and the derivative by the size."""
+    """Return the length of a path with a bend of `size` (m) minus the required length, m, and the derivative by `size`.
+
+    `data`: slopes dr/ds (m) of the path without bend and of a bend of 1 m at the nodes of the quadrature rule, weights
+    of the rule, required length (m).
+    """
     straight, sideways, weights, required_length = data
     tangent = straight + size * sideways
     square = jnp.sum(tangent * tangent, axis=1)
@@ -227,7 +235,7 @@ def solve_lateral_bend(
     guess: ScalarLike | None = None,  # initial bend, m, either sign; None: computed
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Bend:
-    """Find the lateral bend with which a path has a required length, by safeguarded Newton steps.
+    """Find the lateral bend, m, with which a path has the length `length_ref` (m), by safeguarded Newton steps.
 
     Notes
     -----
