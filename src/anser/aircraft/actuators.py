@@ -33,7 +33,7 @@ class AbstractActuators(eqx.Module):
 
     @abc.abstractmethod
     def rate(self, state: Any, command: Vector, air_data: AirData) -> Any:
-        """Return the time derivative of the actuator state under a command (rad), in the state's structure."""
+        """Return the time derivative of the actuator state under a command (rad), as an object of the state's class."""
 
     def before_step(self, state: Any, command: Vector) -> Any:
         """Return the actuator state with which an integration step under a command (rad) starts: by default `state`."""

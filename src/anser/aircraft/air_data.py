@@ -75,7 +75,7 @@ class Validity(eqx.Module):
 
 
 def unlimited_validity() -> Validity:
-    """Return valid ranges from minus to plus infinity."""
+    """Return a `Validity` without limits: all ranges are from minus to plus infinity."""
     limits = as_array(-math.inf), as_array(math.inf)
     return Validity(limits, limits, limits)
 
@@ -86,7 +86,7 @@ def is_outside(value: ScalarLike, limits: tuple[ScalarLike, ScalarLike]) -> Flag
 
 
 class Disturbance(eqx.Module):
-    """Gust at one aircraft, and factor on its thrust (1: none, 0: engine failure); constant over a sampling period."""
+    """Gust at one aircraft, and factor on its thrust (1: no loss, 0: no thrust); constant over a sampling period."""
 
     gust: Gust
     thrust: Scalar

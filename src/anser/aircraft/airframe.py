@@ -41,7 +41,7 @@ class AircraftState(eqx.Module):
 
     @property
     def power(self) -> Array:
-        """Power setting of the engine, percent of its maximum; no power in watts."""
+        """Power setting of the engine in percent of its maximum, not a power in watts."""
         return self.engine.power
 
 

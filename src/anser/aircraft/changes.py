@@ -48,7 +48,7 @@ class AirframeChanges(eqx.Module):
     changes: AirframeChange  #: The changes as one object, each array with a leading axis of the shape of `times`.
 
     def at(self, time: ScalarLike) -> AirframeChange:
-        """Return all changes in force at a time (s), combined into one."""
+        """Return the changes in force at a time (s) as one: products of the factors, sum of the shifts."""
         is_active = jnp.asarray(time) >= self.times
 
         def total(values: Array) -> Array:

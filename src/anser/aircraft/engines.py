@@ -40,7 +40,7 @@ class AbstractEngine(eqx.Module):
 
     @abc.abstractmethod
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
-        """Return the time derivative of the engine state at a throttle (0..1), in the state's structure."""
+        """Return the time derivative of the engine state at a throttle (0..1), as an object of the state's class."""
 
     def before_step(self, state: Any, throttle: ScalarLike) -> Any:
         """Return the engine state with which an integration step at a throttle (0..1) starts: by default `state`."""

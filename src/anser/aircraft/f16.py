@@ -26,7 +26,7 @@ from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class F16Engine(AbstractEngine):
-    """Afterburning turbofan of [SL] appendix A."""
+    """Afterburning turbofan of the F-16: thrust tables and power lag of [SL] appendix A."""
 
     thrust_tables: Tables  # idle, military and maximum thrust (N) over altitude (m) and Mach number
 
@@ -169,8 +169,8 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 class F16(AbstractF16):
     """F-16 with the tables of Stevens & Lewis; `f16_from_data` builds the published variants.
 
-    The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: the last degree is part of the
-    published model, and `outside_tables` does not report it.
+    The textbook's elevator table ends at 24 deg while the surface moves to 25 deg. The last degree is part of the
+    published model; `outside_tables` does not report such deflections.
     """
 
     surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.

@@ -88,7 +88,7 @@ def modelled_air_data_and_forces(
 ) -> AirDataAndForces:
     """Return `condition` with the measured air data `data` and the forces and moments of the airframe model there.
 
-    A loss of thrust and the rotation of gusts are not included: no sensor of air data measures them.
+    A loss of thrust and the rotation of gusts are unknown to the model and not included.
     """
     rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
     return AirDataAndForces(
@@ -104,14 +104,15 @@ def modelled_air_data_and_forces(
 def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, moment_b: Vector3) -> Vector3:
     """Return the angular acceleration J^-1 [M - w x (J w + h)], body axes, rad/s^2.
 
-    Source: theory section 2; [SL] eq. 1.7-5 with engine spin.
+    Symbols: inertia J, moment M (N m), inertial body rates w (rad/s), angular momentum h of the engine. Source: theory
+    section 2; [SL] eq. 1.7-5 with engine spin.
     """
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_inverse_b, moment_b - cross(rates_b, momentum_b))
 
 
 def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
-    """Return the moment (N m) that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`."""
+    """Return the moment (N m) for an angular acceleration (rad/s^2), body axes: the inverse of `angular_acceleration`."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 

@@ -164,7 +164,7 @@ def _read_cached(text: str, name: str) -> Model:
 
 
 def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
-    """Build the airframe of a validated aircraft file with DAVE-ML models."""
+    """Build the airframe of a validated aircraft file with DAVE-ML models; raises as `dave_ml_airframe`."""
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
     (alpha_min, alpha_max), (beta_min, beta_max) = file.validity.alpha_deg, file.validity.beta_deg

@@ -43,8 +43,8 @@ def library_data(name: str) -> dict[str, Any]:
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
     """Load an F-16 with the reduced tables of Stevens & Lewis, variant "textbook", "s119" or "founding".
 
-    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; default: the variant's. Raises ValueError if
-    the variant is another; the message lists the variants.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; default: the variant's. Raises ValueError
+    for another variant; the message lists the known variants.
     """
     return f16_from_data(library_data("f16"), variant, x_cg_over_c)
 
@@ -52,9 +52,9 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
 @functools.cache
 @_concrete
 def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
-    """Load the complete F-16 of NASA TP-1538; `x_cg_over_c` is the centre of gravity (default: the report's).
+    """Load the complete F-16 of NASA TP-1538.
 
-    The centre of gravity is a fraction of the mean chord.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord (default: the report's).
     """
     return tp1538_from_data(library_data("tp1538"), f16_engine_from_data(library_data("f16")), x_cg_over_c)
 

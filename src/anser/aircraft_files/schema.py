@@ -91,7 +91,7 @@ _STATIC = {
 
 
 class AirframeFile(AnyAirframeFile):
-    """Aircraft defined by stability derivatives; see :func:`anser.aircraft_files.sources.read_airframe`."""
+    """Aircraft file with stability derivatives, read by :func:`anser.aircraft_files.sources.read_airframe`."""
 
     mass: Mass = part("mass and inertia", "a table [mass]")
     geometry: Geometry = part("reference lengths and area", "a table [geometry]")
@@ -222,7 +222,7 @@ class DaveMlSurface(ActuatedSurface):
 
 
 class DaveMlFile(AnyAirframeFile):
-    """Aircraft defined by DAVE-ML files; see :func:`anser.aircraft_files.sources.read_airframe`."""
+    """Aircraft file with DAVE-ML models, read by :func:`anser.aircraft_files.sources.read_airframe`."""
 
     dave_ml: DaveMl = part("DAVE-ML files", "a table [dave_ml]")
     mass: Mass | None = part("mass and inertia, instead of a DAVE-ML file", "a table [mass]", None)

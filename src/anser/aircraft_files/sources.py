@@ -149,7 +149,7 @@ def _values_of_library(name: str) -> dict[str, Any]:
 
 
 def library_values(name: str) -> dict[str, Any]:
-    """Return the values of a library aircraft file, as a copy that may be modified."""
+    """Return the values of a library aircraft file (a name of `LIBRARY_FILES`), as a copy that may be modified."""
     return copy.deepcopy(_values_of_library(name))
 
 

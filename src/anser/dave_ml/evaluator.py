@@ -156,7 +156,7 @@ def _by_result(definition: Definition) -> dict[str, Function]:
 
 
 def _is_input(variable: Variable, has_function: bool) -> bool:
-    """Whether a variable without formula and table is marked as input or state, or has no initial value."""
+    """Whether a variable is an input: no formula, no table, and marked as input or state or without initial value."""
     if has_function or variable.formula is not None:
         return False
     return bool(_INPUT_ROLES & variable.roles) or "isState" in variable.roles or variable.initial is None

@@ -194,7 +194,7 @@ class Model:
 
 
 def make_model(definition: Definition) -> Model:
-    """Build the model of a definition; raises DaveMlError as `make_evaluator` and `refuse_wrong_units`."""
+    """Build the model of a definition; raises DaveMlError for wrong units, and as `make_evaluator`."""
     refuse_wrong_units(definition)
     return Model(definition, make_evaluator(definition))
 
