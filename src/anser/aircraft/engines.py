@@ -186,7 +186,7 @@ class JetEngine(AbstractLaggedEngine):
     """Jet engine with a thrust linear in the power, from idle to full; the power follows the throttle with a lag."""
 
     thrust_tables: Tables  #: Idle and full thrust (N) over altitude (m) and Mach number.
-    lag: Scalar  #: Time constant, s.
+    lag: Scalar  #: Time constant from throttle to power, s.
     point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
     thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
 

@@ -112,7 +112,7 @@ def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, mome
 
 
 def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
-    """Return the moment (N m) for an angular acceleration (rad/s^2), body axes: the inverse of `angular_acceleration`."""
+    """Return the moment (N m, body axes) for an angular acceleration (rad/s^2): inverse of `angular_acceleration`."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 

@@ -209,7 +209,8 @@ class AirframeRange:
 def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> AirframeRange:
     """Return the data ranges of an airframe: from `file`, or by the airframe type `kind` if `file` is None.
 
-    The ranges are None for a type without file that is neither "f16" nor a key of `LIBRARY_FILES`.
+    For "f16" the ranges are those of the textbook's tables, for every variant. The ranges are None for a type without
+    file that is neither "f16" nor a key of `LIBRARY_FILES`.
     """
     if file is None and kind in LIBRARY_FILES:
         file = library_file(kind)
