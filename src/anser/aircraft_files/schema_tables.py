@@ -183,7 +183,7 @@ def by_name(description: str, expected: str) -> Any:
 
 
 class ForceCheck(Table):
-    """Check data: force, moment, thrust and torque from the source, in one flight condition."""
+    """Check data: force, moment, thrust and torque in one flight condition, from the aircraft's source."""
 
     name: str = text_field("name of the check")
     airspeed_m_s: float = number("true airspeed", 0, 1000, "m/s")
@@ -222,7 +222,7 @@ class ForceCheck(Table):
 
 
 class TrimCheck(Table):
-    """Check data: a trim in steady flight from the source."""
+    """Check data: angle of attack, deflections and throttle of a steady flight, from the aircraft's source."""
 
     name: str = text_field("name of the check")
     airspeed_m_s: float = positive("true airspeed", 1000, "m/s")
@@ -304,7 +304,7 @@ else:
 class CoefficientTable(Table):
     """Table of a coefficient or derivative over one to three angles, linear between breakpoints.
 
-    It replaces one or more derivatives of the file.
+    The table replaces one or more derivatives of the file.
     """
 
     replaces: str = Field(
@@ -390,7 +390,7 @@ _Numbers = Annotated[tuple[float, ...], Field(strict=False)]
 
 
 class Jet(Table):
-    """Jet engine thrust: a number, or a table over altitude and Mach number."""
+    """Jet engine; idle and full thrust are numbers, or tables over altitude and Mach number."""
 
     idle_N: Any = _thrust("thrust at idle", 0.0)
     full_N: Any = _thrust("thrust at full throttle")
@@ -461,7 +461,7 @@ class PistonPropeller(Table):
 
 
 class Engine(Table):
-    """Engine of the aircraft: exactly one of the kinds."""
+    """Engine of the aircraft: exactly one of the tables for a jet, an electric propeller and a piston propeller."""
 
     jet: Jet | None = table("a jet engine", "a table [engine.jet]", None)
     electric_propeller: ElectricPropeller | None = table(
