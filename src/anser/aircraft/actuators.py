@@ -1,4 +1,4 @@
-"""Actuators of control surfaces: first or second order, with position and rate limits."""
+"""Actuators of control surfaces: first or second order with position and rate limits, or without lag."""
 
 import abc
 from typing import Any, Self
@@ -15,13 +15,13 @@ from anser.variables import STANDARD_SURFACES
 class AbstractActuators(eqx.Module):
     """Interface of the actuators of any number of control surfaces.
 
-    Each class defines its own actuator state; every state has an attribute `position` (rad). Arrays have one element
-    for each surface.
+    Each class defines its own actuator state; every state has an attribute `position` (rad). Arrays have the shape
+    (surfaces,).
     """
 
-    #: Lag from command to position, s; controllers use it to invert the actuators.
+    #: Time constant of the lag from command to position, s; controllers invert the actuators with this lag.
     time_constant: eqx.AbstractVar[Vector]
-    #: Position limits, rad, and greatest speed of the surfaces, rad/s.
+    #: Lower and upper position limit, rad, and greatest deflection rate, rad/s.
     lower: eqx.AbstractVar[Vector]
     upper: eqx.AbstractVar[Vector]
     rate_limit: eqx.AbstractVar[Vector]
@@ -29,40 +29,41 @@ class AbstractActuators(eqx.Module):
 
     @abc.abstractmethod
     def steady_state(self, position: Vector) -> Any:
-        """Return the actuator state at rest at a position (rad)."""
+        """Return the actuator state of surfaces at rest at `position` (rad)."""
 
     @abc.abstractmethod
     def rate(self, state: Any, command: Vector, air_data: AirData) -> Any:
-        """Return the time derivative of the actuator state under a command (rad), in the state's structure."""
+        """Return the time derivative of the actuator state under a command (rad), as an object of the state's class."""
 
     def before_step(self, state: Any, command: Vector) -> Any:
-        """Return the actuator state at the start of an integration step under a command (rad): by default unchanged."""
+        """Return the actuator state with which an integration step under a command (rad) starts: by default `state`."""
         return state
 
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
         """Return the positions (rad) with scheduled surfaces replaced by their steady values in the air data.
 
-        A scheduled surface follows the air data instead of a command, for example a leading-edge flap.
+        A scheduled surface follows the air data instead of a command, for example a leading-edge flap. By default no
+        surface is scheduled, and `position` is returned unchanged.
         """
         return position
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> Any:
-        """Return the actuator state at rest in a steady flow; scheduled surfaces follow the air data."""
+        """Return the actuator state at rest at `position` (rad), with scheduled surfaces as the air data require."""
         return self.steady_state(self.scheduled_position(position, air_data))
 
     @property
     def is_commanded(self) -> tuple[bool, ...]:
-        """Whether each surface is commanded by the controller (True) or follows a schedule (False)."""
+        """Whether each surface is commanded by the controller (True, the default) or follows a schedule (False)."""
         return (True,) * len(self.names)
 
     @property
     def controls_yaw(self) -> bool:
-        """Whether the commanded surfaces are enough to control roll, pitch and yaw."""
+        """Whether three surfaces or more are commanded: enough to control roll, pitch and yaw."""
         return sum(self.is_commanded) >= len(STANDARD_SURFACES)
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the elements of the actuator state, in the order of the pytree's leaves."""
+        """Names of the elements of the actuator state in the order of the pytree's leaves; by default the surfaces."""
         return self.names
 
     def limit_command(self, command: Vector) -> Vector:
@@ -70,11 +71,11 @@ class AbstractActuators(eqx.Module):
         return jnp.clip(command, self.lower, self.upper)
 
     def with_bandwidth_scaled(self, factor: Scalar) -> Self:
-        """Return the same actuators with the bandwidth (by default the inverse time constant) times a factor."""
+        """Return a copy with the bandwidth times `factor`; by default the time constants are divided by `factor`."""
         return eqx.tree_at(lambda a: a.time_constant, self, self.time_constant / factor)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
-        """Return the command (rad, within the position limits) that moves the surfaces at a required rate (rad/s)."""
+        """Return the command (rad, within the stops) that moves a first-order lag from `position` at `rate` (rad/s)."""
         return self.limit_command(position + self.time_constant * rate)
 
 
@@ -85,7 +86,7 @@ class Deflections(eqx.Module):
 
 
 class FirstOrderActuators(AbstractActuators):
-    """Actuators with a first-order lag from command to position."""
+    """Actuators with a first-order lag from command to position, a rate limit and position limits."""
 
     time_constant: Vector
     lower: Vector
@@ -113,8 +114,8 @@ class MovingDeflections(eqx.Module):
 class SecondOrderActuators(AbstractActuators):
     """Actuators with second-order dynamics (natural frequency, rad/s, and damping ratio), rate limit and hard stops.
 
-    A surface that overshoots to its stop rests there until the free motion turns back. Within an integration step it
-    may pass the stop, by less than the distance of the step.
+    A surface that overshoots to its stop rests there until the free motion turns back. Within an integration step the
+    surface may pass the stop by less than its travel in the step.
     """
 
     frequency: Vector
@@ -126,16 +127,16 @@ class SecondOrderActuators(AbstractActuators):
 
     @property
     def time_constant(self) -> Float[Array, " surfaces"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Lag behind a slowly moving command, s: 2 damping / frequency."""
+        """Lag of the position behind a slowly moving command, s: 2 damping / frequency."""
         return 2.0 * self.damping / self.frequency
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the positions, then of the velocities."""
+        """Names of the elements of the actuator state: positions of the surfaces, then their velocities."""
         return (*self.names, *(f"{name}_velocity" for name in self.names))
 
     def with_bandwidth_scaled(self, factor: Scalar) -> Self:
-        """Return the same actuators with the natural frequency times a factor."""
+        """Return a copy with the natural frequencies multiplied by `factor`."""
         return eqx.tree_at(lambda a: a.frequency, self, self.frequency * factor)
 
     def steady_state(self, position: Vector) -> MovingDeflections:
@@ -144,9 +145,10 @@ class SecondOrderActuators(AbstractActuators):
         return MovingDeflections(position, jnp.zeros_like(position))
 
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
-        """Return the rates of position x (rad) and velocity: x'' = w^2 (limited command - x) - 2 z w x', x' limited.
+        """Return the rates of position x and velocity v: x' = v within the rate limit, rad/s, and v', rad/s^2.
 
-        w is the natural frequency, z the damping ratio. At a stop, x does not move outwards, and an outward x' decays.
+        v' = w^2 (limited command - x) - 2 z w v, with natural frequency w and damping ratio z. At the rate limit the
+        speed does not grow; at a stop, x does not move outwards, and an outward v decays.
         """
         w = self.frequency
         free_acceleration = (
@@ -169,7 +171,7 @@ class SecondOrderActuators(AbstractActuators):
         return MovingDeflections(jnp.where(is_rising | is_falling, 0.0, limited_velocity), acceleration)
 
     def before_step(self, state: MovingDeflections, command: Vector) -> MovingDeflections:
-        """Return the state within the stops: at rest at a stop that was passed."""
+        """Return the state with positions limited to the stops; surfaces that move outwards at a stop come to rest."""
         is_stopped = self._pushes_upper(state) | self._pushes_lower(state)
         velocity = jnp.where(is_stopped, 0.0, state.velocity)
         return MovingDeflections(self.limit_command(state.position), velocity)
@@ -195,11 +197,11 @@ class InstantActuators(AbstractActuators):
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
-        """Return zero rates: the surfaces move between the steps only."""
+        """Return zero rates: the surfaces move between the integration steps only, by `before_step`."""
         return Deflections(jnp.zeros_like(state.position))
 
     def before_step(self, state: Deflections, command: Vector) -> Deflections:
-        """Return the deflections at the limited command."""
+        """Return the state with the surfaces at the command (rad), limited to the stops."""
         return Deflections(self.limit_command(command).astype(state.position.dtype))
 
 

@@ -1,6 +1,6 @@
 """Quantities exchanged between the parts of an aircraft.
 
-Air data, force and moment, gust and thrust loss, and the validity range of a model.
+Air data, force and moment, disturbance by gusts and thrust loss, and the valid range of a model's data.
 """
 
 import math
@@ -58,7 +58,7 @@ def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData
 class Validity(eqx.Module):
     """Ranges in which an airframe's data are valid: (minimum, maximum) of each quantity, infinite if unlimited.
 
-    True airspeed in m/s, geometric altitude in m, and Mach number.
+    Quantities are true airspeed (m/s), geometric altitude (m) and Mach number.
     """
 
     airspeed: tuple[Scalar, Scalar]
@@ -66,7 +66,7 @@ class Validity(eqx.Module):
     mach: tuple[Scalar, Scalar]
 
     def excludes(self, air_data: AirData) -> Flag:
-        """Whether airspeed, altitude or Mach number is out of range."""
+        """Whether airspeed, altitude or Mach number of the air data is outside its valid range."""
         return (
             is_outside(air_data.V, self.airspeed)
             | is_outside(air_data.altitude, self.altitude)
@@ -75,23 +75,23 @@ class Validity(eqx.Module):
 
 
 def unlimited_validity() -> Validity:
-    """Return the validity of data without limits."""
+    """Return a `Validity` without limits: all ranges are from minus to plus infinity."""
     limits = as_array(-math.inf), as_array(math.inf)
     return Validity(limits, limits, limits)
 
 
 def is_outside(value: ScalarLike, limits: tuple[ScalarLike, ScalarLike]) -> Flag:
-    """Whether a value is below the lower or above the upper limit."""
+    """Whether a value is below the lower or above the upper of two limits."""
     return jnp.logical_or(value < limits[0], value > limits[1])
 
 
 class Disturbance(eqx.Module):
-    """Gust, and remaining fraction (0..1) of the thrust, of one aircraft; constant over a sampling period."""
+    """Gust at one aircraft, and factor on its thrust (1: no loss, 0: no thrust); constant over a sampling period."""
 
     gust: Gust
     thrust: Scalar
 
 
 def no_disturbance() -> Disturbance:
-    """Return the disturbance of smooth air and full thrust."""
+    """Return a disturbance without gust and with a factor of 1 on the thrust."""
     return Disturbance(Gust(as_array([0.0] * 3), as_array([0.0] * 3)), as_array(1.0))

@@ -21,11 +21,11 @@ from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 class AircraftState(eqx.Module):
     """State of one aircraft relative to the local NED axes, over a flat or a round Earth.
 
-    Over a flat Earth this state is integrated directly. Over a round Earth an `EarthFixedState` is integrated, and this
-    state is computed from it (`anser.aircraft.motion`).
+    Over a flat Earth an `AircraftState` is integrated directly. Over a round Earth an `EarthFixedState` is integrated,
+    and the `AircraftState` is computed from the result (`anser.aircraft.motion`).
     """
 
-    #: North, East, Down in the Earth's chart (local map), m; altitude is minus the third component.
+    #: Position North, East, Down in the Earth's chart (local map), m; altitude is minus the third component.
     position_n: Vector3
     velocity_b: Vector3  #: Velocity (U, V, W) over ground in body axes, m/s.
     quaternion: Quaternion  #: Attitude (q0, q1, q2, q3), scalar first, from NED to body axes.
@@ -36,26 +36,26 @@ class AircraftState(eqx.Module):
 
     @property
     def surfaces(self) -> Array:
-        """Deflections in the order of the airframe's surfaces, rad."""
+        """Deflections of the control surfaces, in the order of the airframe's actuators, rad."""
         return self.actuators.position
 
     @property
     def power(self) -> Array:
-        """Engine power: the engine's setting in percent of its maximum, not watts."""
+        """Power setting of the engine in percent of its maximum, not a power in watts."""
         return self.engine.power
 
 
 class Controls(eqx.Module):
-    """Inputs from pilot or autopilot: surface commands (in the airframe's order, rad) and throttle (0..1)."""
+    """Inputs from pilot or autopilot: surface commands (rad, in the order of the actuators) and throttle (0..1)."""
 
     surfaces: Vector
     throttle: Scalar
 
 
 class MassProperties(eqx.Module):
-    """Mass (kg), and about the centre of gravity in body axes the inertia matrix (kg m^2) with its inverse.
+    """Mass (kg), and inertia matrix (kg m^2) about the centre of gravity, body axes, with its inverse.
 
-    `spin_momentum_b` is the angular momentum of spinning parts (engine), kg m^2/s.
+    `spin_momentum_b` is the angular momentum of spinning parts (engine), body axes, kg m^2/s.
     """
 
     mass: Scalar
@@ -65,7 +65,7 @@ class MassProperties(eqx.Module):
 
 
 def rigid_body(mass: float, inertia_b: np.ndarray, spin: float = 0.0) -> MassProperties:
-    """Return the mass properties of a mass (kg) and an inertia matrix (kg m^2).
+    """Return the mass properties of a rigid body with a mass (kg) and an inertia matrix (kg m^2, body axes).
 
     `spin` is the angular momentum of the engine about body x, kg m^2/s.
     """
@@ -78,7 +78,7 @@ def rigid_body(mass: float, inertia_b: np.ndarray, spin: float = 0.0) -> MassPro
 
 
 class AbstractAirframe(eqx.Module):
-    """Interface of an airframe: subclass this class directly; concrete airframes are not subclassed."""
+    """Interface of an airframe; a new airframe is a direct subclass, and concrete airframes are not subclassed."""
 
     mass_properties: eqx.AbstractVar[MassProperties]  #: Mass, inertia and angular momentum of the engine.
     actuators: eqx.AbstractVar[AbstractActuators]  #: Dynamics, limits and names of the control surfaces.
@@ -92,7 +92,7 @@ class AbstractAirframe(eqx.Module):
     def symmetric(self) -> bool:
         """Whether the side force is zero without sideslip, rates and deflections; False if unknown.
 
-        A static property: if True, the autopilot does not compensate a side force.
+        The value is fixed at compilation: if True, the autopilot does not compensate a side force.
         """
         return False
 
@@ -100,13 +100,14 @@ class AbstractAirframe(eqx.Module):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the aerodynamic force (N) and the moment about the centre of gravity (N m), in body axes.
 
-        Inputs: air data, body rates relative to the air (rad/s) and deflections in the order of the surfaces (rad).
+        `rates_b` are the body rates relative to the air, rad/s; `surfaces` are the deflections in the actuators' order,
+        rad.
         """
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether the flight condition is outside the valid range of the airframe's or the engine's data.
 
-        The airframe's data have the ranges of angle of attack and sideslip, unless a subclass defines others.
+        By default the airframe's data are limited by `alpha_range` and `beta_range` only; subclasses may add limits.
         """
         return (
             is_outside(air_data.alpha, self.alpha_range)
@@ -120,9 +121,10 @@ _LENGTHS = ("span", "wing_area", "mean_chord")
 
 
 def refuse_impossible_body(airframe: AbstractAirframe, name: str) -> None:
-    """Raise ValueError if an airframe's mass, inertia, area or length is physically impossible.
+    """Raise ValueError if mass, inertia, wing area, span or chord of an airframe is physically impossible.
 
-    For a user's own airframe, called `name` in the message, with untraced numbers.
+    Also if `inertia_b` is not symmetric or `inertia_inverse_b` is not its inverse. The numbers must not be traced by
+    JAX; `name` stands for the airframe in the message.
     """
     properties = airframe.mass_properties
     J_b = np.asarray(properties.inertia_b, dtype=float)

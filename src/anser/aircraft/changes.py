@@ -1,7 +1,7 @@
-"""Changed aircraft: effectiveness of surfaces, drag, lift, mass, actuators and centre of gravity differ by factors.
+"""Changed aircraft: factors on surface effectiveness, drag, lift, mass and actuators, and a shifted centre of gravity.
 
-The change of an aircraft during the flight (fault, ice, shifted load) is a function of time; the constant change of an
-aircraft is one from the start on. A changed airframe wraps any other airframe by the interface `AbstractAirframe`.
+The change of an aircraft during the flight (fault, ice, shifted load) is a function of time; a constant change is in
+force from the start of the flight. `ChangedAirframe` applies a change to any airframe.
 """
 
 from typing import Any
@@ -21,10 +21,7 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 
 
 class AirframeChange(eqx.Module):
-    """Factors on properties of an airframe, and a shift of the centre of gravity.
-
-    Factors of 1 and a shift of 0 mean no change.
-    """
+    """Factors on properties of an airframe, and a shift of its centre of gravity; 1 and 0 mean no change."""
 
     #: Factor on the aerodynamically effective deflection of each surface; actuators and stops are unchanged.
     surface_effectiveness: Vector
@@ -36,7 +33,8 @@ class AirframeChange(eqx.Module):
     #: Factor on force and moment of the engine. A `ChangedAirframe` does not contain this factor: the simulation
     #: applies the factor through the `Disturbance` of the aircraft.
     thrust: Scalar
-    #: See `anser.aircraft.dispersions.BodyDispersion`.
+    #: Factors on the mass, on the second moments of mass along body x, y, z (`dispersed_mass`), and on the bandwidth of
+    #: every actuator.
     mass: Scalar
     second_moments: Vector3
     actuator_bandwidth: Scalar
@@ -44,13 +42,13 @@ class AirframeChange(eqx.Module):
 
 
 class AirframeChanges(eqx.Module):
-    """Changes of an aircraft during the flight, each from its time on: factors multiply, shifts add."""
+    """Changes of an aircraft during the flight, each in force from its time on; factors multiply, shifts add."""
 
     times: Float[Array, " changes"]  #: Time of each change, s.
-    changes: AirframeChange  #: The changes, with a leading axis.
+    changes: AirframeChange  #: The changes as one object, each array with a leading axis of the shape of `times`.
 
     def at(self, time: ScalarLike) -> AirframeChange:
-        """Return the change in force at a time, s."""
+        """Return the changes in force at a time (s) as one: products of the factors, sum of the shifts."""
         is_active = jnp.asarray(time) >= self.times
 
         def total(values: Array) -> Array:
@@ -73,32 +71,33 @@ class ChangedAirframe(AbstractAirframe):
     surface_effectiveness: Vector
     drag: Scalar
     lift_slope: Scalar
-    shift_b: Vector3  #: Former centre of gravity relative to the new one, m.
+    shift_b: Vector3  #: Original centre of gravity relative to the shifted one, body axes, m.
 
     @property
     def symmetric(self) -> bool:
-        """Whether the side force of the airframe is zero without sideslip, rates and deflections."""
+        """Whether the side force of the unchanged airframe is zero without sideslip, rates and deflections."""
         return self.airframe.symmetric
 
     @property
     def span(self) -> Any:
-        """Wing span, m, of an airframe that defines it."""
+        """Wing span, m; raises AttributeError if the unchanged airframe has none."""
         return self.airframe.span  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def wing_area(self) -> Any:
-        """Wing area, m^2, of an airframe that defines it."""
+        """Wing area, m^2; raises AttributeError if the unchanged airframe has none."""
         return self.airframe.wing_area  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def mean_chord(self) -> Any:
-        """Mean chord, m, of an airframe that defines it."""
+        """Mean chord, m; raises AttributeError if the unchanged airframe has none."""
         return self.airframe.mean_chord  # pyright: ignore[reportAttributeAccessIssue]
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the force (N) and the moment about the shifted centre of gravity (N m), body axes.
 
-        Drag and lift are D = -(X cos(alpha) + Z sin(alpha)) and L = X sin(alpha) - Z cos(alpha).
+        The factors on drag D and lift L act on D = -(X cos(alpha) + Z sin(alpha)) and L = X sin(alpha) - Z cos(alpha),
+        with the aerodynamic force X, Z along body x and z.
         """
         wrench = self.airframe.aerodynamics(air_data, rates_b, surfaces * self.surface_effectiveness)
         X, _, Z = wrench.force_b
@@ -112,7 +111,7 @@ class ChangedAirframe(AbstractAirframe):
         return Wrench(force_b, wrench.moment_b + cross(self.shift_b, force_b))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition is outside the valid range of the airframe's data."""
+        """Whether the flight condition is outside the valid range of the unchanged airframe's or its engine's data."""
         return self.airframe.outside_tables(air_data)
 
 
@@ -124,7 +123,7 @@ def changed_airframe(airframe: AbstractAirframe, change: AirframeChange) -> Chan
     Raises
     ------
     ValueError
-        The change has factors for another number of surfaces than the airframe has.
+        The number of factors in `change.surface_effectiveness` differs from the number of surfaces.
     """
     count = len(airframe.actuators.names)
     if change.surface_effectiveness.shape != (count,):

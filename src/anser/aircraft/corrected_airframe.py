@@ -13,32 +13,33 @@ from anser.shapes import Flag, Scalar, Vector, Vector3
 LONGITUDINAL = (True, False, True, False, True, False)
 """Whether each of CX, CY, CZ, Cl, Cm, Cn is a coefficient of the longitudinal motion."""
 CONSTANT = 0
+"""Index of the constant among the regressors."""
 STATE_REGRESSORS = 4
-"""Regressors before the surfaces: 1, alpha, qhat and 0 (longitudinal); 1, beta, phat and rhat (lateral)."""
+"""Number of regressors before the surfaces: 1, alpha, q c/2V, 0 (longitudinal); 1, beta, p b/2V, r b/2V (lateral)."""
 
 
 class ReferenceLengths(eqx.Module):
-    """Lengths (m) and area (m^2) of the non-dimensional coefficients."""
+    """Reference lengths (m) and area (m^2) with which the aerodynamic coefficients are dimensionless."""
 
     span: Scalar
     mean_chord: Scalar
     wing_area: Scalar
 
     def wrench(self, qbar: Scalar, coefficients: Float[Array, "6"]) -> Wrench:
-        """Return force and moment (body axes) of the coefficients CX, CY, CZ, Cl, Cm, Cn at a dynamic pressure, Pa."""
+        """Return force (N) and moment (N m), body axes, for the coefficients CX, CY, CZ, Cl, Cm, Cn and qbar (Pa)."""
         scale = qbar * self.wing_area
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         return Wrench(scale * coefficients[:3], scale * lengths * coefficients[3:])
 
     def coefficients(self, qbar: Scalar, wrench: Wrench) -> Float[Array, "6"]:
-        """Return CX, CY, CZ, Cl, Cm, Cn of a force and a moment in body axes: the inverse of `wrench`."""
+        """Return CX, CY, CZ, Cl, Cm, Cn of a force (N) and a moment (N m), body axes; qbar is at least 1 Pa."""
         scale = jnp.maximum(qbar, 1.0) * self.wing_area
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         return jnp.concatenate([wrench.force_b / scale, wrench.moment_b / (scale * lengths)])
 
 
 def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
-    """Return the reference lengths of an airframe.
+    """Return wing span, mean chord and wing area of an airframe.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
 def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "2 p"]:
     """Return the regressors of the longitudinal and of the lateral coefficients, shape (2, 4 + surfaces).
 
-    Rows: (1, alpha, q c/2V, 0, surfaces) and (1, beta, p b/2V, r b/2V, surfaces), angles in rad.
+    Rows: (1, alpha, q c/2V, 0, surfaces) and (1, beta, p b/2V, r b/2V, surfaces), angles in rad; V is at least 1 m/s.
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     p, r = rates_b[0] * lengths.span / double_V, rates_b[2] * lengths.span / double_V
@@ -73,22 +74,25 @@ def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfa
 
 
 def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]:
-    """Return the regressors of straight flight without sideslip, 0 for the constant: the origin of deviations."""
+    """Return the reference regressors (2, 4 + surfaces): `alpha` and `surfaces` (rad), no sideslip and rates.
+
+    The entry of the constant is 0, so that the deviation of the constant from the reference remains 1.
+    """
     zero = jnp.zeros_like(alpha)
     states = jnp.stack([jnp.stack([zero, alpha, zero, zero]), jnp.zeros(STATE_REGRESSORS)])
     return jnp.concatenate([states, jnp.stack([surfaces, surfaces])], axis=1)
 
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
-    """Return the regressors of each of CX, CY, CZ, Cl, Cm, Cn: the longitudinal or the lateral row."""
+    """Return the regressors of CX, CY, CZ, Cl, Cm, Cn from the longitudinal and the lateral row."""
     return jnp.tile(rows, (3, 1))  # CX, CZ, Cm are longitudinal, CY, Cl, Cn lateral: the rows alternate
 
 
 class CorrectedAirframe(AbstractAirframe):
     """An airframe with increments of its six coefficients, linear in the regressors' deviations from a reference.
 
-    Without known aerodynamics the increments are the whole coefficients; mass, inertia, geometry, actuators and engine
-    are those of the base airframe.
+    If `aerodynamics_known` is False, the increments are the whole coefficients. Mass, inertia, geometry, actuators and
+    engine are those of the base airframe.
     """
 
     base: AbstractAirframe
@@ -98,7 +102,8 @@ class CorrectedAirframe(AbstractAirframe):
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     lengths: ReferenceLengths
-    reference: Float[Array, "2 p"]  #: Regressors at which the slopes have no effect; 0 for the constant.
+    #: Longitudinal and lateral regressors at which the slopes in `increments` have no effect; 0 for the constant.
+    reference: Float[Array, "2 p"]
     increments: Float[Array, "6 p"]  #: Increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor.
     aerodynamics_known: bool = eqx.field(static=True, default=True)
 
@@ -126,17 +131,17 @@ class CorrectedAirframe(AbstractAirframe):
         return self.lengths.wing_area
 
     def increment(self, data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Return the increments of force (N) and moment (N m), body axes."""
+        """Return the increments of force (N) and of moment about the centre of gravity (N m), body axes."""
         rows = by_coefficient(regressors(self.lengths, data, rates_b, surfaces) - self.reference)
         return self.lengths.wrench(data.qbar, jnp.sum(self.increments * rows, axis=1))
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute force (N) and moment (N m, about the centre of gravity) of the base airframe plus the increments."""
+        """Compute force (N) and moment about the centre of gravity (N m), body axes: base airframe plus increments."""
         increment = self.increment(air_data, rates_b, surfaces)
         return self.base.aerodynamics(air_data, rates_b, surfaces) + increment if self.aerodynamics_known else increment
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the condition is outside the base airframe's data."""
+        """Whether the flight condition is outside the valid range of the base airframe's or its engine's data."""
         return self.base.outside_tables(air_data)
 
 
@@ -168,7 +173,10 @@ def corrected_airframe(
 
 
 def without_aerodynamics(airframe: AbstractAirframe) -> CorrectedAirframe:
-    """Return an airframe of which no aerodynamic coefficient is known: all are 0."""
+    """Return a copy of an airframe whose six aerodynamic coefficients and increments are 0.
+
+    Raises ValueError if the airframe has no span, mean chord or wing area.
+    """
     size = STATE_REGRESSORS + len(airframe.actuators.names)
     zeros = jnp.zeros((2, size)), jnp.zeros((6, size))
     return corrected_airframe(airframe, reference_lengths(airframe), *zeros, aerodynamics_known=False)

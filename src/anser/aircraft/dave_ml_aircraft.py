@@ -45,18 +45,21 @@ _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
 def _used_inputs(evaluator: Evaluator, values: Mapping[str, ScalarLike]) -> dict[str, ScalarLike]:
-    """Return the values of the inputs that a file uses, by name."""
+    """Return those of `values`, by variable name, that are inputs of the file."""
     input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
     return {name: value for name, value in values.items() if name in input_names}
 
 
 def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
-    """Return the values of those `AIR_INPUTS` that a file uses, by name; SI units and rad."""
+    """Return the air data by the names of `AIR_INPUTS`, SI units and rad; only inputs of the file are included."""
     return _used_inputs(evaluator, {name: getattr(air_data, key) for name, key in AIR_INPUTS.items()})
 
 
 class DaveMlEngine(AbstractLaggedEngine):
-    """Thrust from a file as a function of the power in percent, with a first-order lag (s) from throttle to power."""
+    """Engine with thrust and thrust moment from a DAVE-ML file, functions of power (percent) and air data.
+
+    The power follows the throttle with the first-order `lag`, s.
+    """
 
     evaluator: Evaluator
     lag: Scalar
@@ -70,7 +73,10 @@ class DaveMlEngine(AbstractLaggedEngine):
     thrust_factor: Scalar  # factor on thrust and thrust moment; 1 for the values of the file
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Compute the thrust force (N) and the thrust moment about the centre of gravity (N m) at a power (percent)."""
+        """Compute the thrust force (N) and the thrust moment about the centre of gravity (N m) at a power (percent).
+
+        Outside 0..100 percent, for trim solvers, the thrust is extrapolated with the slope `extrapolation_thrust`.
+        """
         # in SI units percent becomes a fraction
         within = jnp.clip(power, 0.0, 100.0)
         inputs = {**air_inputs(self.evaluator, air_data), ENGINE_POWER: within / 100.0}
@@ -80,10 +86,10 @@ class DaveMlEngine(AbstractLaggedEngine):
         return Wrench(force_b, self.thrust_factor * moment_b + cross(self.point_b, force_b))
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N).
+        """Return the power (0..100 percent) whose thrust along body x is nearest to `thrust` (N).
 
         The thrust is computed every ten percent of power and interpolated linearly; two further values of thrust, at
-        the interpolated powers, narrow the interval.
+        the interpolated powers, narrow the interval. A thrust that falls with power counts as constant.
         """
         powers = jnp.asarray(_POWER_GRID, air_data.V.dtype)
         thrusts = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
@@ -105,7 +111,7 @@ class DaveMlEngine(AbstractLaggedEngine):
         return jnp.clip(interpolate(*jax.lax.fori_loop(0, 2, narrow, ends)), 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether altitude or Mach number is outside the declared range of the tables."""
+        """Whether altitude or Mach number is outside `altitude_range` or `mach_range`."""
         return is_outside(air_data.altitude, self.altitude_range) | is_outside(air_data.mach, self.mach_range)
 
 
@@ -113,7 +119,7 @@ _FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")
 _MOMENTS = tuple(f"aeroBodyMomentCoefficient_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 _RATES = tuple(f"bodyAngularRate_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 AERO_OUTPUTS = (*_FORCES, *_MOMENTS)
-"""Required outputs of an aerodynamics file, besides `AERO_LENGTHS`."""
+"""Variables that an aerodynamics file must define, besides `AERO_LENGTHS`: CX, CY, CZ, Cl, Cm, Cn."""
 AERO_LENGTHS = ("referenceWingArea", "referenceWingSpan", "referenceWingChord")
 STANDARD_INPUTS = (*AIR_INPUTS, *_RATES)
 """Inputs available for any aircraft; other inputs must be surfaces or have a default value."""
@@ -124,15 +130,15 @@ _INERTIAS = (
 _QUANTITIES = ("Jxx", "Jyy", "Jzz", "Jxy", "Jyz", "Jxz")
 _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
-"""Required outputs of an inertia file."""
+"""Variables that an inertia file must define: moments and products of inertia, centre of mass and mass."""
 _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.0)
-"""Grid of the search for a static side force: Mach numbers up to 1.8, at sea level."""
+"""Grid of the search for a static side force: number of alphas, airspeeds (m/s), and engine powers (percent)."""
 
 
 class DaveMlAircraft(AbstractAirframe):
     """Airframe with the aerodynamics of a DAVE-ML file.
 
-    The file's coefficients are in body axes; its moments refer to the moment reference centre.
+    The file's coefficients are in body axes; the moment coefficients refer to the file's moment reference centre.
     """
 
     mass_properties: MassProperties
@@ -149,9 +155,9 @@ class DaveMlAircraft(AbstractAirframe):
     coefficient_factors: Float[Array, "6"]  #: Factors on CX, CY, CZ, Cl, Cm, Cn of the file; 1 for no change.
     airspeed_min: Scalar  #: Lower limit of the airspeed passed to the file, m/s: p b/2V is unbounded at rest.
     validity: Validity
-    #: Name of the file's input for each surface, in the order of the surfaces.
+    #: Name or varID of the file's input for each surface, in the actuators' order.
     inputs: tuple[str, ...] = eqx.field(static=True)
-    #: Whether a side force without sideslip, rates and deflections is possible.
+    #: Whether airframe or engine may have a side force without sideslip, rates and deflections.
     has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property
@@ -162,7 +168,8 @@ class DaveMlAircraft(AbstractAirframe):
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """Return the file's CX, CY, CZ, Cl, Cm, Cn times `coefficient_factors`.
 
-        The moments refer to the moment reference centre, not to the centre of mass.
+        The moment coefficients refer to the moment reference centre, not to the centre of mass. `rates_b` are the body
+        rates relative to the air, rad/s; `surfaces` the deflections, rad.
         """
         limited_air_data = eqx.tree_at(lambda d: d.V, air_data, jnp.maximum(air_data.V, self.airspeed_min))
         inputs = {
@@ -211,21 +218,21 @@ def dave_ml_airframe(
     aerodynamics
         Model with the six coefficients in body axes (`AERO_OUTPUTS`) and the reference area, span and chord.
     inertia
-        Model with mass, moments and products of inertia, and the centre of mass relative to the moment reference centre
-        (body axes, m); or these quantities themselves.
+        Model with mass, moments and products of inertia, and the centre of mass relative to the moment reference
+        centre; or the mass properties and the position of the centre of mass (body axes, m) as a pair.
     propulsion
         Model with thrust and thrust moment (`ENGINE_OUTPUTS`) as functions of the power lever angle in percent; or an
-        engine; None: no engine.
+        engine; or None for no engine.
     actuators
         Actuators of the surfaces: not part of an aerodynamics file.
     inputs
-        Variable of `aerodynamics` driven by each surface.
+        For each surface, name or varID of the input of `aerodynamics` that receives the deflection.
     alpha_range, beta_range
-        Valid range of the tables, rad.
+        Valid range of the aerodynamic tables, rad.
     engine_lag
-        Time constant from throttle to power, s: not part of a propulsion file.
+        Time constant from throttle to power, s, of a propulsion model: not part of a propulsion file.
     altitude_range, mach_range
-        Valid range of the engine tables, m and Mach number.
+        Valid range of the propulsion model, m and Mach number.
     inertia_inputs
         Inputs of `inertia`, for example the centre of gravity, in the units of the file.
     validity
@@ -234,8 +241,9 @@ def dave_ml_airframe(
     Raises
     ------
     ValueError
-        A model lacks a variable (the message names it); an input of the aerodynamics is neither air data, body rate nor
-        surface, and has no default value; or the mass properties are physically impossible.
+        A model lacks a required variable; the number of `inputs` differs from the number of surfaces; an input of the
+        aerodynamics is neither air data, body rate nor surface, and has no default value; or the mass properties are
+        physically impossible.
     DaveMlError
         A reference length, the mass or the inertia is physically impossible, or the input of a surface is not an angle.
     """
@@ -303,9 +311,9 @@ def dave_ml_airframe(
 
 
 def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether airframe or engine has a side force without sideslip, rates and deflections.
+    """Whether airframe or engine has a side force without sideslip, rates and deflections at sea level.
 
-    The side force is evaluated on a grid of alpha, airspeed and power.
+    The side force is evaluated on a grid of angle of attack, airspeed and engine power.
     """
     low, high = aircraft.alpha_range
     alphas = np.linspace(float(low), float(high), _ALPHAS)
@@ -317,7 +325,7 @@ def _side_forces(aircraft: DaveMlAircraft, alphas: Array, speeds: Array, powers:
     """Compute side forces (N) without sideslip, rates and deflections; shape (alphas, speeds, powers + 1).
 
     The last axis holds the engine's side force at each power (percent), then the aerodynamic side force. `alphas` are
-    in rad, `speeds` in m/s; the air density is 1 kg/m^3.
+    in rad, `speeds` in m/s; altitude is 0, air density 1 kg/m^3 and speed of sound 340 m/s.
     """
     zero = jnp.zeros(())
 
@@ -335,8 +343,8 @@ def dave_ml_body_faults(
 ) -> list[tuple[str, DaveMlError]]:
     """List the impossible reference lengths, masses and moments of inertia of an aerodynamics and an inertia file.
 
-    For each fault the name of the file, "aerodynamics" or "inertia", and an error with the position in the file.
-    `inertia_inputs` are in the units of the file.
+    Each fault is a pair: "aerodynamics" or "inertia", and an error with the position in that file. A model that is
+    None is not checked; `inertia_inputs` are in the units of the file.
     """
     located_faults: list[tuple[str, DaveMlError]] = []
     if aerodynamics is not None:
@@ -366,7 +374,7 @@ def _fault(model: Model, name: str, fault: BodyFault) -> DaveMlError:
 
 
 def _si(model: Model, names: Sequence[str], inputs: Mapping[str, float]) -> dict[str, float]:
-    """Compute variables of a model in SI units, by name."""
+    """Return the values of variables of a model by name, in SI units; `inputs` are in the units of the file."""
     values = model.evaluate(inputs, names)
     return {name: float(value) * model.evaluator.unit(name).factor for name, value in values.items()}
 
@@ -377,7 +385,7 @@ def _inertia_matrix(si: Mapping[str, float]) -> np.ndarray:
 
 
 def _read_mass_properties(inertia: Model, inputs: Mapping[str, float]) -> tuple[MassProperties, Vector3]:
-    """Return the mass properties of an inertia file, and the centre of mass.
+    """Return the mass properties and the centre of mass of an inertia file; `inputs` are in the units of the file.
 
     The centre of mass is relative to the moment reference centre, body axes, m.
     """

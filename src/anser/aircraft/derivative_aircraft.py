@@ -1,4 +1,4 @@
-"""An aircraft from stability and control derivatives, optional tables, and a stall blending to a flat plate."""
+"""An aircraft from stability and control derivatives, optional tables, and a stall model (flat plate)."""
 
 import equinox as eqx
 import jax
@@ -16,12 +16,15 @@ from anser.numerics.tables import Tables
 from anser.shapes import Flag, Scalar, Vector, Vector3
 
 NO_STALL = 100.0
-"""Stall angle of attack, rad, of an aircraft without stall model."""
+"""Value of `stall_alpha`, rad, for an aircraft without stall model: an angle that no flight reaches."""
 _STATIC_COLUMNS = tuple(DERIVATIVE_ARGUMENTS.index(argument) for argument in STATIC_ARGUMENTS)
 
 
 class DerivativeAircraft(AbstractAirframe):
-    """Aerodynamic coefficients that are linear except for drag, stall and tables."""
+    """Airframe whose aerodynamic coefficients are sums of derivatives times angles, rates and deflections.
+
+    Induced drag, stall and tables add nonlinear parts.
+    """
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -33,22 +36,24 @@ class DerivativeAircraft(AbstractAirframe):
     wing_area: Scalar
     mean_chord: Scalar
     cg_offset_b: Vector3  #: Centre of gravity relative to the reference point of the moment coefficients, body axes, m.
-    #: Per rad. Rows: `anser.airframe_data.COEFFICIENTS`; columns: `DERIVATIVE_ARGUMENTS`, then the surfaces in the
-    #: actuators' order.
+    #: Derivatives per rad or per dimensionless rate. Rows: `anser.airframe_data.COEFFICIENTS` (CL, CD, CY, Cl, Cm, Cn);
+    #: columns: `DERIVATIVE_ARGUMENTS`, then the surfaces in the actuators' order.
     derivatives: Float[Array, "6 columns"]
-    induced_drag: Scalar  #: 1 / (pi e AR): factor of the square of the lift due to angle of attack.
-    #: M and alpha0 of the blending to a flat plate; alpha0 in rad, `NO_STALL` without stall model.
+    #: 1 / (pi e AR), factor on the squared lift coefficient due to angle of attack in attached flow; 0 for none.
+    induced_drag: Scalar
+    #: Sharpness M (per rad) and angle of attack alpha0 (rad) of the stall (`flow_separation`); alpha0 is `NO_STALL`
+    #: without stall model.
     stall_sharpness: Scalar
     stall_alpha: Scalar
     validity: Validity  #: Valid range of airspeed, altitude and Mach number.
     tables: Tables | None = None  #: Tables over alpha, beta (rad) and surfaces (rad); None: no tables.
     #: Factor on each function of the tables; 1 for the published values.
     table_factors: Float[Array, " tables"] | None = None
-    #: Row and column in `derivatives` to which each function of the tables is added.
+    #: For each function of the tables, row and column of the entry of `derivatives` to which the value is added.
     table_derivatives: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
-    #: Index of each table axis in alpha, beta and the surfaces.
+    #: For each table axis, index of its argument: 0 alpha, 1 beta, from 2 on the surfaces.
     table_arguments: tuple[int, ...] = eqx.field(static=True, default=())
-    #: Whether a side force without sideslip, rates and deflections is possible, for example by CY0.
+    #: Whether a side force without sideslip, rates and deflections is possible, for example by the derivative CY0.
     has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property
@@ -57,7 +62,7 @@ class DerivativeAircraft(AbstractAirframe):
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
-        """Compute CL, CD, CY, Cl, Cm, Cn (`COEFFICIENTS`); the moments refer to the reference point.
+        """Compute CL, CD, CY, Cl, Cm, Cn (`COEFFICIENTS`), moments about the reference point, from rates in rad/s.
 
         Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients of an
         aircraft at rest finite. Stall and drag: [BM] section 4.2; the lift due to angle of attack fades into the lift
@@ -96,7 +101,8 @@ class DerivativeAircraft(AbstractAirframe):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the force (N) and the moment about the centre of gravity (N m), in body axes.
 
-        Lift and drag are rotated into body axes by alpha alone; moments are transferred from the reference point.
+        Lift and drag are rotated into body axes by alpha alone; the moment is transferred from the reference point of
+        the coefficients to the centre of gravity.
         """
         CL, CD, CY, Cl, Cm, Cn = self.coefficients(air_data, rates_b, surfaces)
         sa, ca = jnp.sin(air_data.alpha), jnp.cos(air_data.alpha)

@@ -1,6 +1,6 @@
 """Dispersed aircraft: airframes whose data deviate from the published values.
 
-Dispersed are mass, inertia, centre of gravity, actuators, thrust and aerodynamic coefficients.
+The deviations concern mass, inertia, centre of gravity, actuators, thrust and aerodynamic coefficients.
 """
 
 from typing import TypeVar, cast
@@ -20,7 +20,7 @@ AnyAirframe = TypeVar("AnyAirframe", bound=AbstractAirframe)
 
 
 class BodyDispersion(eqx.Module):
-    """Deviations of one aircraft except for aerodynamics; factors of 1 and a shift of 0 mean no change."""
+    """Deviations of mass, inertia, thrust, actuators and centre of gravity; factors of 1 and shift 0: no change."""
 
     # factors on thrust and mass
     thrust: Scalar
@@ -35,8 +35,9 @@ def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vec
     """Return mass properties with the mass and the second moments of mass (along body x, y, z) scaled by factors.
 
     The second moments are the integrals of x^2, y^2 and z^2 over the mass; Jxx is the sum of the second and third, and
-    so on. A product of inertia is scaled by the square root of both factors: the body is stretched along its axes, so
-    the principal moments remain positive and within the triangle inequality for any factors.
+    so on. A product of inertia is scaled by the square roots of the factors of its two axes. The body is thus stretched
+    along its axes: the principal moments stay positive and within the triangle inequality for any positive factors.
+    The factor on the mass does not change the inertia.
     """
     root = jnp.sqrt(second_moments)
     J_b, eye = properties.inertia_b, jnp.eye(3, dtype=properties.inertia_b.dtype)
@@ -51,10 +52,10 @@ def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vec
 
 
 def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: Vector3) -> AnyAirframe:
-    """Return an airframe of the same structure with dispersed mass, actuators and thrust.
+    """Return a copy of the airframe with dispersed mass, inertia, actuators and thrust; the aerodynamics are unchanged.
 
-    The aerodynamics are unchanged; the caller must shift the moment reference. `shift_b` is the former centre of
-    gravity relative to the new one, m.
+    `shift_b` is the former centre of gravity relative to the new one, body axes, m, and shifts the thrust point. The
+    caller must shift the reference point of the aerodynamic moments.
     """
     changed = eqx.tree_at(
         lambda a: (a.mass_properties, a.actuators, a.engine),
@@ -71,8 +72,8 @@ def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: V
 class DerivativeDispersion(eqx.Module):
     """Dispersion of a `DerivativeAircraft`; factors of 1 mean no change.
 
-    The factors multiply `DerivativeAircraft.derivatives` and each function of the aircraft's tables (None without
-    tables).
+    `derivatives` are factors on the entries of `DerivativeAircraft.derivatives`; `tables` are factors on the functions
+    of the aircraft's tables, None for an aircraft without tables.
     """
 
     derivatives: Float[Array, "6 columns"]
@@ -81,7 +82,7 @@ class DerivativeDispersion(eqx.Module):
 
 
 def dispersed_derivative_aircraft(aircraft: DerivativeAircraft, dispersion: DerivativeDispersion) -> DerivativeAircraft:
-    """Return a copy of the aircraft, of the same structure, whose data deviate by `dispersion`."""
+    """Return a copy of the aircraft, with the same pytree structure, whose data deviate by `dispersion`."""
     forward_b = jnp.stack([dispersion.body.cg_shift * aircraft.mean_chord, *jnp.zeros(2)])
     changed = eqx.tree_at(
         lambda a: (a.derivatives, a.cg_offset_b),
@@ -96,7 +97,7 @@ def dispersed_derivative_aircraft(aircraft: DerivativeAircraft, dispersion: Deri
 def dispersed_dave_ml_aircraft(
     aircraft: DaveMlAircraft, coefficients: Float[Array, "6"], body: BodyDispersion
 ) -> DaveMlAircraft:
-    """Return a copy of the aircraft, of the same structure, whose data deviate.
+    """Return a copy of the aircraft, with the same pytree structure, whose data deviate by factors and `body`.
 
     `coefficients` are factors on CX, CY, CZ, Cl, Cm, Cn about the moment reference centre of the file.
     """
@@ -124,10 +125,10 @@ def no_dispersion() -> F16Dispersion:
 
 
 def dispersed_f16(f16: AnyF16, dispersion: F16Dispersion) -> AnyF16:
-    """Return a copy of the F-16, of the same class and structure, whose data deviate by `dispersion`.
+    """Return a copy of the F-16, with the same class and pytree structure, whose data deviate by `dispersion`.
 
-    A factor scales a table or coefficient as a whole, hence its contribution to the build-up; the table arguments are
-    unchanged. The c.g. terms in Cm and Cn follow the shift.
+    A factor scales a whole table or coefficient, hence its contribution to the build-up; the table arguments are
+    unchanged. The terms of Cm and Cn that depend on the centre of gravity follow its shift.
     """
     scaled = dispersed_body(f16.with_coefficients_scaled(dispersion.coefficients), dispersion, jnp.zeros(3))
     return cast(AnyF16, eqx.tree_at(lambda a: a.x_cg, scaled, f16.x_cg + dispersion.cg_shift))

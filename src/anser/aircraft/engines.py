@@ -1,7 +1,4 @@
-"""Engines: the interface, with inverses of thrust and lag.
-
-The first-order power lag of most engines, a missing engine, and a jet engine with thrust tables.
-"""
+"""Engines: interface with thrust, power dynamics and their inverses; first-order lag; no engine; jet with tables."""
 
 import abc
 from typing import Any, Self
@@ -17,7 +14,7 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 
 class EnginePower(eqx.Module):
-    """State of an engine with a single lag: `power`, percent of maximum."""
+    """State of an engine with a single lag: `power`, the power setting in percent of maximum."""
 
     power: Scalar
 
@@ -28,7 +25,7 @@ class AbstractEngine(eqx.Module):
     The engine's `power` is its setting in percent of maximum, not watts. Each class defines its own engine state; every
     state has an attribute `power`. Thrust is a function of power and air data; controllers use the inverse functions.
 
-    A new class flies in any airframe. To give it a description or a table in aircraft files, extend
+    A new class can be used in any airframe. For a description of the engine or for a table in aircraft files, extend
     `anser.analysis.airframes` or `anser.aircraft_files`.
     """
 
@@ -39,18 +36,18 @@ class AbstractEngine(eqx.Module):
 
     @abc.abstractmethod
     def steady_state(self, power: ScalarLike) -> Any:
-        """Return the engine state of steady running at a power (percent)."""
+        """Return the engine state of steady running at a power (percent), with attribute `power`."""
 
     @abc.abstractmethod
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
-        """Return the time derivative of the engine state at a throttle (0..1), in the state's structure."""
+        """Return the time derivative of the engine state at a throttle (0..1), as an object of the state's class."""
 
     def before_step(self, state: Any, throttle: ScalarLike) -> Any:
-        """Return the engine state at the start of an integration step at a throttle (0..1): by default unchanged."""
+        """Return the engine state with which an integration step at a throttle (0..1) starts: by default `state`."""
         return state
 
     def steady_power(self, throttle: ScalarLike) -> Scalar:
-        """Return the power (percent) at which the engine runs steadily at a throttle (0..1), found by bisection."""
+        """Return the power (0..100 percent) at which the engine runs steadily at a throttle (0..1), by bisection."""
 
         def halve(_: object, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             low, high = bounds
@@ -91,9 +88,9 @@ class AbstractEngine(eqx.Module):
         """Whether the flight condition is outside the valid range of the engine's data."""
 
     def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "AbstractEngine":
-        """Return the same engine with the thrust times a factor; its thrust point moves by `shift_b` (m, body axes).
+        """Return a copy with the thrust multiplied by `thrust` and the thrust point moved by `shift_b` (m, body axes).
 
-        By default by the fields `thrust_factor` and `point_b`; raises TypeError for an engine without them.
+        By default the fields `thrust_factor` and `point_b` are changed; raises TypeError if the engine lacks them.
         """
         if not (hasattr(self, "thrust_factor") and hasattr(self, "point_b")):
             raise TypeError(
@@ -104,7 +101,7 @@ class AbstractEngine(eqx.Module):
         return eqx.tree_at(lambda e: (e.thrust_factor, e.point_b), self, values)
 
     def with_point_shifted(self, shift_b: Vector3) -> Self:
-        """Return the same engine with its thrust point (field `point_b`, if any) moved by `shift_b` (m, body axes)."""
+        """Return a copy with the field `point_b` moved by `shift_b` (m, body axes); `self` if the field is missing."""
         if not hasattr(self, "point_b"):
             return self
         return eqx.tree_at(lambda e: e.point_b, self, self.point_b + shift_b)  # pyright: ignore
@@ -139,16 +136,16 @@ class NoEngine(AbstractEngine):
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Always False: there are no data."""
+        """Return False: without an engine there are no engine data."""
         return air_data.V < 0.0
 
     def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "NoEngine":
-        """Return no engine: there is no thrust to scale."""
+        """Return `self`: without an engine there is no thrust to scale."""
         return self
 
 
 def thrust_along_body_x(thrust: Scalar) -> Wrench:
-    """Return the force and moment of a thrust (N) along body x through the centre of gravity."""
+    """Return the force (thrust, N, along body x) and the zero moment of a thrust through the centre of gravity."""
     zero = jnp.zeros_like(thrust)
     return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
 
@@ -167,7 +164,7 @@ class AbstractLaggedEngine(AbstractEngine):
         return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Return the throttle (0..1) that holds a power (percent)."""
+        """Return the throttle (0..1) at which the engine runs steadily at a power (percent): power / 100, limited."""
         return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
@@ -176,7 +173,7 @@ class AbstractLaggedEngine(AbstractEngine):
 
 
 def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
-    """Return force and moment of a thrust (N) along body x at a point, plus a torque about body x (N m).
+    """Return force (N) and moment (N m) of a thrust (N) along body x at a point, plus a torque about body x (N m).
 
     `point_b` is relative to the centre of gravity, body axes, m; the moment is about the centre of gravity.
     """
@@ -186,10 +183,10 @@ def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
 
 
 class JetEngine(AbstractLaggedEngine):
-    """Jet engine: thrust interpolated between idle and full by the power, which follows the throttle with a lag."""
+    """Jet engine with a thrust linear in the power, from idle to full; the power follows the throttle with a lag."""
 
     thrust_tables: Tables  #: Idle and full thrust (N) over altitude (m) and Mach number.
-    lag: Scalar  #: Time constant, s.
+    lag: Scalar  #: Time constant from throttle to power, s.
     point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
     thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
 
@@ -201,7 +198,7 @@ class JetEngine(AbstractLaggedEngine):
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Compute the thrust along body x (N), and its moment about the centre of gravity (N m), at a power (percent).
 
-        The thrust is idle + (full - idle) power / 100, with the thrust at 0 and at 100 percent of power.
+        The thrust is idle + (full - idle) power / 100, from the thrusts of `idle_and_full_thrust`.
         """
         idle, full = self.idle_and_full_thrust(air_data)
         return thrust_at_point(idle + (full - idle) * power / 100.0, jnp.zeros_like(idle), self.point_b)
@@ -220,28 +217,28 @@ class JetEngine(AbstractLaggedEngine):
 
 
 class InstantEngine(AbstractEngine):
-    """An engine without lag: the power follows the throttle at the start of each step."""
+    """An engine without lag: the power jumps to its steady value for the throttle at the start of each step."""
 
-    engine: AbstractEngine  #: Engine with the thrust and the relation of throttle and power.
+    engine: AbstractEngine  #: Engine with lag, which defines the thrust and the steady relation of throttle and power.
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
         """Return the engine state of steady running at a power (percent)."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Return a zero rate: the power changes between the steps only."""
+        """Return a zero rate: the power changes between the integration steps only, by `before_step`."""
         return EnginePower(jnp.zeros_like(state.power))
 
     def before_step(self, state: EnginePower, throttle: ScalarLike) -> EnginePower:
-        """Return the state of steady running at the throttle."""
+        """Return the engine state of steady running at the throttle (0..1)."""
         return EnginePower(self.steady_power(throttle).astype(state.power.dtype))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Compute thrust force and moment of the engine with lag."""
+        """Compute the thrust force (N) and its moment about the centre of gravity (N m) at a power (percent)."""
         return self.engine.propulsion(power, air_data)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Return the power (0..100 percent) of the engine with lag for a thrust (N)."""
+        """Return the power (0..100 percent) whose thrust along body x is nearest to `thrust` (N)."""
         return self.engine.power_for_thrust(thrust, air_data)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
@@ -249,7 +246,7 @@ class InstantEngine(AbstractEngine):
         return self.engine.throttle_for_power(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Return the throttle of the current power: any rate takes one step."""
+        """Return the throttle (0..1) of steady running at the current power (percent), whatever the required rate."""
         return self.engine.throttle_for_power(power)
 
     def outside_tables(self, air_data: AirData) -> Flag:
@@ -257,7 +254,7 @@ class InstantEngine(AbstractEngine):
         return self.engine.outside_tables(air_data)
 
     def with_point_shifted(self, shift_b: Vector3) -> "InstantEngine":
-        """Return an engine without lag whose thrust point is moved by `shift_b` (m, body axes)."""
+        """Return a copy with the thrust point of the inner engine moved by `shift_b` (m, body axes)."""
         return InstantEngine(self.engine.with_point_shifted(shift_b))
 
 

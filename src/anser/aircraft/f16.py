@@ -1,7 +1,7 @@
 """The F-16 of Stevens & Lewis.
 
-Engine, common interface of the F-16 table sets, and the three published variants (theory section 4; [SL] appendix A;
-[S119]; [TH]).
+Engine, base class of all F-16 models, and the three published variants of the textbook's tables (theory section 4;
+[SL] appendix A; [S119]; [TH]).
 """
 
 import abc
@@ -26,7 +26,7 @@ from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class F16Engine(AbstractEngine):
-    """Afterburning turbofan of [SL] appendix A."""
+    """Afterburning turbofan of the F-16: thrust tables and power lag of [SL] appendix A."""
 
     thrust_tables: Tables  # idle, military and maximum thrust (N) over altitude (m) and Mach number
 
@@ -35,7 +35,7 @@ class F16Engine(AbstractEngine):
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Return the rate of the power, percent/s, at a throttle (0..1): `power_rate` for the command of `gearing`."""
+        """Return the rate of the power (percent/s): `power_rate` for the power command of `gearing` at the throttle."""
         return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -71,7 +71,7 @@ class F16Engine(AbstractEngine):
         return jnp.clip(jnp.where(thrust < military, dry, wet), 0.0, 100.0)
 
     def power_rate(self, power: ScalarLike, power_command: ScalarLike) -> Scalar:
-        """Return the rate of the power (percent/s) for a power command, by the engine's lag ([SL] PDOT, RTAU)."""
+        """Return the rate of the power (percent/s) for a power command (percent), by the lag of [SL] PDOT and RTAU."""
         is_afterburning, afterburner_commanded = power >= 50, power_command >= 50
         target = jnp.where(
             afterburner_commanded,
@@ -83,28 +83,29 @@ class F16Engine(AbstractEngine):
         return jnp.where(is_afterburning, 5.0, slow) * gap
 
     def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "F16Engine":
-        """Return the engine with its thrust tables times a factor; the thrust acts at any centre of gravity."""
+        """Return a copy with the thrust tables times `thrust`; `shift_b` is ignored: the thrust has no moment arm."""
         cells = self.thrust_tables.cells[0] * thrust
         return eqx.tree_at(lambda e: e.thrust_tables.cells[0], self, cells)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Return the throttle (0..1) for a required power rate (percent/s) at the current power."""
+        """Return the throttle (0..1) that changes the current `power` (percent) at `power_rate` (percent/s)."""
         return self.throttle_for_power(self.power_command_for_rate(power, power_rate))
 
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Return the power command (percent, 0..100) for a required power rate (percent/s): the inverse of the lag.
+        """Return the power command (0..100 percent) for a required power rate (percent/s), the inverse of `power_rate`.
 
-        From 50 percent of power on (afterburner) the rate constant is 5 1/s; below, it is 1 1/s for commands up to 25
-        percent above the power. Greater steps reduce the rate constant, so the command is limited to 25 percent above
-        the power. Near 50 percent of power the published lag cannot produce certain rates. The command for such a rate
-        lies beyond 50 percent, and the power usually changes faster, so that a closed loop cannot stick at 50 percent.
+        From 50 percent of power on (afterburner) the rate constant is 5 1/s; below 50 percent the constant is 1 1/s for
+        commands up to 25 percent above the power. Greater steps reduce the rate constant, so the command is limited to
+        25 percent above the power. Near 50 percent of power the published lag cannot produce certain rates. The command
+        for such a rate lies beyond 50 percent, and the power usually changes faster than required, so that a closed
+        loop cannot stick at 50 percent.
         """
         command_with_afterburner = power + power_rate / 5.0
         command_without = power + jnp.minimum(power_rate, 25.0)
         return jnp.clip(jnp.where(power >= 50, command_with_afterburner, command_without), 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether altitude (0..50,000 ft) or Mach number (0..1) is outside the thrust tables."""
+        """Whether altitude or Mach number is outside the thrust tables, 0 to 50,000 ft and Mach 0 to 1."""
         return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))
 
 
@@ -120,7 +121,7 @@ class F16Coefficients(eqx.Module):
 
 
 class AbstractF16(AbstractAirframe):
-    """An F-16 with its engine; subclasses define the coefficients."""
+    """Base class of the F-16 models: engine, geometry and forces; subclasses define the aerodynamic coefficients."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -137,14 +138,14 @@ class AbstractF16(AbstractAirframe):
 
     @abc.abstractmethod
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
-        """Compute force and moment coefficients from air data, body rates (rad/s) and deflections (rad)."""
+        """Compute force and moment coefficients; `rates_b` relative to the air, rad/s; deflections `surfaces`, rad."""
 
     @abc.abstractmethod
     def with_coefficients_scaled(self, factors: Float[Array, " coefficients"]) -> "AbstractF16":
-        """Return a copy of the aircraft with each of `F16_COEFFICIENTS` multiplied by its factor."""
+        """Return a copy of the aircraft with each coefficient of `F16_COEFFICIENTS` multiplied by its factor."""
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute the force qbar S (CX, CY, CZ), N, and the moment qbar S (b Cl, c Cm, b Cn), N m."""
+        """Compute the force qbar S (CX, CY, CZ), N, and the moment qbar S (b Cl, c Cm, b Cn), N m, in body axes."""
         c = self.coefficients(air_data, rates_b, surfaces)
         scale = air_data.qbar * self.wing_area
         return Wrench(
@@ -158,7 +159,7 @@ TABLE_COEFFICIENTS = (
     ("CX0", "Cm0"),
     ("Clda", "Cldr", "Cnda", "Cndr", "Cl0", "Cn0"),
 )
-"""Names of the coefficients in each group of `F16.tables`, in order."""
+"""Names of the functions in each group of `F16.tables`: over alpha; alpha and elevator; alpha and sideslip."""
 _GROUPS = (*TABLE_COEFFICIENTS, ("CYb", "CYda", "CYdr"), ("CZde",))
 F16_COEFFICIENTS = tuple(itertools.chain(*_GROUPS))
 """Names of all coefficients of the build-up (theory section 4): those of `F16.tables`, then of the linear terms."""
@@ -166,15 +167,15 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
 class F16(AbstractF16):
-    """F-16 of Stevens & Lewis with the engine; `f16_from_data` builds the published variants.
+    """F-16 with the tables of Stevens & Lewis; `f16_from_data` builds the published variants.
 
-    The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: the last degree is part of the
-    published model, and `outside_tables` does not report it.
+    The textbook's elevator table ends at 24 deg while the surface moves to 25 deg. The last degree is part of the
+    published model; `outside_tables` does not report such deflections.
     """
 
     surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
-    side_force: Vector3  #: CY per degree of sideslip, per unit aileron and per unit rudder deflection.
-    normal_force_elevator: Scalar  #: CZ per unit elevator deflection.
+    side_force: Vector3  #: CY per degree of sideslip, and CY at the reference deflections of aileron and rudder.
+    normal_force_elevator: Scalar  #: CZ at the reference deflection of the elevator.
     #: Tables over angle of attack, sideslip and elevator, degrees. Groups: functions of alpha, of (alpha, elevator),
     #: and of (alpha, beta).
     tables: Tables
@@ -219,9 +220,9 @@ class F16(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16":
-        """Return a copy of the aircraft with each of `F16_COEFFICIENTS` multiplied by its factor.
+        """Return a copy of the aircraft with each coefficient of `F16_COEFFICIENTS` multiplied by its factor.
 
-        A factor multiplies a whole table.
+        A factor on a tabulated coefficient multiplies the whole table.
         """
         splits = np.cumsum([len(names) for names in _GROUPS])[:-1]
         *tables, side_force, normal_force = jnp.split(factors, splits)
@@ -237,19 +238,19 @@ class F16(AbstractF16):
 
 
 def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Build the F-16 from the content of `aircraft/data/f16.json`.
+    """Build the F-16 from `data`, the content of `aircraft/data/f16.json`.
 
     Parameters
     ----------
     variant
-        "textbook", "s119" or "founding".
+        Key of `data["variants"]`: "textbook", "s119" or "founding".
     x_cg_over_c
         Centre of gravity as a fraction of the mean chord; None: value of the variant.
 
     Raises
     ------
     ValueError
-        Unknown variant, or a table entry to be replaced differs from the value expected by the variant.
+        The variant is unknown, or a table entry that the variant replaces differs from the textbook value stated there.
     """
     if variant not in data["variants"]:
         raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(data['variants'])}")
@@ -299,9 +300,9 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
 
 
 def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
-    """Return the textbook tables, by name, with the changes of a variant.
+    """Return all tables of `data` by name, in the units of the file, with the entries that a variant changes.
 
-    Raises ValueError if a value to be replaced differs from the old value that the variant expects.
+    Raises ValueError if an entry to be changed differs from the textbook value that the variant states.
     """
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     for name, index, old, new in data["variants"][variant]["changes"]:
@@ -327,7 +328,7 @@ def _on_all_sideslips(name: str, table: np.ndarray) -> np.ndarray:
 
 
 def f16_engine_from_data(data: Mapping[str, Any]) -> F16Engine:
-    """Build the engine from `aircraft/data/f16.json`; the textbook's thrust tables are from TP-1538."""
+    """Build the textbook's engine, extrapolated linearly beyond its tables, from the content of `data/f16.json`."""
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     return _engine(data["axes"], tables, clamp=False)
 
@@ -342,14 +343,14 @@ def _engine(axes: Mapping[str, Any], tables: Mapping[str, np.ndarray], *, clamp:
 
 
 def range_from_deg(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
-    """Convert an angle range from deg to arrays in rad."""
+    """Return minimum and maximum of an angle range in rad, from the pair in deg."""
     return as_array(range_deg[0] * DEG_RAD), as_array(range_deg[1] * DEG_RAD)
 
 
 def f16_mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
-    """Return mass properties from a mass (kg) and the data file's section `airframe`.
+    """Return mass properties from a mass (kg) and the section `airframe` (inertia, slug ft^2) of a data file.
 
-    If `spinning`, the engine's angular momentum is included.
+    If `spinning`, the angular momentum of the engine is included; otherwise the angular momentum is 0.
     """
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])

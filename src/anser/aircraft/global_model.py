@@ -1,4 +1,4 @@
-"""The global aerodynamic model of Grauer and Morelli: polynomials over the envelope, and the F-16 with this model.
+"""The global aerodynamic model of Grauer and Morelli (polynomials over the envelope), and the F-16 with the model.
 
 Smooth in all arguments, in contrast to tables. Source: [GM15] J. A. Grauer, E. A. Morelli, A Generic Global Aerodynamic
 Model for Aircraft, Journal of Aircraft 52(1), 2015 (NTRS 20140011902).
@@ -41,12 +41,12 @@ GLOBAL_TERMS: dict[str, tuple[str, ...]] = {
     ),
     "Cn": ("beta", "p", "r", "aileron", "rudder", "beta^2", "beta^3"),
 }
-"""Terms of the six coefficients in the order of the 45 parameters; rates are p b/2V, q c/2V, r b/2V."""
+"""Terms of each coefficient in the order of its parameters (45 in all); p, q, r stand for p b/2V, q c/2V, r b/2V."""
 _ARGUMENTS = ("alpha", "beta", "p", "q", "r", "elevator", "aileron", "rudder")
 
 
 def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array, "... _"]]:
-    """Compute the terms of each coefficient, in the order of `GLOBAL_TERMS`.
+    """Compute the values of the terms of each coefficient, in the order of `GLOBAL_TERMS` along the last axis.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array
 
 
 def _factor_name(coefficient: str, term: str) -> str:
-    """Return the name in `F16_COEFFICIENTS` of the table that has the effects of a term."""
+    """Return the name in `F16_COEFFICIENTS` of the table with the same effect as a term of the global model."""
     table = {"CD": "CX", "CL": "CZ"}.get(coefficient, coefficient)
     rates = [rate for rate in "pqr" if rate in term.split()]
     if rates:
@@ -99,8 +99,8 @@ class F16Global(AbstractF16):
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Compute the force and moment coefficients in body axes, the moments about the centre of gravity.
 
-        Lift and drag are rotated into body axes through alpha alone. Rates are made dimensionless with b/2V and c/2V,
-        where V is at least 1 m/s, as for the tables.
+        Lift and drag are rotated into body axes by alpha alone. Rates in rad/s are made dimensionless with b/2V and
+        c/2V, where V is at least 1 m/s.
         """
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         reduced = rates_b * lengths / (2.0 * jnp.maximum(air_data.V, 1.0))
@@ -118,10 +118,10 @@ class F16Global(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16Global":
-        """Return a copy with the terms multiplied by the factors of the tables that have the same effects.
+        """Return a copy with each term multiplied by the factor of the `F16_COEFFICIENTS` entry with the same effect.
 
-        Factors of CX act on the drag and factors of CZ on the lift: CX0 on the terms without rates, CXq on those with
-        q; Cl0 and Cn0 on the terms of the sideslip alone.
+        Factors of CX act on the drag and factors of CZ on the lift: CX0 on the drag terms without q, CXq on the drag
+        terms with q. Cm0 acts on the terms of Cm without q; Cl0 and Cn0 act on the terms of the sideslip alone.
         """
         return eqx.tree_at(lambda a: a.parameters, self, self.parameters * factors[_FACTOR_INDICES])
 
@@ -129,9 +129,9 @@ class F16Global(AbstractF16):
 def global_f16_from_data(
     data: Mapping[str, Any], actuators: AbstractActuators, engine: F16Engine, x_cg_over_c: float | None = None
 ) -> F16Global:
-    """Build the F-16 with the global model from the content of `aircraft/data/f16-global.json`.
+    """Build the F-16 with the global model from `data`, the content of `aircraft/data/f16-global.json`.
 
-    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: value of the source.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: the reference point of the moments.
     """
     airframe, x_cg = data["airframe"], data["airframe"]["x_cg_over_c"]
     built = F16Global(

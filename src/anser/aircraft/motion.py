@@ -1,7 +1,7 @@
 """Six-degree-of-freedom motion of one aircraft.
 
-Flight condition and forces, the equations over a flat Earth in local axes and over a rotating round Earth in
-Earth-fixed coordinates, and the choice between them.
+Air data and forces; equations of motion over a flat Earth in local axes and over a rotating round Earth in Earth-fixed
+axes; conversion between the two states.
 """
 
 from typing import Any, TypeVar, cast
@@ -28,7 +28,7 @@ from anser.spatial.rotations import (
 
 
 class AirDataAndForces(eqx.Module):
-    """Air data, forces and moments of one aircraft at one time, computed once for all users of a step."""
+    """Air data, forces and moments of one aircraft at one time, computed once per evaluation and passed on."""
 
     R_bn: Matrix33  #: Rotation matrix from NED to body axes.
     wind_n: Vector3  #: Mean wind over ground, without gusts, NED, m/s; the air data include gusts.
@@ -55,9 +55,9 @@ def air_data_and_forces(
     """Compute air data, forces and moments of a state at a time (s).
 
     The air rotates with the Earth, so aerodynamic damping depends on the body rates relative to the Earth, neither on
-    the rates relative to the travelling NED axes nor on the inertial rates. `rates_air_b`, rad/s, overrides the value
-    computed from the state, which is singular at a pole, where the rates of the travelling axes are unbounded.
-    `disturbance` adds gusts and thrust loss; None: undisturbed.
+    the rates relative to the travelling NED axes nor on the inertial rates. `rates_air_b` are the body rates relative
+    to the Earth, rad/s; None: computed from the state, with a singularity at the poles, at which the rates of the
+    travelling axes are unbounded. `disturbance` adds gusts and a factor on the thrust; None: undisturbed.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
@@ -86,9 +86,9 @@ def air_data_and_forces(
 def modelled_air_data_and_forces(
     airframe: AbstractAirframe, condition: AirDataAndForces, data: AirData, state: AircraftState
 ) -> AirDataAndForces:
-    """Return `condition` with the forces (N) and moments (N m) that an airframe has at measured air data.
+    """Return `condition` with the measured air data `data` and the forces and moments of the airframe model there.
 
-    Thrust loss is not known to the airframe, nor is the rotation of gusts, which no sensor of air data measures.
+    A loss of thrust and the rotation of gusts are unknown to the model and not included.
     """
     rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
     return AirDataAndForces(
@@ -104,14 +104,15 @@ def modelled_air_data_and_forces(
 def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, moment_b: Vector3) -> Vector3:
     """Return the angular acceleration J^-1 [M - w x (J w + h)], body axes, rad/s^2.
 
-    Source: theory section 2; [SL] eq. 1.7-5 with engine spin.
+    Symbols: inertia J, moment M (N m), inertial body rates w (rad/s), angular momentum h of the engine. Source: theory
+    section 2; [SL] eq. 1.7-5 with engine spin.
     """
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_inverse_b, moment_b - cross(rates_b, momentum_b))
 
 
 def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
-    """Return the moment (N m) that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`."""
+    """Return the moment (N m, body axes) for an angular acceleration (rad/s^2): inverse of `angular_acceleration`."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 
@@ -124,10 +125,10 @@ def flat_earth_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> AircraftState:
-    """Return the time derivative of the state over a flat Earth, in the state's structure.
+    """Return the time derivative of the state over a flat Earth, as an `AircraftState` of rates per second.
 
-    Wind enters only through the air-relative velocity, which is exact for a steady wind. For a round Earth see
-    `earth_fixed_derivative`.
+    Wind enters only through the velocity relative to the air. `disturbance` None: neither gust nor loss of thrust. For
+    a round Earth see `earth_fixed_derivative`.
     """
     condition = air_data_and_forces(airframe, environment, time, state, disturbance=disturbance)
     wrench = condition.wrench
@@ -144,7 +145,7 @@ def flat_earth_derivative(
 
 
 class EarthFixedState(eqx.Module):
-    """State of one aircraft in Earth-fixed axes, integrated over a round Earth; regular at poles and date line."""
+    """State of one aircraft in Earth-fixed axes for integration over a round Earth; regular at poles and date line."""
 
     position_e: Vector3  # position of the centre of gravity, ECEF, m
     # velocity relative to the rotating Earth, m/s, and inertial angular velocity, rad/s, in body axes
@@ -171,9 +172,9 @@ def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedS
 
 
 def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
-    """Convert an Earth-fixed state to local axes: chart position, attitude and rates relative to local NED.
+    """Convert an Earth-fixed state to a state in the chart (local map), with attitude and rates relative to local NED.
 
-    At a pole, where north is undefined, the attitude is relative to longitude 0 and the rates of the axes are
+    At a pole, at which north is undefined, the attitude is relative to longitude 0 and the rates of the NED axes are
     unbounded.
     """
     position_n = earth.chart_from_ecef(state.position_e)
@@ -193,15 +194,15 @@ def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
 
 
 def _quaternion_ned_from_ecef(lat: Scalar, lon: Scalar) -> Quaternion:
-    """Return the quaternion of `rotation_ned_from_ecef` at a geodetic latitude and longitude (rad).
+    """Return the quaternion of the rotation from ECEF to NED axes at a geodetic latitude and longitude (rad).
 
-    A rotation by the longitude, then from the pole by the latitude.
+    The Euler angles are yaw = longitude, pitch = -latitude - pi/2 and roll = 0.
     """
     return quaternion_from_euler(jnp.zeros_like(lat), -lat - 0.5 * jnp.pi, lon)
 
 
 def require_round_earth(environment: Environment) -> RotatingEarth:
-    """Return the environment's Earth, or raise TypeError if not a `RotatingEarth`."""
+    """Return the environment's Earth model. Raises TypeError if the model is not a `RotatingEarth`."""
     if not isinstance(environment.earth, RotatingEarth):
         raise TypeError(f"an Earth-fixed state needs a RotatingEarth, not a {type(environment.earth).__name__}")
     return environment.earth
@@ -215,10 +216,12 @@ def earth_fixed_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> EarthFixedState:
-    """Return the time derivative of the state over the environment's round Earth, in the state's structure.
+    """Return the time derivative of the state over the environment's round Earth, as a state of rates per second.
 
     p_e' = R_eb v_b; v_b' = F/m + R_be g(p_e) - (w_bi + R_be w_E) x v_b with g = gravitation - w_E x (w_E x p_e);
-    q' from w_bi - R_be w_E; w_bi' = J^-1 [M - w_bi x (J w_bi + h)]. Source: [SL] eq. 1.7-18.
+    q' from w_bi - R_be w_E; w_bi' = J^-1 [M - w_bi x (J w_bi + h)]. Symbols: position p_e (ECEF), velocity v_b over
+    ground, inertial body rates w_bi, rate of the Earth w_E, force F, moment M, angular momentum h of the engine.
+    Source: [SL] eq. 1.7-18. Raises TypeError if the environment's Earth is not a `RotatingEarth`.
     """
     earth = require_round_earth(environment)
     R_be = rotation_from_quaternion(state.quaternion)
@@ -239,19 +242,19 @@ def earth_fixed_derivative(
 
 
 MotionState = AircraftState | EarthFixedState
-"""State that the simulation integrates: `AircraftState` over a flat Earth, `EarthFixedState` over a round Earth."""
+"""State for integration: `AircraftState` over a flat Earth, `EarthFixedState` over a round Earth."""
 
 AnyMotionState = TypeVar("AnyMotionState", bound=MotionState)
 
 
 def to_motion_state(environment: Environment, state: AircraftState) -> MotionState:
-    """Convert a state in local NED axes to the `MotionState` for integration: Earth-fixed over a round Earth."""
+    """Convert a state in local NED axes to the state for integration: Earth-fixed axes over a `RotatingEarth`."""
     earth = environment.earth
     return earth_fixed_state(earth, state) if isinstance(earth, RotatingEarth) else state
 
 
 def to_local_state(environment: Environment, state: MotionState) -> AircraftState:
-    """Convert an integrated state (flat Earth or Earth-fixed) to the state in local NED axes."""
+    """Convert a state from the integration (local or Earth-fixed axes) to the state in local NED axes."""
     if isinstance(state, AircraftState):
         return state
     return local_state(require_round_earth(environment), state)
@@ -265,7 +268,7 @@ def motion_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> AnyMotionState:
-    """Return the time derivative of an integrated state over the environment's Earth, in the state's structure."""
+    """Return the time derivative of a state, as a state of rates per second, by the equations for the state's class."""
     if isinstance(state, AircraftState):
         return cast(AnyMotionState, flat_earth_derivative(airframe, environment, time, state, controls, disturbance))
     return cast(AnyMotionState, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))

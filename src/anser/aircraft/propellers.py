@@ -8,7 +8,7 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _TWO_PI = 2.0 * jnp.pi
 _TINY = 1e-12
-"""Minimum argument of a square root, for finite gradients: far below relevant squared speeds."""
+"""Lower limit of the argument of a square root, for finite gradients."""
 
 
 class ElectricPropeller(AbstractLaggedEngine):
@@ -17,7 +17,7 @@ class ElectricPropeller(AbstractLaggedEngine):
     R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers: C_T(J) and
     C_Q(J) with J = V / (n D); thrust rho n^2 D^4 C_T and torque rho n^2 D^5 C_Q at n revolutions per second; motor
     torque K_Q ((V_in - K_V Omega) / R - i0) with K_Q = K_V in SI. Equating the torques gives a quadratic equation for
-    Omega. A slow propeller at high airspeed brakes (negative thrust) and drives the motor; it never turns backwards.
+    Omega. A slow propeller at high airspeed brakes (negative thrust) and drives the motor; Omega is never negative.
     """
 
     diameter: Scalar  #: Propeller diameter D, m.
@@ -37,7 +37,7 @@ class ElectricPropeller(AbstractLaggedEngine):
     thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
 
     def _torque_terms(self, air_data: AirData) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the coefficients of Omega^2, Omega and 1 in the propeller's torque (N m), Omega in rad/s."""
+        """Return a, b, c of the propeller torque a Omega^2 + b Omega + c (N m), Omega in rad/s."""
         rho, D, V = air_data.density, self.diameter, air_data.V
         C = self.torque_polynomial
         return rho * D**5 / _TWO_PI**2 * C[0], rho * D**4 / _TWO_PI * C[1] * V, rho * D**3 * C[2] * V**2
@@ -56,7 +56,7 @@ class ElectricPropeller(AbstractLaggedEngine):
         return jnp.maximum(jnp.where(b_is_negative, root_if_negative, root_if_positive), 0.0)
 
     def thrust_and_torque(self, power: ScalarLike, air_data: AirData) -> tuple[Scalar, Scalar]:
-        """Return the thrust (N) and the propeller torque (N m) at a power of 0..100 percent."""
+        """Return the thrust (N), times `thrust_factor`, and the propeller torque (N m) at a power of 0..100 percent."""
         rho, D, V = air_data.density, self.diameter, air_data.V
         n = self.motor_speed(power, air_data) / _TWO_PI
         T, Q = self.thrust_polynomial, self.torque_polynomial
@@ -65,10 +65,10 @@ class ElectricPropeller(AbstractLaggedEngine):
         return self.thrust_factor * thrust, torque
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Compute the thrust along body x (N), negative for a braking propeller, and the torque reaction (N m).
+        """Compute the thrust along body x (N), negative for a braking propeller, and its moment (N m).
 
-        Outside 0..100 percent, for trim solvers, the thrust is extrapolated with the slope of the static thrust, so
-        that the excess of power is visible.
+        The moment about the centre of gravity includes the torque reaction. Outside 0..100 percent, for trim solvers,
+        the thrust is extrapolated with the slope of the static thrust.
         """
         available_power = jnp.clip(power, 0.0, 100.0)
         thrust, torque = self.thrust_and_torque(available_power, air_data)
@@ -79,8 +79,8 @@ class ElectricPropeller(AbstractLaggedEngine):
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N), in closed form.
 
-        At very low propeller speed (advance ratio beyond the minimum of C_T n^2) thrust decreases with speed; the
-        returned power is on the increasing branch.
+        At very low propeller speed (advance ratio beyond the minimum of C_T n^2) the thrust falls with the propeller
+        speed; the returned power is on the branch on which the thrust rises.
         """
         rho, D, V = air_data.density, self.diameter, air_data.V
         T = self.thrust_polynomial
@@ -97,14 +97,14 @@ class ElectricPropeller(AbstractLaggedEngine):
         return jnp.clip(100.0 * voltage / self.voltage_max, 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Always False: no tables; the airspeed range of the aircraft bounds the use of the quadratic polynomials."""
+        """Return False: the polynomials have no range of their own; the aircraft's airspeed range limits their use."""
         return air_data.V < 0.0
 
 
 _SEA_LEVEL_DENSITY_KG_M3 = 1.225
 _FRICTION = 0.132
 _LEAST_SHARE = 0.01
-"""Least fraction of the sea-level power: keeps the inverse finite at altitudes for which the formula gives less."""
+"""Lower limit of the power at altitude over the power at sea level, so that `power_for_thrust` stays finite."""
 
 
 class PistonPropeller(AbstractLaggedEngine):
@@ -122,19 +122,22 @@ class PistonPropeller(AbstractLaggedEngine):
     #: Reaction torque about body x per shaft power, N m / W, of a constant-speed propeller: 1 / angular velocity,
     #: positive for a propeller that turns to the left as seen from behind.
     torque_per_power: Scalar
-    lag: Scalar  #: Time constant, s.
+    lag: Scalar  #: Time constant from throttle to power, s.
     point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
     thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
 
     def _full_throttle(self, air_data: AirData) -> tuple[Scalar, Scalar]:
-        """Return the thrust (N) and the shaft power (W) at a setting of 100 percent."""
+        """Return the thrust (N), times `thrust_factor`, and the shaft power (W) at a power setting of 100 percent."""
         share = (1.0 + _FRICTION) * air_data.density / _SEA_LEVEL_DENSITY_KG_M3 - _FRICTION
         power = self.shaft_power * jnp.maximum(share, _LEAST_SHARE)
         slow = self.efficiency * self.shaft_power / self.static_thrust
         return self.thrust_factor * self.efficiency * power / jnp.sqrt(air_data.V**2 + slow**2), power
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Compute thrust along body x (N) and torque reaction (N m), both proportional to the power (percent)."""
+        """Compute the thrust along body x (N) and its moment (N m), both proportional to the power (percent).
+
+        The moment about the centre of gravity includes the torque reaction about body x.
+        """
         thrust, shaft_power = self._full_throttle(air_data)
         return thrust_at_point(
             thrust * power / 100.0, self.torque_per_power * shaft_power * power / 100.0, self.point_b
@@ -145,5 +148,5 @@ class PistonPropeller(AbstractLaggedEngine):
         return jnp.clip(100.0 * thrust / self._full_throttle(air_data)[0], 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Always False: the formula is valid at any speed."""
+        """Return False: the formula has no limits of airspeed, altitude or Mach number."""
         return air_data.V < 0.0

@@ -1,4 +1,4 @@
-"""Rigid bodies with constant drag and rate damping, without controls or engine: the bodies of the NESC cases."""
+"""Rigid bodies of the NESC check-cases: constant drag coefficient and rate damping, no controls, no engine."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -34,7 +34,7 @@ class SimpleBody(AbstractAirframe):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the drag (N) and the damping moments (N m), body axes. Source: [NESC] cases 1 to 10.
 
-        `rates_b` are the body rates relative to the air, rad/s.
+        `rates_b` are the body rates relative to the air, rad/s; `surfaces` have no effect.
         """
         ca, sa, cb, sb = (f(x) for x in (air_data.alpha, air_data.beta) for f in (jnp.cos, jnp.sin))
         scale = air_data.qbar * self.area
@@ -46,12 +46,12 @@ class SimpleBody(AbstractAirframe):
         )
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Always False: the coefficients are constant."""
+        """Return False: the constant coefficients have no limits."""
         return air_data.V < 0.0
 
 
 def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
-    """Build a body from the content of `aircraft/data/bodies.json`; raises ValueError for an unknown name."""
+    """Build the body `name` from `data`, the content of `data/bodies.json`; raises ValueError for an unknown name."""
     if name not in data["bodies"]:
         raise ValueError(f"body {name!r}: known are {', '.join(data['bodies'])}")
     body = data["bodies"][name]

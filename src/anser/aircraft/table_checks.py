@@ -1,4 +1,4 @@
-"""Suspect entries in coefficient tables: outliers relative to neighbouring values and mirror images."""
+"""Search for suspect entries of coefficient tables: outliers against neighbouring values and mirror images."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -8,25 +8,25 @@ import numpy as np
 _NEIGHBOURS = 2  # rows along the first axis, on either side, included in a row's noise
 _SPREAD_SHARE = 0.04  # fraction of the values' standard deviation added to the noise
 _DIGITS = 3.0  # last printed digits added to the noise
-_MISSING = 0.3  # departure assumed for a test without neighbours
-_TESTS = 3
+_MISSING = 0.3  # least value of the third departure in the score
+_TESTS = 3  # number of greatest departures in the score
 _JOINED = 0.35  # fraction of a suspect's score above which a neighbour in the same row belongs to the suspect
-_REACH = 2
-_SUSPECT = 4.2  # finds the entries known as suspect by readers of NASA TP-1538, and as many again
-_SHARED, _SHARED_TABLES = 3.0, 5
-_SCORE_MIN = 2.0
+_REACH = 2  # greatest distance of the neighbour along the second axis, in breakpoints
+_SUSPECT = 4.2  # default threshold of the score: finds the entries of NASA TP-1538 known as suspect, and as many again
+_SHARED, _SHARED_TABLES = 3.0, 5  # threshold and least number of tables for a point suspect in all tables
+_SCORE_MIN = 2.0  # least score of an entry that is considered at all
 _LINE_POINTS, _LINE_AROUND = 5, 3  # minimum size of a table with one axis; points on either side for the scatter
 
 
 class GriddedTable(NamedTuple):
-    """A table: breakpoints of each axis, and values on the grid."""
+    """A table: breakpoints of each axis, strictly rising, and values with a dimension for each axis."""
 
     axes: tuple[np.ndarray, ...]
     values: np.ndarray
 
 
 class SuspectPoint(NamedTuple):
-    """A table entry, or a point of all tables, that departs from the neighbours."""
+    """A table entry that departs from its neighbours, or a point at which most tables depart."""
 
     table: str  # name of the table; "all" if most tables have an outlier at the same point of the first two axes
     # coordinates along the axes of the table, and tabulated value; nan for "all"
@@ -38,16 +38,18 @@ class SuspectPoint(NamedTuple):
 
 
 def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPECT) -> tuple[SuspectPoint, ...]:
-    """Find entries that depart from neighbours and mirror images; most suspect first.
+    """Return the table entries that depart from their neighbours and mirror images, highest score first.
 
     Each entry is compared with the line through its neighbours along the first axis (angle of attack) and along the
-    second (sideslip); with the mirror image in the second axis, if symmetric about 0 (even or odd about the value in
-    the middle, whichever fits the table better); and, for three axes, the difference to the neighbours along the third
-    axis (elevator) is compared along the second. At the ends of the first axis the difference to the next row is
-    compared along the second. A departure is divided by the median departure of the surrounding rows, plus 4 % of the
-    standard deviation of the values, plus three last digits. The score is the geometric mean of the three greatest
-    departures: an outlier departs in several tests, its neighbours and mirror image in one. Entries in the same row,
-    close to a suspect entry and with more than a third of the score, are listed as its neighbours.
+    second (sideslip); with the mirror image in the second axis, if that axis is symmetric about 0 (even or odd about
+    the value in the middle, whichever fits the table better); and, for three axes, the difference to the neighbours
+    along the third axis (elevator) is compared along the second. At the ends of the first axis the difference to the
+    next row is compared along the second. A departure is divided by the median departure of the surrounding rows, plus
+    4 % of the standard deviation of the values, plus three last digits. The score is the geometric mean of the three
+    greatest departures (of two in the absence of a third test): an outlier departs in several tests, its neighbours and
+    mirror image in one. Entries in the same row, close to a suspect entry and with more than a third of the score, are
+    listed as its neighbours. In a table with one axis, the score is the departure of an entry from the line through its
+    neighbours, divided by the greatest departure nearby without the entry, plus the same two terms.
 
     A point of the first two axes is suspect in every table if the median departure along the second axis, over five or
     more tables with this point, exceeds 3, in units of the noise of row and column; only the worst of each row is
@@ -56,10 +58,10 @@ def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPE
     Parameters
     ----------
     tables
-        Tables by name; tables with fewer than two axes, or fewer than three breakpoints on either of the first two
-        axes, are skipped for lack of neighbours.
+        Tables by name. Skipped are tables with more than three axes, with fewer than three breakpoints on either of the
+        first two of several axes, and with fewer than five breakpoints on a single axis.
     threshold
-        Minimum score.
+        Minimum score of a reported entry of a single table.
     """
     usable = {n: t for n, t in tables.items() if t.values.ndim in (2, 3) and min(t.values.shape[:2]) >= 3}
     lines = {n: t for n, t in tables.items() if t.values.ndim == 1 and t.values.size >= _LINE_POINTS}
@@ -133,7 +135,7 @@ def _table_suspects(
 
 
 def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
-    """Find points of the first two axes at which most tables depart from neighbours along the second axis."""
+    """Return the points of the first two axes at which most tables depart from neighbours along the second axis."""
     departures_by_location: dict[tuple[float, ...], list[float]] = {}
     for table in tables.values():
         departure = _departure_from_line(table.axes[1], table.values, 1)
@@ -157,10 +159,10 @@ def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
 
 
 def _departures(table: GriddedTable) -> np.ndarray:
-    """Compute the distance of each entry from each estimate by its neighbours, as a multiple of the surrounding noise.
+    """Return the absolute departure of each entry in each test, in units of the noise around; shape (test, *table).
 
-    The estimates are the line along each axis and, for some tables, the mirror image. Distances are absolute, shape
-    (test, *table); 0 without an estimate.
+    The tests of `suspect_points`: lines along the first and the second axis, the mirror image if the second axis is
+    symmetric, and the third axis if it has three breakpoints or more. A departure is 0 without neighbours for the test.
     """
     values, (axis_1, axis_2) = table.values, table.axes[:2]
     tests = [_departure_from_line(axis_1, values, 0), _departure_from_line(axis_2, values, 1)]
@@ -180,7 +182,7 @@ def _departures(table: GriddedTable) -> np.ndarray:
 
 
 def _departure_from_line(points: np.ndarray, values: np.ndarray, axis: int) -> np.ndarray:
-    """Return the values less the linear interpolation between their neighbours along an axis; nan at the ends."""
+    """Return the values minus the linear interpolation between their neighbours along an axis; nan at the ends."""
     leading = np.moveaxis(values, axis, 0)
     shape = (-1,) + (1,) * (values.ndim - 1)
     share = ((points[1:-1] - points[:-2]) / (points[2:] - points[:-2])).reshape(shape)
@@ -196,14 +198,21 @@ def _departure_from_mirror(values: np.ndarray) -> np.ndarray:
 
 
 def _noise(departure: np.ndarray, values: np.ndarray, spread_share: float, digit: float) -> np.ndarray:
-    """Estimate the noise around each row along the first axis, in the unit of `values`; never 0."""
+    """Return the noise around each row along the first axis, in the unit of `values`, above 0; shape (rows, 1, ...).
+
+    The noise is the median of |departure| and `spread_share` times the standard deviation of the values, both over five
+    rows, plus `digit`.
+    """
     windows = [slice(max(0, k - _NEIGHBOURS), k + _NEIGHBOURS + 1) for k in range(values.shape[0])]
     noise = np.array([_median(np.abs(departure[window])) + spread_share * np.std(values[window]) for window in windows])
     return (noise + digit + 1e-12).reshape((-1,) + (1,) * (values.ndim - 1))
 
 
 def _column_noise(departure: np.ndarray) -> np.ndarray:
-    """Return the noise of each column and its mirror image, divided by the median over the columns; at least 1."""
+    """Return the median departure of each column and its mirror image over that of all entries, at least 1.
+
+    The shape is (1, columns, 1, ...); columns are along the second axis.
+    """
     column_medians = np.array([_median(np.abs(departure[:, [j, -1 - j]])) for j in range(departure.shape[1])])
     factor = np.maximum(column_medians / (_median(np.abs(departure)) + 1e-12), 1.0)
     return factor.reshape((1, -1) + (1,) * (departure.ndim - 2))
@@ -215,7 +224,7 @@ def _median(values: np.ndarray) -> float:
 
 
 def _last_digit(values: np.ndarray) -> float:
-    """Return the unit of the last decimal digit to which nine tenths of the values are given."""
+    """Return the unit of the last decimal digit of nine tenths of the values, 1 to 1e-6; 0 for more digits."""
     for count in range(7):
         scaled = values * 10.0**count
         if np.mean(np.abs(scaled - np.round(scaled)) < 1e-6 * 10.0**count) >= 0.9:

@@ -32,9 +32,9 @@ _FLAP = 3
 
 
 class ScheduledFlap(eqx.Module):
-    """State of `ScheduledFlapActuators`: `position` of the four surfaces and low-passed alpha of the schedule, rad.
+    """State of `ScheduledFlapActuators`: `position` of the four surfaces, and low-passed angle of attack, rad.
 
-    The surfaces are elevator, aileron, rudder and leading-edge flap.
+    The surfaces are elevator, aileron, rudder and leading-edge flap; `alpha_lag` belongs to the flap's schedule.
     """
 
     position: Vector
@@ -45,9 +45,9 @@ class ScheduledFlapActuators(AbstractActuators):
     """First-order actuators of elevator, aileron, rudder, and a leading-edge flap that follows a schedule.
 
     The schedule is gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within the stops (TP-1538), with
-    qbar/ps = 0.7 M^2; the flap follows with lag and rate limit. The lead-lag is 2 alpha - x with the state
-    x' = pole (alpha - x). Above `alpha_down` the flap is fully down regardless of the schedule, as in every wind-tunnel
-    test there.
+    dynamic over static pressure qbar/ps = 0.7 M^2; the flap follows with lag and rate limit. The lead-lag is
+    2 alpha - x with the state x' = pole (alpha - x). Above `alpha_down` the flap is commanded fully down regardless of
+    the schedule, as in all wind-tunnel tests at such angles.
     """
 
     # lag (s), position limits (rad) and rate limits (rad/s), shape (4,); see `AbstractActuators`
@@ -70,11 +70,11 @@ class ScheduledFlapActuators(AbstractActuators):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the positions, then of the filtered angle of attack."""
+        """Names of the elements of the state: positions of the four surfaces, then the filtered angle of attack."""
         return (*self.names, "alpha_lag")
 
     def steady_state(self, position: Vector) -> ScheduledFlap:
-        """Return the state at rest; the filter has the angle of attack that gives the flap position at low speed."""
+        """Return the state at rest at `position` (rad); the filtered alpha fits the flap position at Mach 0."""
         position = jnp.asarray(position)
         return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
 
@@ -86,7 +86,7 @@ class ScheduledFlapActuators(AbstractActuators):
         return ScheduledFlap(self.scheduled_position(position, air_data), jnp.asarray(air_data.alpha))
 
     def rate(self, state: ScheduledFlap, command: Vector, air_data: AirData) -> ScheduledFlap:
-        """Return the rates of positions (rate-limited) and filter; the command of the flap is ignored."""
+        """Return the rates of positions (limited) and filtered alpha, rad/s; the command of the flap is ignored."""
         flap = self._flap(2.0 * air_data.alpha - state.alpha_lag, air_data)
         target = self.limit_command(jnp.concatenate([command[:_FLAP], flap[None]]))
         unlimited_rate = (target - state.position) / self.time_constant
@@ -100,7 +100,7 @@ class ScheduledFlapActuators(AbstractActuators):
         return jnp.concatenate([position[:_FLAP], flap[None]])
 
     def _flap(self, led_alpha: ScalarLike, air_data: AirData) -> Scalar:
-        """Return the scheduled flap deflection (rad) before it is limited to the stops."""
+        """Return the scheduled flap deflection (rad), not limited to the stops; `led_alpha` is the lead-lag output."""
         pressure_ratio = _STATIC_PRESSURE_SHARE * air_data.mach**2
         scheduled = self.gain * led_alpha - self.compression * pressure_ratio + self.offset
         return jnp.where(air_data.alpha > self.alpha_down, self.upper[_FLAP], scheduled)
@@ -113,12 +113,12 @@ TP1538_FUNCTIONS = (
     ("CZ0", "CYb", *("CX0", "CZ0", "Cm0", "CYb", "Cl0", "Cn0"), "CYdr", "Cldr", "Cndr", *("CYda", "Clda", "Cnda") * 2),
     ("CX0", "CZde", "Cm0", "Cl0", "Cn0"),
 )
-"""Coefficient of `F16_COEFFICIENTS` to which each function in the groups of `F16TP1538.tables` contributes.
+"""For each function in the groups of `F16TP1538.tables`, the entry of `F16_COEFFICIENTS` that scales the function.
 
 Functions of alpha: damping, damping increments with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta. Functions of
-alpha and beta: CZ and CY without surfaces; increments with the flap at 0; increments with 30 deg of rudder; with 20 deg
-of aileron, and the additional increments with the flap at 0. Functions of alpha, beta and elevator: CX, CZ less CZ at
-zero elevator, Cm, Cl, Cn."""
+alpha and beta: CZ and CY without surfaces; increments with the flap at 0; increments with 30 deg of rudder; increments
+with 20 deg of aileron, and the additional increments with the flap at 0. Functions of alpha, beta and elevator: CX, CZ
+less CZ at zero elevator, Cm, Cl, Cn."""
 
 
 class F16TP1538(AbstractF16):
@@ -133,8 +133,8 @@ class F16TP1538(AbstractF16):
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Compute the force and moment coefficients by the build-up of TP-1538.
 
-        `surfaces` are elevator, aileron, rudder and leading-edge flap, rad. Rates are made dimensionless with b/2V and
-        c/2V, where V is at least 1 m/s, to keep the coefficients finite at rest.
+        `surfaces` are elevator, aileron, rudder and leading-edge flap, rad. Rates in rad/s are made dimensionless with
+        b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients finite at rest.
         """
         V = jnp.maximum(air_data.V, 1.0)
         beta_deg = air_data.beta * RAD_DEG
@@ -170,7 +170,7 @@ class F16TP1538(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16TP1538":
-        """Return a copy of the aircraft with each of `F16_COEFFICIENTS` multiplied by its factor.
+        """Return a copy of the aircraft with each coefficient of `F16_COEFFICIENTS` multiplied by its factor.
 
         The flap's increments are scaled too. CX0 and Cm0 are functions of angle of attack, sideslip and elevator, CZ0
         and CYb of angle of attack and sideslip; CZde is the elevator's increment of CZ.
@@ -185,7 +185,7 @@ class F16TP1538(AbstractF16):
 
 
 def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: float | None = None) -> F16TP1538:
-    """Build the F-16 from the content of `aircraft/data/tp1538.json` and an engine.
+    """Build the F-16 from `data`, the content of `aircraft/data/tp1538.json`, and an engine.
 
     `engine` is the textbook's engine (`f16_engine_from_data`), with the thrust tables of TP-1538. `x_cg_over_c` is the
     centre of gravity as a fraction of the mean chord; None: value of the report. Raises ValueError if the axes of the
@@ -243,7 +243,7 @@ def _tables(data: Mapping[str, Any]) -> Tables:
         return points[data["tables"][name]["axes"][2]]
 
     def faded(increment: np.ndarray) -> np.ndarray:
-        """Extend an increment (flap at 0, measured up to 45 deg) by zeros to the full range of alpha."""
+        """Extend an increment (flap at 0, measured up to 45 deg of alpha) by zeros to the full range of alpha."""
         return np.concatenate([increment, np.zeros((len(alphas) - len(flap_alphas), *increment.shape[1:]))])
 
     def on_all_elevators(name: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Construction of airframes from aircraft files (derivatives or DAVE-ML), and of their dispersed versions."""
+"""Construction of airframes from aircraft files (derivatives or DAVE-ML), and deviations applied to airframes."""
 
 import dataclasses
 import functools
@@ -60,27 +60,27 @@ from anser.units import DEG_RAD, RAD_DEG
 
 _RPM_RAD_S = 2.0 * math.pi / 60.0
 _ANYWHERE_M, _ANY_MACH = (-1e5, 1e5), (-1.0, 1e2)
-"""Axes of constant thrust, wider than any flight."""
+"""Axes, altitude (m) and Mach number, of the table of a constant thrust: wider than the range of any flight."""
 
 
 def build_range(bounds: tuple[float, float] | None, factor: float = 1.0) -> tuple[Scalar, Scalar]:
-    """Convert a range to two arrays, lower and upper bound, multiplied by `factor`; infinite if unspecified."""
+    """Return lower and upper bound of a range, multiplied by `factor`, as arrays; infinite if `bounds` is None."""
     lower, upper = (-math.inf, math.inf) if bounds is None else bounds
     return as_array(lower * factor), as_array(upper * factor)
 
 
 def build_validity(valid: schema_tables.Validity) -> Validity:
-    """Convert a table [validity] to SI units and rad."""
+    """Return the valid ranges of airspeed (m/s), altitude (m) and Mach number of a table [validity]."""
     return Validity(build_range(valid.airspeed_m_s), build_range(valid.altitude_m), build_range(valid.mach))
 
 
 def build_mass(mass: schema_tables.Mass) -> MassProperties:
-    """Build the mass properties from a table [mass]."""
+    """Build the mass properties (SI units, body axes) from a table [mass]."""
     return rigid_body(mass.mass_kg, np.asarray(mass.inertia), mass.spin_momentum_kg_m2_s)
 
 
 def build_actuators(surface: Sequence[schema_tables.ActuatedSurface]) -> AbstractActuators:
-    """Build the actuators of the surfaces; all have dynamics of the same order."""
+    """Build the actuators of the surfaces: first order if the surfaces have a lag, otherwise second order."""
     names = tuple(s.name for s in surface)
     lower, upper = zip(*(s.stops_deg for s in surface), strict=True)
     lower, upper = (as_array(np.asarray(stops) * DEG_RAD) for stops in (lower, upper))
@@ -96,7 +96,7 @@ def build_actuators(surface: Sequence[schema_tables.ActuatedSurface]) -> Abstrac
 
 
 def build_engine(engine: schema_tables.Engine | None) -> AbstractEngine:
-    """Build the engine of a table [engine]; `NoEngine` without a table."""
+    """Build the engine of a table [engine]; return `NoEngine` if the file has no such table."""
     if engine is None:
         return NoEngine()
     builders = {"jet": _jet, "electric_propeller": _electric, "piston_propeller": _piston}
@@ -147,7 +147,10 @@ _REQUIRED_OUTPUTS: Mapping[str, Sequence[str]] = {
 
 
 def file_models(file: DaveMlFile) -> dict[str, Model]:
-    """Read the DAVE-ML models of an aircraft file, by part of the aircraft; variables have the names of their files."""
+    """Read the DAVE-ML models of an aircraft file, by part (`DAVE_ML_PARTS`); raises DaveMlError for an invalid model.
+
+    The result has no entry for a part without DAVE-ML file. Variables keep their names in the DAVE-ML files.
+    """
     return {
         part: _read_cached(text.text, text.file)
         for part in DAVE_ML_PARTS
@@ -161,7 +164,7 @@ def _read_cached(text: str, name: str) -> Model:
 
 
 def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
-    """Build the airframe of a validated aircraft file with DAVE-ML models."""
+    """Build the airframe of a validated aircraft file with DAVE-ML models; raises as `dave_ml_airframe`."""
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
     (alpha_min, alpha_max), (beta_min, beta_max) = file.validity.alpha_deg, file.validity.beta_deg
@@ -184,14 +187,17 @@ def _has_variable(model: Model, name: str) -> bool:
 
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
-    """Return a model with the standard names and the default values of inputs that the aircraft file defines."""
+    """Return a model with the variable names and the default values of inputs that the aircraft file defines."""
     names = {name: variable for name, variable in file.dave_ml.names.items() if _has_variable(model, variable)}
     defaults = {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
     return adapt_model(model, names, defaults)
 
 
 def model_problems(file: DaveMlFile) -> list[Problem]:
-    """Describe unreadable, incomplete or inconsistent DAVE-ML files of a valid aircraft file."""
+    """List the faults of the DAVE-ML models of an aircraft file: invalid, incomplete or inconsistent models.
+
+    An empty list means that `build_dave_ml` can build the airframe.
+    """
     try:
         raw = file_models(file)
     except DaveMlError as error:
@@ -242,7 +248,7 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """Report surfaces whose input the models lack, and model inputs without a value."""
+    """List surfaces whose input the aerodynamics lack or measure in no angle, and model inputs without a value."""
     problems = []
     surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():
@@ -274,7 +280,7 @@ def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Probl
 
 
 def _evaluate_airframe(airframe: DaveMlAircraft) -> object:
-    """Evaluate aerodynamics and propulsion once, which raises an error for unknown units."""
+    """Evaluate aerodynamics and propulsion at 50 m/s at sea level; raises ValueError for unknown units."""
     data = air_data(as_array([50.0, 0.0, 1.0]), as_array(0.0), StandardAtmosphere().at(as_array(0.0)))
     neutral = as_array([0.0] * len(airframe.inputs))
     return airframe.aerodynamics(data, as_array([0.0] * 3), neutral), airframe.engine.propulsion(as_array(50.0), data)
@@ -288,12 +294,12 @@ def build_airframe(file: DaveMlFile) -> DaveMlAircraft: ...
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft: ...
 @jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft:
-    """Build the airframe of a file, or return the one already built from equal content."""
+    """Build the airframe of a validated file; files of equal content share one airframe, which is cached."""
     return _build_cached(content_hash(file), _UnhashedFile(file))
 
 
 class _UnhashedFile:
-    """Wrapper of a file in the arguments of a cached function: all are equal, so only the content hash counts."""
+    """Wrapper of a file as an argument of a cached function: all wrappers are equal, so the cache ignores the file."""
 
     def __init__(self, file: AirframeFile | DaveMlFile) -> None:
         self.file = file
@@ -340,7 +346,10 @@ def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
 
 
 def _has_still_side_force(derivatives: np.ndarray, table_indices: Sequence[tuple[int, int]]) -> bool:
-    """Whether the side force has a part that remains without sideslip, rates and deflections."""
+    """Whether CY has a derivative or a table that acts without sideslip, rates and deflections.
+
+    `table_indices` are row and column in `derivatives` of each table function.
+    """
     row = COEFFICIENTS.index("CY")
     constant_columns = [column for column, name in enumerate(DERIVATIVE_ARGUMENTS) if name in STATIC_ARGUMENTS]
     return bool(np.any(derivatives[row, constant_columns])) or any(
@@ -349,7 +358,7 @@ def _has_still_side_force(derivatives: np.ndarray, table_indices: Sequence[tuple
 
 
 def angle_factors(file: AirframeFile) -> np.ndarray:
-    """Return the factor for each column of the derivatives that converts from the file's angle unit to rad."""
+    """Return the factor on each column of the derivatives, shape (8 + surfaces,), from the file's angle unit to rad."""
     per_rad = RAD_DEG if file.aerodynamics.per == "deg" else 1.0
     factors = {"_alpha": per_rad, "_beta": per_rad, "_alpha2": per_rad**2, "_beta2": per_rad**2}
     return np.asarray([*(factors.get(column, 1.0) for column in DERIVATIVE_ARGUMENTS), *[per_rad] * len(file.surface)])
@@ -362,9 +371,9 @@ def _derivatives(file: AirframeFile) -> np.ndarray:
 
 
 def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
-    """Number the distinct axes of all coefficient tables.
+    """Return the distinct axes of all coefficient tables with their indices.
 
-    An axis is its argument, its breakpoints, and whether values beyond the ends are held.
+    An axis is a tuple: name of the argument, breakpoints (deg), and whether values beyond the ends are held.
     """
     axis_numbers: dict[tuple[str, tuple[float, ...], bool], int] = {}
     for file_table in file.table:
@@ -399,9 +408,9 @@ def _tables(file: AirframeFile) -> tuple[Tables | None, tuple[tuple[int, int], .
 def with_derivatives(
     airframe: DerivativeAircraft, file: AirframeFile, replacements: dict[str, float]
 ) -> DerivativeAircraft:
-    """Copy an airframe with some derivatives replaced.
+    """Return a copy of the airframe of `file` with some derivatives replaced.
 
-    `replacements` are values in the file's units, by the derivative's name.
+    `replacements` are values in the file's units by name, such as `Cm_q`; derivatives of surfaces are not supported.
     """
     values, scale = np.array(airframe.derivatives), angle_factors(file)
     for name, value in replacements.items():
@@ -416,10 +425,10 @@ _FORCE_KEYS = ("drag", "lift_slope")
 
 
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
-    """Build the airframe that flies: the nominal airframe with a scenario's deviations.
+    """Return the nominal airframe with a constant deviation applied, as the simulation flies it.
 
     The coefficient factors multiply the F-16's coefficients, `DerivativeAircraft.derivatives`, or CX to Cn of a DAVE-ML
-    aircraft. Raises TypeError for an airframe whose coefficients are not known.
+    aircraft. Raises TypeError for airframes of other classes, and for an engine that cannot be dispersed.
     """
     dispersed = _with_coefficients_and_body(nominal, deviation)
     if not deviation.changes_forces:
@@ -439,13 +448,13 @@ def _change(airframe: AbstractAirframe, deviation: Deviation, body: Mapping[str,
 def build_changes(
     airframe: AbstractAirframe, deviations: Sequence[tuple[float, Deviation]], source: str
 ) -> AirframeChanges:
-    """Build the changes of an airframe during a flight from times (s) and deviations.
+    """Build the changes of an airframe during a flight from pairs of a time (s) and the deviation from then on.
 
     Raises
     ------
     ScenarioError
-        The airframe has no mean chord for a shift of its centre of gravity, or no surface of a name; `source` names the
-        origin of the deviations.
+        A deviation shifts the centre of gravity of an airframe without mean chord, or changes the effectiveness of a
+        surface that the airframe lacks; `source` names the origin of the deviations in the message.
     """
     problems = []
     for index, (_, deviation) in enumerate(deviations):

@@ -42,9 +42,10 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 
 @dataclass(frozen=True)
 class CheckedValue:
-    """Comparison of one number of a file's check data with the computed number.
+    """Comparison of one number of a file's check data (`expected`) with the computed number (`obtained`).
 
-    The location is a key, such as ``check.forces[0].force_N[2]``; for check shots, DAVE-ML file and varID.
+    `location` is a key, such as ``check.forces[0].force_N[2]``, or, for check shots, an optional prefix and the varID;
+    `name` is the name of the check. All numbers, `tolerance` included, are in `unit`.
     """
 
     location: str
@@ -56,12 +57,12 @@ class CheckedValue:
 
     @property
     def passed(self) -> bool:
-        """Whether the difference is within the tolerance."""
+        """Whether the absolute difference is within the tolerance; False for NaN."""
         return abs(self.obtained - self.expected) <= self.tolerance
 
 
 def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
-    """Compare all check data of a file with computed values."""
+    """Compare all check data of a file with computed values: check shots, then forces, then trims."""
     airframe = build_airframe(file)
     checked_values = []
     if isinstance(file, DaveMlFile):
@@ -75,9 +76,10 @@ def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
 
 
 def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
-    """Compare the check shots of a DAVE-ML file with computed outputs; locations are `prefix` and the varID.
+    """Compare the check shots of a DAVE-ML model with computed values; locations are `prefix` and the varID.
 
-    Raises ScenarioError if a shot sets a variable that is not an input, or omits an input.
+    Raises ScenarioError, with `source` as the name of the file, if a shot sets a variable that is not an input, or
+    omits an input without default.
     """
     try:
         results = model.check()
@@ -146,7 +148,7 @@ _NEAR_LEVEL = {
     "angleOfAttack": 0.035, "angleOfSideslip": 0.0,
     "bodyAngularRate_Roll": 0.0, "bodyAngularRate_Pitch": 0.0, "bodyAngularRate_Yaw": 0.0,
 }  # fmt: skip
-"""Condition for slopes, SI units and rad; other inputs have their default, or 0."""
+"""Flight condition for the check of slopes, SI units and rad; other inputs have their default, or 0."""
 _SLOPES = (
     ("aeroBodyForceCoefficient_Z", "angleOfAttack", "the lift falls with the angle of attack"),
     ("aeroBodyForceCoefficient_Y", "angleOfSideslip", "the side force points to where the air comes from"),
@@ -154,12 +156,12 @@ _SLOPES = (
     ("aeroBodyMomentCoefficient_Pitch", "bodyAngularRate_Pitch", "the pitch rate drives itself on"),
     ("aeroBodyMomentCoefficient_Yaw", "bodyAngularRate_Yaw", "the yaw rate drives itself on; damping is negative"),
 )
-"""Coefficient and input of slopes that are negative for every ordinary aircraft; meaning of a positive slope."""
+"""Coefficient and input whose slope is negative for every ordinary aircraft, and the meaning of a positive slope."""
 
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """Result of checking a DAVE-ML file: values of the check shots, probable errors, and input and output variables."""
+    """Result of `check_model`: compared values of the check shots, probable errors, input and output variables."""
 
     checked_values: tuple[CheckedValue, ...]
     findings: tuple[Finding, ...]
@@ -168,9 +170,10 @@ class ModelCheck:
 
 
 def check_model(path: str | os.PathLike[str]) -> ModelCheck:
-    """Read a DAVE-ML file, compute its check shots and look for probable errors.
+    """Read a DAVE-ML file, compute its check shots and search for probable errors.
 
-    Raises ScenarioError if the file cannot be read or is not DAVE-ML; the message gives position and expected content.
+    Raises ScenarioError if the file cannot be read, is not DAVE-ML, or has check shots with wrong inputs; the message
+    gives position and expected content.
     """
     source = os.fspath(path)
     try:
@@ -197,7 +200,7 @@ def check_model(path: str | os.PathLike[str]) -> ModelCheck:
 
 
 def _unit_findings(model: Model) -> Iterator[Finding]:
-    """Report each unknown unit once, with all variables that have it."""
+    """Yield a finding for each unknown unit, with the variables in that unit."""
     unknown: dict[str, list[Variable]] = {}
     for variable in model.definition.variables.values():
         try:
@@ -211,7 +214,7 @@ def _unit_findings(model: Model) -> Iterator[Finding]:
 
 
 def _unused_findings(model: Model) -> Iterator[Finding]:
-    """Report unused tables, unused inputs, and a file without outputs."""
+    """Yield findings for unused tables, unused inputs, and a file without outputs."""
     definition, structure = model.definition, model.evaluator.structure
     used = {function.table for function in definition.functions}
     for name, table in {**definition.gridded, **definition.ungridded}.items():
@@ -228,7 +231,7 @@ def _unused_findings(model: Model) -> Iterator[Finding]:
 
 
 def _body_findings(model: Model) -> Iterator[Finding]:
-    """Report impossible mass, inertia and reference lengths, computed with the inputs of the first check shot."""
+    """Yield findings for impossible mass, inertia and reference lengths at the inputs of the first check shot."""
     inputs = _first_inputs(model)
     lengths = model if _has_values(model, AERO_LENGTHS, {}) else None
     inertia = model if _has_values(model, INERTIA_OUTPUTS, inputs) else None
@@ -237,7 +240,10 @@ def _body_findings(model: Model) -> Iterator[Finding]:
 
 
 def _first_inputs(model: Model) -> dict[str, float]:
-    """Return the inputs of the first check shot by name, without those in other units than the file's variables."""
+    """Return the inputs of the first check shot by varID, in the file's units; empty without check shots.
+
+    Inputs that the shot states in other units than the variable's are left out.
+    """
     shots, variables = model.definition.shots, model.definition.variables
     signals = shots[0].inputs if shots else ()
     return {
@@ -259,7 +265,7 @@ def _has_values(model: Model, names: tuple[str, ...], inputs: Mapping[str, float
 
 
 def _slope_findings(model: Model) -> Iterator[Finding]:
-    """Report a lift slope or damping with the wrong sign."""
+    """Yield findings for slopes of lift, side force and damping with the wrong sign near level flight."""
     structure = model.evaluator.structure
     input_ids = {structure.by_id[input_id].name: input_id for input_id in structure.inputs}
     if not _has_values(model, AERO_OUTPUTS, dict.fromkeys(structure.inputs, 0.0)):

@@ -9,14 +9,16 @@ from anser.config.errors import Problem, ScenarioError, describe_value
 from anser.config.tables import Table, number, table
 
 PRIMARY_SURFACES = ("elevator", "aileron", "rudder")
-"""Surfaces with dispersion factors on their derivatives."""
+"""Control surfaces whose derivatives and effectiveness a deviation can scale."""
 
 _MOMENT_FACTORS = {
     "roll_inertia": ("Jxx", "second_moment_y and second_moment_z"),
     "pitch_inertia": ("Jyy", "second_moment_x and second_moment_z"),
     "yaw_inertia": ("Jzz", "second_moment_x and second_moment_y"),
 }
-"""Keys of earlier versions: independent factors on moments of inertia can violate the triangle inequality."""
+"""Keys of earlier versions, with the moment of inertia of each and the present keys that scale the moment.
+
+Independent factors on moments of inertia could violate the triangle inequality."""
 
 
 def _factor(description: str) -> float:
@@ -112,13 +114,16 @@ class Deviation(Table):
 
     @property
     def changes_forces(self) -> bool:
-        """Whether surfaces, drag or lift deviate as a whole, beside the coefficients."""
+        """Whether the effectiveness of a surface, the drag or the lift slope has a factor other than 1."""
         return self.surface_effectiveness != SurfaceEffectiveness() or (self.drag, self.lift_slope) != (1.0, 1.0)
 
     @model_validator(mode="before")
     @classmethod
     def _without_moment_factors(cls, values: object) -> object:
-        """Drop factors of 1 on moments of inertia, which files of earlier versions contain; refuse other factors."""
+        """Drop factors of 1 on moments of inertia, which files of earlier versions contain.
+
+        Raises ScenarioError for any other factor on a moment of inertia.
+        """
         if not isinstance(values, dict):
             return values
         problems = [

@@ -1,8 +1,7 @@
 """Search for probable errors in aircraft files and in the F-16's tables.
 
-Signs, units, proportions, lift, thrust, and table points that do not fit their neighbours.
-
-A finding is reported; the file is not refused.
+Checked are signs, units, proportions, lift, thrust, and table points that do not fit their neighbours. A finding is
+reported; the file is not refused.
 """
 
 import math
@@ -37,7 +36,7 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 
 @dataclass(frozen=True)
 class Finding:
-    """Probable error in a file: a key, and a text with value, reason for the suspicion and expected value."""
+    """Probable error in a file: key or line, and a text with value, reason for the suspicion and expected value."""
 
     location: str
     text: str
@@ -47,12 +46,12 @@ class Finding:
 
 
 _GAP = 4.0
-"""Ratio of an interval to the median interval above which it counts as a gap."""
+"""Ratio of an interval between breakpoints to the median interval above which the interval counts as a gap."""
 _AXIS_ORDER = ("alpha", "beta")
 
 
 def table_findings(file: AirframeFile) -> Iterator[Finding]:
-    """Report suspect points, gaps and short axes of the coefficient tables of a file."""
+    """Yield findings for the coefficient tables of a file: suspect points, gaps, and axes that are too short."""
     tables = {f"table[{k}]": table for k, table in enumerate(file.table)}
     for point in suspect_points({table_key: _sorted_coefficient_table(table) for table_key, table in tables.items()}):
         if point.table not in tables:
@@ -73,7 +72,7 @@ def table_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def describe_suspect(point: SuspectPoint) -> str:
-    """Describe how a suspect point differs from its neighbours."""
+    """Return the sentence of a finding that says by how much a suspect point differs from its neighbours."""
     start = "most tables stand out from their" if math.isnan(point.value) else f"{point.value:.4g} stands out from its"
     neighbours = f", with {len(point.neighbours)} beside it in its row" if point.neighbours else ""
     return f"{start} neighbours by {point.score:.1f} times their scatter{neighbours}"
@@ -112,11 +111,11 @@ def _axis_findings(file: AirframeFile, table: CoefficientTable, name: str, point
 
 
 _LEADING_AXES = ("angleOfAttack", "angleOfSideslip")
-"""First axes of the table check: points are compared along these axes and with their mirror images."""
+"""Inputs of the first two axes of the table check, along which points are compared with neighbours."""
 
 
 def model_table_findings(file: DaveMlFile) -> Iterator[Finding]:
-    """Report suspect points in the gridded tables of an aircraft's DAVE-ML files."""
+    """Yield findings for suspect points in the gridded tables of an aircraft's DAVE-ML files."""
     for part, model in file_models(file).items():
         for table, text in suspect_table_points(model, file.dave_ml.names):
             location = f"dave_ml.{part} ({table})" if table in model.definition.gridded else f"dave_ml.{part}"
@@ -124,9 +123,9 @@ def model_table_findings(file: DaveMlFile) -> Iterator[Finding]:
 
 
 def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield the table's name and a text for each suspect point in the gridded tables of a DAVE-ML file.
+    """Yield table name ("all" for all tables) and text for each suspect point in the gridded tables of a DAVE-ML file.
 
-    `aliases` are variable names in the file, by standard name.
+    `aliases` map standard names (ANSI/AIAA S-119) to the names of the variables in the file.
     """
     definition = model.definition
     axes = {name: _axes(aliases, model, name) for name in definition.gridded}
@@ -142,7 +141,7 @@ def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[t
 
 
 def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[int]:
-    """Return the axes of a table in the order angle of attack, sideslip, other arguments."""
+    """Return the indices of a table's axes in the order angle of attack, sideslip, remaining arguments."""
     function = next((f for f in model.definition.functions if f.table == table), None)
     axes = range(len(model.definition.gridded[table].axes))
     if function is None:
@@ -157,7 +156,7 @@ def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[int]:
 
 
 def _inputs_of(model: Model, identifier: str) -> set[str]:
-    """Return the names of the inputs that a variable depends on."""
+    """Return the names of the inputs from which the variable with varID `identifier` is computed."""
     structure = model.evaluator.structure
     required = structure.required_variables({identifier}, set())
     return {structure.by_id[k].name for k in required if k in structure.inputs}
@@ -177,13 +176,13 @@ _GYRATION = {"Jxx_kg_m2": (0.04, 0.4), "Jyy_kg_m2": (0.04, 0.6), "Jzz_kg_m2": (0
 Raymer, *Aircraft Design*, table 16.1, has 0.17 to 0.25 of the span in roll; in pitch and yaw the table refers to the
 length and to the mean of span and length. The bounds are wide, to detect wrong units only."""
 _CHORD = (0.5, 2.0)
-"""Mean chord over S/b: 1 for a rectangle, 4/3 for the mean aerodynamic chord of a triangle."""
+"""Bounds of the mean chord over S/b: 1 for a rectangle, 4/3 for the mean aerodynamic chord of a triangle."""
 _SLOPE_RATIO_MAX = 5
-"""Ratio of a slope to a wing's above which a wrong angle unit is suspected (rad and deg differ by 57)."""
+"""Ratio of lift slopes, file to wing theory or inverse, that suggests a wrong angle unit (rad and deg: 57)."""
 
 
 def collect_findings(file: _File) -> tuple[Finding, ...]:
-    """Find probable errors in a valid file: signs, units, proportions, tables, lift and thrust."""
+    """Return the probable errors of a valid file: in signs, units, proportions, tables, lift and thrust."""
     airframe = build_airframe(file)
     slopes = _slopes(airframe, file)
     findings = list(_sign_findings(file, slopes))
@@ -197,7 +196,10 @@ def collect_findings(file: _File) -> tuple[Finding, ...]:
 def level_air_data(
     V: float, alpha: float, beta: float = 0.0, altitude: float = 0.0, density: float | None = None
 ) -> AirData:
-    """Return air data by airspeed (m/s), flow angles (rad) and altitude (m); density (kg/m^3) None: the standard's."""
+    """Return air data at airspeed V (m/s), flow angles (rad) and altitude (m) in the standard atmosphere.
+
+    `density`, kg/m^3, replaces the standard density.
+    """
     air = StandardAtmosphere().at(altitude)
     density = float(air.density) if density is None else density
     return AirData(
@@ -268,7 +270,7 @@ _EXPECTED_SIGNS = (
 
 
 def _sign_findings(file: _File, slopes: dict[str, float]) -> Iterator[Finding]:
-    """Report unstable damping, static instability and negative drag."""
+    """Yield findings for derivatives of unusual sign or of 0, drag not above 0, and missing roll or pitch control."""
     for name, sign, meaning in _EXPECTED_SIGNS:
         location, value = _derivative_key(file, name), slopes[name]
         if value * sign < 0.0:
@@ -284,7 +286,7 @@ def _sign_findings(file: _File, slopes: dict[str, float]) -> Iterator[Finding]:
 
 
 def _mirror_findings(file: AirframeFile) -> Iterator[Finding]:
-    """Report derivatives that contradict the aircraft's mirror symmetry."""
+    """Yield findings for nonzero derivatives that contradict the mirror symmetry of an aircraft."""
     for name in ("CL_beta", "CD_beta", "Cm_beta", "CY_alpha", "Cl_alpha", "Cn_alpha"):
         value = getattr(file.aerodynamics, name)
         if value != 0.0:
@@ -293,7 +295,7 @@ def _mirror_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _derivative_key(file: _File, name: str) -> str:
-    """Return the file's key of a derivative, or of the table that replaces it."""
+    """Return the key of a derivative in the file, or of the table that replaces the derivative."""
     if isinstance(file, DaveMlFile):
         return f"dave_ml.aerodynamics ({name})"
     coefficient, _, ending = name.partition("_")
@@ -304,7 +306,7 @@ def _derivative_key(file: _File, name: str) -> str:
 
 
 def _slope_unit_findings(file: AirframeFile, slopes: dict[str, float]) -> Iterator[Finding]:
-    """Report a lift slope that suggests the other angle unit."""
+    """Yield a finding for a lift slope that differs from wing theory as if the angle unit were wrong."""
     aspect = file.geometry.span_m**2 / file.geometry.wing_area_m2
     wing = 2.0 * math.pi * aspect / (aspect + 2.0)
     value = slopes["CL_alpha"]
@@ -316,7 +318,7 @@ def _slope_unit_findings(file: AirframeFile, slopes: dict[str, float]) -> Iterat
 
 
 def _angle_unit_findings(file: _File) -> Iterator[Finding]:
-    """Report angles that look like rad instead of deg."""
+    """Yield findings for ranges, stops and rate limits so small that rad instead of deg is probable."""
     for key in ("alpha_deg", "beta_deg"):
         bounds = getattr(file.validity, key)
         if max(map(abs, bounds)) < 1.6:
@@ -331,7 +333,7 @@ def _angle_unit_findings(file: _File) -> Iterator[Finding]:
 
 
 def _inertia_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
-    """Report moments of inertia that do not fit mass and span."""
+    """Yield findings for moments of inertia whose radius of gyration does not fit the span (`_GYRATION`)."""
     span, mass = float(airframe.span), float(airframe.mass_properties.mass)
     values = np.diag(np.asarray(airframe.mass_properties.inertia_b))
     for (key, (lowest, highest)), value in zip(_GYRATION.items(), map(float, values), strict=True):
@@ -343,7 +345,7 @@ def _inertia_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
 
 
 def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
-    """Report a mean chord that does not fit area and span."""
+    """Yield a finding for a mean chord that does not fit wing area over span (`_CHORD`)."""
     geometry = file.geometry
     mean = geometry.wing_area_m2 / geometry.span_m
     if not _CHORD[0] <= geometry.mean_chord_m / mean <= _CHORD[1]:
@@ -352,7 +354,10 @@ def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
-    """Report lift below the weight at the least valid airspeed, or drag above full thrust at each valid airspeed."""
+    """Yield findings for level flight at sea level: lift below the weight, or drag above full thrust.
+
+    The lift is checked at the least valid airspeed and at any, the thrust at all valid airspeeds that carry the weight.
+    """
     speed_min, speed_max = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2
     alphas, speeds = np.linspace(*file.validity.alpha_deg, 46) * DEG_RAD, np.linspace(speed_min, speed_max, 28)
@@ -379,7 +384,7 @@ def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
 def _lift_drag_thrust(
     airframe: _Airframe, unit_speed_data: AirData, speeds: jax.Array, alphas: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Compute lift, drag and full thrust (N) over airspeed and angle of attack.
+    """Compute lift, drag and full thrust (N) over `speeds` (m/s) and `alphas` (rad), each of shape (speeds, alphas).
 
     `unit_speed_data` are the air data at an airspeed of 1 m/s.
     """
@@ -398,9 +403,9 @@ _SURFACE_NAMES = {"dh": "elevator"}  # name of the horizontal tail in TP-1538
 
 
 def f16_findings(variant: str) -> tuple[Finding, ...]:
-    """Find suspect points in the tables of an F-16 variant, worst first; see `anser.aircraft.suspect_points`.
+    """Return findings for the suspect points in the tables of an F-16 variant, worst first.
 
-    The global model has no tables.
+    The search is `anser.aircraft.suspect_points`; the result is empty for the variant "global", which has no tables.
     """
     if variant == "global":
         return ()  # a model without tables
@@ -415,7 +420,7 @@ def f16_findings(variant: str) -> tuple[Finding, ...]:
 
 
 def _tp1538() -> tuple[dict[str, tuple[str, ...]], dict[str, GriddedTable]]:
-    """Return the argument names of each table of NASA TP-1538, and the tables, both by table name."""
+    """Return the names of the arguments of each table of NASA TP-1538, and the tables; both by table name."""
     data = library_data("tp1538")
     values = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     names, tables = _gridded(data["tables"], values, data["breakpoints_deg"])

@@ -1,4 +1,4 @@
-"""Loading of airframes by name or path: from the library, entry points of other packages, and aircraft files."""
+"""Loading of airframes by name or path: library aircraft, entry points of other packages, and aircraft files."""
 
 import functools
 import json
@@ -34,17 +34,17 @@ _concrete = jax.ensure_compile_time_eval()
 
 @functools.cache
 def library_data(name: str) -> dict[str, Any]:
-    """Read a data file of the library by its name without suffix; the result is cached and must not be modified."""
+    """Read a JSON data file of `anser.aircraft` by its name without suffix; the cached result must not be modified."""
     return json.loads(resources.files("anser.aircraft").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))
 
 
 @functools.cache
 @_concrete
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Load a reduced F-16 model by tables: a variant of `VARIANTS["f16"]` except "tp1538" and "global".
+    """Load an F-16 with the reduced tables of Stevens & Lewis, variant "textbook", "s119" or "founding".
 
-    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; default: the variant's. Raises ValueError if
-    the variant is unknown; the message lists the known variants.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; default: the variant's. Raises ValueError
+    for another variant; the message lists the known variants.
     """
     return f16_from_data(library_data("f16"), variant, x_cg_over_c)
 
@@ -52,7 +52,10 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
 @functools.cache
 @_concrete
 def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
-    """Load the complete F-16 of NASA TP-1538; `x_cg_over_c` as a fraction of the mean chord (default: the source's)."""
+    """Load the complete F-16 of NASA TP-1538.
+
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord (default: the report's).
+    """
     return tp1538_from_data(library_data("tp1538"), f16_engine_from_data(library_data("f16")), x_cg_over_c)
 
 
@@ -61,7 +64,7 @@ def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
 def load_global_f16(x_cg_over_c: float | None = None) -> F16Global:
     """Load the F-16 with the global aerodynamic model, with actuators and engine of the textbook's F-16.
 
-    `x_cg_over_c` as a fraction of the mean chord (default: the source's).
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord (default: the source's).
     """
     textbook = load_f16()
     return global_f16_from_data(library_data("f16-global"), textbook.actuators, textbook.engine, x_cg_over_c)
@@ -69,20 +72,22 @@ def load_global_f16(x_cg_over_c: float | None = None) -> F16Global:
 
 @_concrete
 def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> AbstractAirframe:
-    """Load an airframe.
+    """Load an airframe from the library, an aircraft file or an entry point of another package.
 
     Parameters
     ----------
     name
         Element of `sources.AIRFRAMES`, name of an entry point, or path of an aircraft file.
-    variant, x_cg_over_c
-        For the F-16 only: see `load_f16`.
+    variant
+        Element of `VARIANTS["f16"]` if `name` is "f16"; otherwise ignored.
+    x_cg_over_c
+        Centre of gravity of the F-16 as a fraction of the mean chord; None: value of the variant.
 
     Raises
     ------
     ValueError
-        If the name or variant is unknown (the message lists the known ones), or an entry point returns no airframe or
-        an impossible mass or inertia.
+        If the name or variant is unknown (the message lists the known names), `x_cg_over_c` is given for another
+        aircraft than the F-16, or an entry point returns no airframe or an impossible mass or inertia.
     ScenarioError
         If an aircraft file cannot be read or is invalid.
     """
@@ -103,14 +108,14 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
 
 
 def is_aircraft_path(name: str | os.PathLike[str]) -> bool:
-    """Whether a name is the path of an aircraft file or DAVE-ML file (the latter is refused when read)."""
+    """Whether a name ends with the suffix of an aircraft file or of a DAVE-ML file, which `read_airframe` refuses."""
     return Path(name).suffix in (*SUFFIXES, DAVE_ML_SUFFIX)
 
 
 def airframe_of_table(
     kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | DaveMlFile | None
 ) -> AbstractAirframe:
-    """Load the airframe of an [[aircraft]] table of a scenario: from its file, or by its type (`kind`)."""
+    """Load the airframe of a scenario's [[aircraft]] table: from `file`, or by the type `kind` if `file` is None."""
     return load_airframe(kind, variant, x_cg_over_c) if file is None else build_airframe(file)
 
 
@@ -125,7 +130,7 @@ def _load_entry_point(name: str) -> AbstractAirframe:
 
 
 def span_of(airframe: AbstractAirframe) -> Any:
-    """Return the wing span of an airframe, m, for turbulence; raises ValueError if undefined."""
+    """Return the wing span of an airframe, m, which turbulence needs; raises ValueError if the airframe has none."""
     if isinstance(airframe, AbstractF16 | DerivativeAircraft):
         return airframe.span
     span = getattr(airframe, "span", None)
@@ -137,7 +142,7 @@ def span_of(airframe: AbstractAirframe) -> Any:
 @functools.cache
 @_concrete
 def load_body(name: str) -> SimpleBody:
-    """Load an unpowered rigid body of the library, for free flight, by a name of `sources.BODIES`.
+    """Load an unpowered rigid body of the library (sphere or brick) by a name of `sources.BODIES`.
 
     Raises ValueError if the name is unknown; the message lists the known names.
     """

@@ -33,7 +33,7 @@ from anser.config.tables import table as part
 
 
 class AnyAirframeFile(Table):
-    """Keys common to both kinds of aircraft file: name, source, engine, ranges and check data."""
+    """Keys common to both kinds of aircraft file: name, source, engine, valid ranges and check data."""
 
     format: Literal[1] = Field(
         description="version of the file format", json_schema_extra=expects("1, the format that this anser reads")
@@ -50,12 +50,12 @@ class AnyAirframeFile(Table):
 
     @property
     def has_engine(self) -> bool:
-        """Whether the aircraft has propulsion."""
+        """Whether the aircraft has an engine."""
         return self.engine is not None
 
 
 def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
-    """Report check data for surfaces that the aircraft does not have."""
+    """List the problems of check data with deflections of surfaces that the aircraft does not have."""
     problems = []
     expected = f"names of surfaces of this file ({', '.join(surfaces)})"
     for kind, checks in (("forces", check.forces), ("trim", check.trim)):
@@ -69,7 +69,7 @@ def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
 
 
 def surface_problems(surface: Sequence[ActuatedSurface]) -> list[Problem]:
-    """Report repeated surface names, and actuators of different order (first and second)."""
+    """List repeated surface names, and actuators whose order (first or second) differs from the first surface's."""
     problems = []
     names = [item.name for item in surface]
     for k, item in enumerate(surface):
@@ -91,7 +91,7 @@ _STATIC = {
 
 
 class AirframeFile(AnyAirframeFile):
-    """Aircraft defined by stability derivatives; see :func:`anser.aircraft_files.sources.read_airframe`."""
+    """Aircraft file with stability derivatives, read by :func:`anser.aircraft_files.sources.read_airframe`."""
 
     mass: Mass = part("mass and inertia", "a table [mass]")
     geometry: Geometry = part("reference lengths and area", "a table [geometry]")
@@ -103,11 +103,11 @@ class AirframeFile(AnyAirframeFile):
 
     @property
     def surfaces(self) -> tuple[str, ...]:
-        """Surface names."""
+        """Names of the control surfaces, in the order of the file."""
         return tuple(surface.name for surface in self.surface)
 
     def consistency_problems(self) -> list[Problem]:
-        """Report contradictions between tables of the file."""
+        """List contradictions between surfaces, coefficient tables, derivatives and check data."""
         problems = [*surface_problems(self.surface), *self._table_problems()]
         return [*problems, *check_problems(self.check, self.surfaces)]
 
@@ -130,7 +130,10 @@ class AirframeFile(AnyAirframeFile):
         return problems
 
     def _overridden_derivatives(self, k: int, table: CoefficientTable, index: tuple[int, int]) -> list[Problem]:
-        """Report derivatives in the file that have no effect because table number `k` replaces them."""
+        """List nonzero derivatives of the file that have no effect because table number `k` replaces them.
+
+        `index` is row and column of the coefficient or derivative of the table, from `coefficient_index`.
+        """
         coefficient, argument_count = COEFFICIENTS[index[0]], len(DERIVATIVE_ARGUMENTS)
         expected = f"nothing, or 0: table[{k}] of {table.replaces} takes its place"
         columns = list(replaced_columns(table, index))
@@ -158,9 +161,10 @@ def coefficient_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] |
 
 
 def replaced_columns(table: CoefficientTable, index: tuple[int, int]) -> tuple[int, ...]:
-    """Return the columns of the derivatives that a table replaces.
+    """Return the columns of the derivatives that a table replaces; `index` is row and column of its coefficient.
 
-    For a table of a whole coefficient, the columns of the surfaces are not included.
+    A table of a whole coefficient replaces the constant and the derivatives by alpha or beta if these are arguments of
+    the table. Columns of surfaces are not included.
     """
     if table.replaces not in COEFFICIENTS:
         return (index[1],)
@@ -184,14 +188,14 @@ _GIVEN = "a table of numbers by name or varID, in the units of the file, such as
 
 
 class DaveMlText(Table):
-    """DAVE-ML file, stored with its text, so that results contain the aircraft without the file."""
+    """DAVE-ML file: its name and text. With the text, results contain the whole aircraft without the file."""
 
     file: str = text_field("name of the file")
     text: str = text_field("text of the file", expected="the text of a DAVE-ML file")
 
 
 class DaveMl(Table):
-    """DAVE-ML files of an aircraft, and the names of their variables."""
+    """DAVE-ML files of an aircraft, variables whose names differ from the standard, and constant inputs."""
 
     aerodynamics: DaveMlText = part("coefficients in body axes and reference lengths", _PATH)
     inertia: DaveMlText | None = part("mass, inertia and centre of mass; left out: [mass]", _PATH, None)
@@ -205,7 +209,7 @@ class DaveMl(Table):
 
 
 class DaveMlSurface(ActuatedSurface):
-    """Control surface, and the input of the aerodynamic model that it sets."""
+    """Control surface, and the input of the aerodynamic model that receives the deflection."""
 
     input: str | None = text_field(
         "name or varID of the input; left out: the surface's name and Deflection, as elevatorDeflection", None
@@ -213,12 +217,12 @@ class DaveMlSurface(ActuatedSurface):
 
     @property
     def input_name(self) -> str:
-        """Name of the aerodynamic input that the surface sets."""
+        """Name or varID of the aerodynamic input for the deflection; by default name and "Deflection"."""
         return f"{self.name}Deflection" if self.input is None else self.input
 
 
 class DaveMlFile(AnyAirframeFile):
-    """Aircraft defined by DAVE-ML files; see :func:`anser.aircraft_files.sources.read_airframe`."""
+    """Aircraft file with DAVE-ML models, read by :func:`anser.aircraft_files.sources.read_airframe`."""
 
     dave_ml: DaveMl = part("DAVE-ML files", "a table [dave_ml]")
     mass: Mass | None = part("mass and inertia, instead of a DAVE-ML file", "a table [mass]", None)
@@ -228,7 +232,7 @@ class DaveMlFile(AnyAirframeFile):
 
     @property
     def surfaces(self) -> tuple[str, ...]:
-        """Surface names."""
+        """Names of the control surfaces, in the order of the file."""
         return tuple(surface.name for surface in self.surface)
 
     @property
@@ -237,7 +241,7 @@ class DaveMlFile(AnyAirframeFile):
         return self.dave_ml.propulsion is not None or self.engine is not None
 
     def consistency_problems(self) -> list[Problem]:
-        """Report repeated or missing definitions, and contradictions between tables."""
+        """List quantities that are missing or defined twice, and contradictions between surfaces and check data."""
         problems, dave_ml = [], self.dave_ml
         if dave_ml.inertia is None and self.mass is None:
             problems.append(Problem("dave_ml.inertia", "nothing", _INERTIA_WAYS))

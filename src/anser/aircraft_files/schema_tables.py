@@ -16,43 +16,43 @@ _SURFACE_NAME = "a name of 1 to 32 small letters, digits and underscores that be
 _LAG_WAYS = "either lag_s, or frequency_rad_s and damping; not both"
 _STOP_WAYS = "either limit_deg, or lower_deg and upper_deg; not both"
 RESERVED_SURFACE_NAMES = {column.removeprefix("_") for column in DERIVATIVE_ARGUMENTS if column != "0"}
-"""Forbidden surface names: derivatives by the surface would coincide with other derivatives."""
+"""Forbidden surface names: a derivative by such a surface would have the name of another derivative."""
 
 Range = Annotated[tuple[float, float], Field(strict=False)]
 BodyVector = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
 def interval(description: str, unit: str, default: object = PydanticUndefined) -> Any:
-    """Declare a field for a range: a list of minimum and maximum."""
+    """Return a field for a range: a list of minimum and maximum, in `unit`."""
     expected = f"a list of two numbers, least first, {unit}".removesuffix(", ")
     return Field(default, description=description, json_schema_extra=expects(expected))
 
 
 def positive(description: str, high: float, unit: str, default: object = PydanticUndefined) -> Any:
-    """Declare a field for a number above 0; None as `default` for an optional key."""
+    """Return a field for a number above 0, at most `high`; `default` None makes the key optional."""
     return number(description, 0, high, unit, default, exclusive_minimum=True)
 
 
 def text_field(description: str, default: object = PydanticUndefined, expected: str = "a text in quotes") -> Any:
-    """Declare a field for a text."""
+    """Return a field for a text; `expected` completes the message for a wrong value."""
     return Field(default, description=description, json_schema_extra=expects(expected))
 
 
 def body_vector(description: str, unit: str, default: object = PydanticUndefined) -> Any:
-    """Declare a field for three numbers in body axes: forward, right, down."""
+    """Return a field for three numbers in body axes (forward, right, down), in `unit`."""
     expected = f"a list of three numbers (forward, right, down), {unit}"
     return Field(default, description=description, json_schema_extra=expects(expected))
 
 
 def unordered_range_problems(table: Table, *keys: str) -> list[Problem]:
-    """Report ranges whose minimum is not less than the maximum."""
+    """List the ranges among `keys` whose minimum is not less than the maximum; keys without value are skipped."""
     ranges = [(key, getattr(table, key)) for key in keys if getattr(table, key) is not None]
     expected = "the lesser of two numbers first"
     return [Problem(key, format_range(bounds), expected) for key, bounds in ranges if not bounds[0] < bounds[1]]
 
 
 def format_range(bounds: tuple[float, float]) -> str:
-    """Format a range as a list of two numbers."""
+    """Return the text of a range: [minimum, maximum]."""
     return f"[{format_number(bounds[0])}, {format_number(bounds[1])}]"
 
 
@@ -78,7 +78,7 @@ class Mass(Table):
         )
 
     def consistency_problems(self) -> list[Problem]:
-        """Report an inertia matrix that is impossible for a rigid body."""
+        """List the moments and products of inertia that are impossible for a rigid body."""
         return [
             Problem(f"{fault.quantity}_kg_m2", format_number(fault.arrived), fault.expected)
             for fault in body_faults({}, self.inertia)
@@ -110,13 +110,13 @@ class ActuatedSurface(Table):
 
     @property
     def stops_deg(self) -> tuple[float, float]:
-        """Lower and upper stop, deg."""
+        """Lower and upper stop, deg; 0 for a stop that the file leaves out."""
         if self.limit_deg is not None:
             return -self.limit_deg, self.limit_deg
         return self.lower_deg or 0.0, self.upper_deg or 0.0
 
     def consistency_problems(self) -> list[Problem]:
-        """Report stops or actuator dynamics that are missing or given in two ways."""
+        """List reserved names, and stops or actuator dynamics that are missing, in wrong order or defined twice."""
         problems = []
         stops, second_order = (self.lower_deg, self.upper_deg), (self.frequency_rad_s, self.damping)
         if self.name in RESERVED_SURFACE_NAMES:
@@ -159,7 +159,7 @@ class Validity(Table):
     mach: Range | None = interval("Mach number; left out: any", "", None)
 
     def consistency_problems(self) -> list[Problem]:
-        """Report empty ranges, and ranges beyond physical limits."""
+        """List ranges whose minimum is not less than the maximum, and ranges beyond physical limits."""
         problems = unordered_range_problems(self, "airspeed_m_s", "alpha_deg", "beta_deg", "altitude_m", "mach")
         for key, (lowest, highest), unit in (
             ("airspeed_m_s", (0.0, 1000.0), "m/s"),
@@ -178,12 +178,12 @@ ByName = Annotated[dict[str, float], Field(strict=False)]
 
 
 def by_name(description: str, expected: str) -> Any:
-    """Declare a field for a table of values by name, empty by default."""
+    """Return a field for a table of values by name, empty by default."""
     return Field(default_factory=dict, description=description, json_schema_extra=expects(expected))
 
 
 class ForceCheck(Table):
-    """Check data: force, moment, thrust and torque from the source, in one flight condition."""
+    """Check data: force, moment, thrust and torque in one flight condition, from the aircraft's source."""
 
     name: str = text_field("name of the check")
     airspeed_m_s: float = number("true airspeed", 0, 1000, "m/s")
@@ -210,7 +210,7 @@ class ForceCheck(Table):
     tolerance: float = positive("largest permitted difference, N and N m", 1e6, "")
 
     def consistency_problems(self) -> list[Problem]:
-        """Report a check without reference values, and replacement values for unknown derivatives."""
+        """List a check without reference values, and replacement values for unknown derivatives."""
         problems = []
         if all(v is None for v in (self.force_N, self.moment_Nm, self.thrust_N, self.torque_Nm)):
             problems.append(Problem("force_N", "nothing", "one or more of force_N, moment_Nm, thrust_N and torque_Nm"))
@@ -222,7 +222,7 @@ class ForceCheck(Table):
 
 
 class TrimCheck(Table):
-    """Check data: a trim in steady flight from the source."""
+    """Check data: angle of attack, deflections and throttle of a steady flight, from the aircraft's source."""
 
     name: str = text_field("name of the check")
     airspeed_m_s: float = positive("true airspeed", 1000, "m/s")
@@ -235,7 +235,7 @@ class TrimCheck(Table):
     tolerance_throttle: float = positive("largest permitted difference of the throttle", 1, "", 0.01)
 
     def consistency_problems(self) -> list[Problem]:
-        """Report a check without reference values."""
+        """List a check without reference values."""
         if self.alpha_deg is None and self.throttle is None and not self.surfaces_deg:
             return [Problem("alpha_deg", "nothing", "one or more of alpha_deg, throttle and surfaces_deg")]
         return []
@@ -304,7 +304,7 @@ else:
 class CoefficientTable(Table):
     """Table of a coefficient or derivative over one to three angles, linear between breakpoints.
 
-    It replaces one or more derivatives of the file.
+    The table replaces one or more derivatives of the file.
     """
 
     replaces: str = Field(
@@ -333,11 +333,11 @@ class CoefficientTable(Table):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of breakpoints on each axis."""
+        """Number of breakpoints of each argument, in the order of `over`."""
         return tuple(len(points) for points in self.breakpoints_deg)
 
     def consistency_problems(self) -> list[Problem]:
-        """Report axes that do not rise, and values that do not fit the breakpoints."""
+        """List axes that do not rise, and values whose shape does not fit the breakpoints."""
         if len(self.breakpoints_deg) != len(self.over):
             expected = f"a list of {len(self.over)} lists, one for each of over"
             return [Problem("breakpoints_deg", f"a list of {len(self.breakpoints_deg)}", expected)]
@@ -353,7 +353,10 @@ class CoefficientTable(Table):
 
 
 def shape_problems(values: object, shape: tuple[int, ...], path: str) -> list[Problem]:
-    """Report nested lists of the wrong shape, and entries that are not finite numbers."""
+    """List the faults of nested lists: lengths that differ from `shape`, and entries that are not finite numbers.
+
+    `path` is the key of `values`, to which the problems add indices.
+    """
     if not shape:
         is_number = isinstance(values, int | float) and not isinstance(values, bool) and math.isfinite(values)
         return [] if is_number else [Problem(path, describe_value(values), "a finite number")]
@@ -387,7 +390,7 @@ _Numbers = Annotated[tuple[float, ...], Field(strict=False)]
 
 
 class Jet(Table):
-    """Jet engine thrust: a number, or a table over altitude and Mach number."""
+    """Jet engine; idle and full thrust are numbers, or tables over altitude and Mach number."""
 
     idle_N: Any = _thrust("thrust at idle", 0.0)
     full_N: Any = _thrust("thrust at full throttle")
@@ -397,7 +400,7 @@ class Jet(Table):
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """Report a missing axis, breakpoints that do not rise, and thrust values whose shape does not fit the axes."""
+        """List a missing axis, breakpoints that do not rise, and thrust values whose shape does not fit the axes."""
         if bool(self.altitude_m) != bool(self.mach):
             missing_key = "mach" if self.altitude_m else "altitude_m"
             return [Problem(missing_key, "nothing", "both altitude_m and mach, or none of them")]
@@ -432,7 +435,7 @@ class ElectricPropeller(Table):
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """Report zero or negative static thrust or torque."""
+        """List coefficients of thrust or torque at J = 0 that are not above 0."""
         expected = "a positive first number: what the propeller does at rest"
         return [
             Problem(key, format_number(getattr(self, key)[0]), expected)
@@ -458,7 +461,7 @@ class PistonPropeller(Table):
 
 
 class Engine(Table):
-    """Engine of the aircraft: exactly one of the kinds."""
+    """Engine of the aircraft: exactly one of the tables for a jet, an electric propeller and a piston propeller."""
 
     jet: Jet | None = table("a jet engine", "a table [engine.jet]", None)
     electric_propeller: ElectricPropeller | None = table(
@@ -470,11 +473,11 @@ class Engine(Table):
 
     @property
     def kind(self) -> str:
-        """Name of the kind of engine, such as "jet"."""
+        """Key of the engine's table: "jet", "electric_propeller" or "piston_propeller"."""
         return next(name for name in type(self).model_fields if getattr(self, name) is not None)
 
     def consistency_problems(self) -> list[Problem]:
-        """Report a table [engine] with several kinds of engine or without any."""
+        """List the problem of a table [engine] with several kinds of engine or without any."""
         kinds = [name for name in type(self).model_fields if getattr(self, name) is not None]
         if len(kinds) == 1:
             return []

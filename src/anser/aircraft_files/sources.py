@@ -1,7 +1,6 @@
-"""Names of all aircraft, and reading of aircraft files, without JAX.
+"""Names of all aircraft, reading of aircraft files, data ranges of aircraft, and the starter file, without JAX.
 
-Aircraft come from the library, from aircraft files and from entry points of other packages. Also the data ranges of
-aircraft, and the starter file.
+Aircraft come from the library, from aircraft files and from entry points of other packages.
 """
 
 import copy
@@ -26,21 +25,23 @@ from anser.config.validation_messages import validation_problems
 from anser.files import XML_ENCODINGS, decode_xml, read_file
 
 LIBRARY_FILES = {"aerosonde": "aircraft/data", "nasa-f16": "dave_ml/nasa"}
-"""Library airframes defined by aircraft files: folder of each within this package."""
+"""Library airframes defined by aircraft files: folder of each within the package `anser`."""
 AIRFRAMES = ("f16", *LIBRARY_FILES)
+"""Names of the airframes of the library."""
 BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
+"""Names of the unpowered rigid bodies of the library."""
 VARIANTS = {"f16": ("textbook", "s119", "founding", "tp1538", "global")}
-"""Variants by airframe."""
+"""Variants of library airframes, by airframe."""
 
 
 _RATE_DERIVATIVES = {f"{coefficient}_{angle}dot" for coefficient in COEFFICIENTS for angle in ("alpha", "beta")}
 
 
 def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | DaveMlFile:
-    """Validate an aircraft given as nested dictionaries and lists, as in its TOML file.
+    """Validate the values of an aircraft file, nested dictionaries and lists as in TOML, and return the file.
 
-    With a table `dave_ml`, the referenced files are tables of file name and text. Raises ScenarioError if the values
-    are invalid; the message gives file, key, value and expected value.
+    In a table `dave_ml`, each referenced file must be a table of file name and text. Raises ScenarioError if the values
+    are invalid; the message gives `source` (the file), key, value and expected value.
     """
     check_file_kind("aircraft", values, source)
     version = values.get("format")
@@ -67,7 +68,7 @@ def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Return the problem of an unknown key, with advice if the key is a derivative such as `Cm_alphadot`."""
+    """Return the problem with advice if its key is a derivative by the rate of an angle, such as `Cm_alphadot`."""
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem
@@ -78,7 +79,7 @@ def _explain_rate_derivative(problem: Problem) -> Problem:
 
 
 ENTRY_POINTS = "anser.airframes"
-"""Group of entry points that name callables, without arguments, that return an `AbstractAirframe`."""
+"""Group of the entry points for airframes: each names a callable without arguments that returns an airframe."""
 SUFFIXES = (".toml",)
 """File suffixes of aircraft files."""
 DAVE_ML_SUFFIX = ".dml"
@@ -97,7 +98,10 @@ def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
 
 
 def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the values of an aircraft file without validation; raises ScenarioError for other suffixes or no file."""
+    """Read the values of an aircraft file without validation, with the texts of its DAVE-ML files.
+
+    Raises ScenarioError if the suffix is not ".toml", a file cannot be read, or the text is not TOML.
+    """
     source, suffix = os.fspath(path), Path(path).suffix
     if suffix == DAVE_ML_SUFFIX:
         expected = "an aircraft file (.toml) that names it under [dave_ml]: a DAVE-ML file has no actuators"
@@ -109,7 +113,7 @@ def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, source: str) -> dict[str, Any]:
-    """Replace the paths of DAVE-ML files by tables of file name and text."""
+    """Return the values with the paths of DAVE-ML files, relative to `folder`, replaced by tables of name and text."""
     dave_ml = values.get("dave_ml")
     if not isinstance(dave_ml, dict):
         return values
@@ -123,7 +127,7 @@ def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, so
 
 
 def _text_of(path: Path | Traversable, key: str, source: str) -> str:
-    """Read the text of a DAVE-ML file in its declared encoding; raises ScenarioError if it cannot be read."""
+    """Read the text of a DAVE-ML file in its declared encoding; raises ScenarioError if the file cannot be read."""
     try:
         return decode_xml(read_file(path))
     except LookupError as error:
@@ -145,7 +149,7 @@ def _values_of_library(name: str) -> dict[str, Any]:
 
 
 def library_values(name: str) -> dict[str, Any]:
-    """Return the values of a library aircraft file, as a copy that may be modified."""
+    """Return the values of a library aircraft file (a name of `LIBRARY_FILES`), as a copy that may be modified."""
     return copy.deepcopy(_values_of_library(name))
 
 
@@ -157,13 +161,13 @@ def library_file(name: str) -> AirframeFile | DaveMlFile:
 
 @functools.cache
 def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Return the entry points of installed packages for airframes, by name, without names of the library."""
+    """Return the entry points of installed packages for airframes, by name; names of library airframes are left out."""
     points = importlib.metadata.entry_points(group=ENTRY_POINTS)
     return {point.name: point for point in sorted(points, key=lambda point: point.name) if point.name not in AIRFRAMES}
 
 
 def entry_point_origin(name: str) -> str:
-    """Describe an entry point by object reference, distribution and version; empty for other names."""
+    """Return object reference, distribution and version of an entry point; empty if no entry point has the name."""
     point = entry_points().get(name)
     if point is None:
         return ""
@@ -171,12 +175,12 @@ def entry_point_origin(name: str) -> str:
 
 
 def aircraft_types() -> tuple[str, ...]:
-    """Return the names of all airframes: library, then entry points."""
+    """Return the names of all airframes: those of the library, then those of entry points."""
     return (*AIRFRAMES, *entry_points())
 
 
 def unknown_type_hint(name: str) -> str:
-    """Suggest names of airframes for an unknown name."""
+    """Return the text of a message that suggests the names of airframes for an unknown name."""
     matches = difflib.get_close_matches(name, aircraft_types(), n=1)
     return (f'perhaps "{matches[0]}"; ' if matches else "") + f"one of {', '.join(aircraft_types())}"
 
@@ -189,9 +193,10 @@ _F16_ALPHA_DEG = (-10.0, 45.0)
 
 @dataclass(frozen=True)
 class AirframeRange:
-    """Ranges of airspeed, altitude and angle of attack of an airframe's data; None if unknown before it is built.
+    """Ranges (minimum, maximum) of true airspeed, altitude and angle of attack of an airframe's data.
 
-    If the ranges come from an aircraft file (`is_from_file`), a scenario's default limits follow them.
+    A range is None if unknown without construction of the airframe; the altitude also if a file states no range. If
+    the ranges come from an aircraft file (`is_from_file`), the default limits of a scenario follow the ranges.
     """
 
     name: str
@@ -202,9 +207,10 @@ class AirframeRange:
 
 
 def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> AirframeRange:
-    """Return the data ranges of an airframe: from `file`, or by the airframe type `kind` without a file.
+    """Return the data ranges of an airframe: from `file`, or by the airframe type `kind` if `file` is None.
 
-    The ranges of a type that is neither "f16" nor one of `LIBRARY_FILES` are None.
+    For "f16" the ranges are those of the textbook's tables, for every variant. The ranges are None for a type without
+    file that is neither "f16" nor a key of `LIBRARY_FILES`.
     """
     if file is None and kind in LIBRARY_FILES:
         file = library_file(kind)
@@ -222,12 +228,15 @@ AIRCRAFT_SCHEMA = "anser-aircraft.schema.json"
 
 
 def airframe_starter() -> str:
-    """Return the text (TOML) of the starter file: a valid light aircraft with a comment on every key."""
+    """Return the text (TOML) of the starter file: a valid light aircraft with comments on its keys."""
     return resources.files("anser.aircraft_files").joinpath("starter.toml").read_text(encoding="utf-8")
 
 
 def write_airframe_starter(path: str | os.PathLike[str]) -> Path:
-    """Write the starter to a new file, and the schema beside the file; raises as `anser.scenario.write_starter`."""
+    """Write the starter to a new file, with the JSON Schema beside it unless a schema exists; return the file's path.
+
+    Raises ScenarioError if `path` exists already or cannot be written.
+    """
     target = write_new_file(path, airframe_starter())
     write_schema(target, AIRCRAFT_SCHEMA, AirframeFile, "anser aircraft")
     return target

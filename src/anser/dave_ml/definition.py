@@ -17,7 +17,10 @@ ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Element of a DAVE-ML file that documents only: header, provenance or uncertainty; text without outer blanks."""
+    """Element of a DAVE-ML file without effect on the model: header, provenance or uncertainty.
+
+    `tag`, `attributes`, `text` (without outer blanks) and `children` are those of the XML element.
+    """
 
     tag: str
     attributes: tuple[tuple[str, str], ...] = ()
@@ -25,11 +28,11 @@ class Note:
     children: tuple["Note", ...] = ()
 
     def get(self, attribute: str, otherwise: str = "") -> str:
-        """Return the value of an attribute, or `otherwise` if absent."""
+        """Return the value of an attribute, or `otherwise` if the attribute is absent."""
         return dict(self.attributes).get(attribute, otherwise)
 
     def all(self, tag: str) -> tuple["Note", ...]:
-        """Return the children with a tag."""
+        """Return the children with the tag `tag`, in file order."""
         return tuple(child for child in self.children if child.tag == tag)
 
 
@@ -42,15 +45,15 @@ class SourceLocation:
     column: int | None = None
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Return an error at this position, with the content that arrived and the content expected."""
+        """Return an error at the position, with descriptions of the arrived and the expected content."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """Variable of a DAVE-ML file: signal, constant or parameter."""
+    """Variable of a DAVE-ML file: input, output, state, constant or computed quantity; numbers are in `units`."""
 
-    #: varID, name (ANSI/AIAA S-119 name for standard variables), and units as written.
+    #: varID, name (of ANSI/AIAA S-119 for standard variables) and units, as written. The texts below are documentation.
     id: str
     name: str
     units: str
@@ -59,11 +62,11 @@ class Variable:
     sign: str = ""
     alias: str = ""
     symbol: str = ""
-    initial: float | None = None  #: Constant, initial value of a state, or default of an input.
-    #: Limits that clip every value of the variable.
+    initial: float | None = None  #: Value of a constant, initial value of a state, or default of an input.
+    #: Limits to which every value of the variable is clipped; None: no limit.
     minimum: float | None = None
     maximum: float | None = None
-    formula: Formula | None = None  #: Calculation of the value from other variables.
+    formula: Formula | None = None  #: Calculation of the value from other variables; None if there is none.
     roles: frozenset[Role] = frozenset()
     notes: tuple[Note, ...] = ()  #: Provenance and uncertainty.
     location: SourceLocation = field(default=SourceLocation(), compare=False)
@@ -71,7 +74,7 @@ class Variable:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Described:
-    """Documentation shared by tables and breakpoints; base class."""
+    """Base class of tables and breakpoints with their documentation; `units` are empty if the file omits them."""
 
     name: str = ""
     units: str = ""
@@ -82,7 +85,7 @@ class _Described:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Breakpoints(_Described):
-    """Breakpoints of one axis of gridded tables; shape (n,), strictly increasing."""
+    """Breakpoints of one axis of gridded tables: bpID `id`, and `points` of shape (n,), strictly increasing."""
 
     id: str
     points: np.ndarray
@@ -90,7 +93,7 @@ class Breakpoints(_Described):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GriddedTable(_Described):
-    """Table with values on a grid: the array has a dimension for each of `axes`, identifiers (bpID) of breakpoints."""
+    """Table (gtID `id`) with values on a grid: a dimension for each of `axes`, the bpIDs of the breakpoints."""
 
     id: str
     axes: tuple[str, ...]
@@ -99,7 +102,7 @@ class GriddedTable(_Described):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UngriddedTable(_Described):
-    """Table with values (n,) at scattered points (n, arguments)."""
+    """Table (utID `id`) with `values`, shape (n,), at scattered `points`, shape (n, arguments)."""
 
     id: str
     points: np.ndarray
@@ -108,7 +111,11 @@ class UngriddedTable(_Described):
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """Independent variable (varID) of a function; `minimum` and `maximum` clip it before the lookup."""
+    """Independent variable (varID `id`) of a function, clipped to `minimum` and `maximum` before the lookup.
+
+    None means no limit. `extrapolate` names the ends of the table beyond which the function is extrapolated; beyond the
+    remaining ends the value at the end is held.
+    """
 
     id: str
     minimum: float | None = None
@@ -135,9 +142,9 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Value of the variable `id` (varID) in a check shot: of an input, or expected of an output or internal variable.
+    """Value of the variable `id` (varID) in a check shot: value of an input, or expected value of a computed variable.
 
-    `units` are those of the variable if the file omits them; `tolerance` is None if the file omits it.
+    `units` are the variable's if the file omits them; `tolerance`, in `units`, is None if the file states none.
     """
 
     id: str
@@ -148,7 +155,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Check shot: input values with the outputs and internal values that the model must give."""
+    """Check shot: values of inputs with the values of outputs and internal variables that the model must give."""
 
     name: str
     inputs: tuple[Signal, ...]
@@ -161,7 +168,7 @@ class Shot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Definition:
-    """Content of a DAVE-ML file, in file order; variables, breakpoints and tables by identifier.
+    """Content of a DAVE-ML file, in file order; variables, breakpoints and tables by varID, bpID, gtID or utID.
 
     `file` is the name of the file in error messages.
     """

@@ -1,6 +1,6 @@
 """XML elements with their position in the file, number parsing, and the error for invalid files.
 
-The parser expands no entities, fetches nothing, and bounds size and nesting.
+The parser refuses entities, fetches nothing, and limits the size of the file and the depth of nesting.
 """
 
 import math
@@ -17,9 +17,9 @@ _SHOWN_MAX: Final = 80
 
 
 class DaveMlError(ValueError):
-    """A DAVE-ML file is invalid, or a model cannot be built from it; ``str()`` is one line.
+    """A DAVE-ML file is invalid, or no model can be built from the file; ``str()`` is one line.
 
-    Line and column are from 1; None for the whole file.
+    `name` is the name of the file; line and column count from 1 and are None for a fault of the whole file.
     """
 
     def __init__(self, name: str, arrived: str, expected: str, line: int | None = None, column: int | None = None):
@@ -36,7 +36,7 @@ class DaveMlError(ValueError):
 
 
 def quote(text: str) -> str:
-    """Return text from a file in quotation marks, on one line, shortened."""
+    """Return a text in quotation marks for a message, on one line, cut after 80 characters."""
     quoted = f'"{text}"' if text.isprintable() else repr(text)
     return quoted if len(quoted) <= _SHOWN_MAX + 2 else f'{quoted[:_SHOWN_MAX]}..." ({len(text)} characters)'
 
@@ -53,7 +53,7 @@ ELEMENTS_MAX: Final = 100_000
 class Element:
     """XML element with its position in the file: line and column of the start tag, from 1.
 
-    The tag is without the namespace prefix, the attributes' names are with it; `text` is directly inside the element.
+    `tag` is without namespace prefix, names of attributes are with prefix; `text` excludes the text of children.
     """
 
     tag: str
@@ -65,11 +65,14 @@ class Element:
     children: list["Element"] = field(default_factory=list)
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Return an error at this element, with the content that arrived and the content expected."""
+        """Return an error at the element, with descriptions of the arrived and the expected content."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
     def permit(self, attributes: Iterable[str] = (), once: Iterable[str] = (), repeatable: Iterable[str] = ()) -> None:
-        """Raise DaveMlError for unknown attributes or children; by tag, children are permitted once or repeatedly."""
+        """Raise DaveMlError for attributes or children that are not permitted, or a repeated child of a tag in `once`.
+
+        Attributes of XML itself (``xml...``) and with a namespace prefix are always permitted.
+        """
         attribute_names = set(attributes)
         for name in self.attributes:
             if name not in attribute_names and not name.startswith("xml") and ":" not in name:
@@ -85,22 +88,22 @@ class Element:
             present_tags.add(child.tag)
 
     def all(self, *tags: str) -> list["Element"]:
-        """Return the children with any of these tags."""
+        """Return the children whose tag is among `tags`, in file order."""
         return [child for child in self.children if child.tag in tags]
 
     def first(self, *tags: str) -> "Element | None":
-        """Return the first child with any of these tags; None if absent."""
+        """Return the first child whose tag is among `tags`; None if no child has such a tag."""
         return next(iter(self.all(*tags)), None)
 
     def require(self, *tags: str) -> "Element":
-        """Return the first child with any of these tags. Raises DaveMlError if absent."""
+        """Return the first child whose tag is among `tags`. Raises DaveMlError if no child has such a tag."""
         child = self.first(*tags)
         if child is None:
             raise self.fault(f"<{self.tag}> without <{tags[0]}>", f"<{'> or <'.join(tags)}> in it")
         return child
 
     def attribute(self, name: str) -> str:
-        """Return the value of a required attribute, stripped.
+        """Return the value of a required attribute without outer blanks.
 
         Raises DaveMlError if the attribute is absent or, except for `units`, empty.
         """
@@ -115,7 +118,7 @@ def _format_choices(kind: str, permitted: set[str]) -> str:
 
 
 class _Builder:
-    """Expat handlers that build the element tree."""
+    """Handlers of an Expat parser that build the tree of elements; `root` is None before the first element."""
 
     def __init__(self, name: str, parser: Any) -> None:
         self.name = name
@@ -169,7 +172,8 @@ class _Builder:
 def parse_elements(content: str | bytes, name: str) -> Element:
     """Parse an XML document (bytes in the declared encoding) and return its root element.
 
-    Raises DaveMlError if the document is not well-formed XML, declares or uses entities, or is too large.
+    `name` is the file name in messages. Raises DaveMlError if the document is not well-formed XML in a supported
+    encoding, declares entities or uses entities other than the five of XML, or exceeds the limits of this module.
     """
     if len(content) > FILE_BYTES_MAX:
         raise DaveMlError(name, f"{len(content):,} bytes", f"at most {FILE_BYTES_MAX:,}")
@@ -196,12 +200,15 @@ def parse_elements(content: str | bytes, name: str) -> Element:
 
 
 TABLE_NUMBERS_MAX: Final = 1_000_000
-"""Greatest number of values in a table or list."""
+"""Greatest number of values in a table or in a list of numbers."""
 _ALLOWED: Final = frozenset("0123456789+-.eE, \t\r\n")
 
 
 def parse_number(text: str, element: Element, description: str) -> float:
-    """Parse one finite number. Raises DaveMlError if the text is not a finite number."""
+    """Parse one finite number. Raises DaveMlError at `element` if the text is not a finite number.
+
+    `description` names the number in the message.
+    """
     stripped = text.strip()
     try:
         if not set(stripped) <= _ALLOWED - {","}:
@@ -215,16 +222,17 @@ def parse_number(text: str, element: Element, description: str) -> float:
 
 
 def optional_number(element: Element, attribute: str) -> float | None:
-    """Return the number in an attribute; None if the attribute is absent."""
+    """Return the number in an attribute; None if the attribute is absent. Raises DaveMlError if not a finite number."""
     if attribute not in element.attributes:
         return None
     return parse_number(element.attributes[attribute], element, attribute)
 
 
 def parse_numbers(element: Element, description: str) -> np.ndarray:
-    """Parse the numbers in an element, separated by commas or white space; returns an array of shape (n,).
+    """Return the numbers in the text of an element, separated by commas or white space, as an array of shape (n,).
 
-    Raises DaveMlError if there are none, more than `TABLE_NUMBERS_MAX`, or a word is not a finite number.
+    Raises DaveMlError if the text has no numbers, more than `TABLE_NUMBERS_MAX`, or a word that is no finite number;
+    `description` names the numbers in the message.
     """
     invalid_characters = set(element.text) - _ALLOWED
     if invalid_characters:

@@ -1,4 +1,4 @@
-"""Evaluator: a DAVE-ML model compiled to JAX, for one time and one aircraft; use `vmap` for more.
+"""Evaluator: the computation of a DAVE-ML model in JAX, for one time and one aircraft; `vmap` for several.
 
 Also the order in which the variables of a file are computed, and the sources of each variable.
 """
@@ -41,8 +41,9 @@ _INPUT_ROLES: Final = frozenset({"isInput", "isControl", "isDisturbance"})
 class Quantity:
     """Variable of a DAVE-ML file in the form that the evaluator needs.
 
-    The formula is None for inputs, constants and table results. The sources are the variables (varID) in the formula or
-    the table's arguments; the level is the number of successive table lookups between the inputs and this variable.
+    `formula` is None for inputs, constants and table results. `sources` are the varIDs in the formula or of the table's
+    arguments. `level` is the number of successive table lookups from the inputs to the variable. `limits` are minimum
+    and maximum in the file's units (None: no limit).
     """
 
     id: str
@@ -56,10 +57,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Structure:
-    """Computation graph without the numbers of tables and constants: the static part of an evaluator.
+    """Computation graph of a model without the numbers of tables and constants: the static part of an evaluator.
 
-    The quantities are sorted by level; within a level, sources precede the variables computed from them. Inputs (states
-    included) and outputs are varIDs.
+    The quantities are sorted by level; within a level, sources precede the variables computed from them. `inputs`
+    (states included) and `outputs` are varIDs in file order.
     """
 
     quantities: tuple[Quantity, ...]
@@ -79,7 +80,7 @@ class Structure:
         return {quantity.id: quantity for quantity in self.quantities}
 
     def find(self, key: str) -> str:
-        """Return the varID for a varID or a unique name; raises ValueError if none or several variables match."""
+        """Return the varID of the variable with varID or name `key`; raises ValueError for no or several matches."""
         if key in self.by_id:
             return key
         matches = [quantity.id for quantity in self.quantities if quantity.name == key]
@@ -89,9 +90,9 @@ class Structure:
         return matches[0]
 
     def required_variables(self, targets: Collection[str], available: Collection[str]) -> set[str]:
-        """Return the varIDs of all variables needed to compute the targets from the available variables.
+        """Return the varIDs of all variables needed to compute the `targets`, the targets included.
 
-        The targets are included.
+        Variables in `available` are included if needed, but not their sources. All arguments are varIDs.
         """
         required: set[str] = set()
         pending = list(targets)
@@ -105,7 +106,10 @@ class Structure:
 
 
 def make_structure(definition: Definition) -> Structure:
-    """Sort the variables of a file so that each follows its sources; raises DaveMlError as `make_evaluator`."""
+    """Return the computation graph of a file.
+
+    Raises DaveMlError if a source does not exist, or a variable has two sources or depends on itself.
+    """
     functions = _by_result(definition)
     sources: dict[str, tuple[str, ...]] = {}
     for variable in definition.variables.values():
@@ -152,7 +156,7 @@ def _by_result(definition: Definition) -> dict[str, Function]:
 
 
 def _is_input(variable: Variable, has_function: bool) -> bool:
-    """Whether a variable is an input: marked as input or state, or without formula, table and initial value."""
+    """Whether a variable is an input: no formula, no table, and marked as input or state or without initial value."""
     if has_function or variable.formula is not None:
         return False
     return bool(_INPUT_ROLES & variable.roles) or "isState" in variable.roles or variable.initial is None
@@ -180,10 +184,10 @@ def _sources(variable: Variable, function: Function | None, definition: Definiti
 
 
 def compute_constants(definition: Definition, structure: Structure) -> dict[str, float]:
-    """Compute constants, defaults of inputs, and the values of formulas of constants alone, by varID.
+    """Return constants, defaults of inputs, and values of formulas that contain constants alone; by varID.
 
-    Each value is clipped to the limits of the variable. Raises DaveMlError if a formula of constants gives NaN or
-    infinity.
+    The values, in the file's units, are clipped to the limits of the variables. Raises DaveMlError if a formula of
+    constants gives NaN or infinity.
     """
     constants: dict[str, float] = {}
     inputs = set(structure.inputs)
@@ -208,10 +212,10 @@ def compute_constants(definition: Definition, structure: Structure) -> dict[str,
 class Evaluator(eqx.Module):
     """The computation of a DAVE-ML file as a JAX pytree.
 
-    Constants and table values are leaves of the pytree, so changing them does not recompile. Numbers in formulas and
+    Constants and table values are leaves of the pytree, so their change does not recompile. Numbers in formulas and
     the limits of variables belong to the static structure. `constants`, by varID, hold also values calculated from
-    constants (updated by `with_constants`) and defaults of inputs. The arguments of a stage's tables come from earlier
-    stages.
+    constants (updated by `with_constants`) and defaults of inputs. `tables` has one tuple per stage, the tables that
+    are looked up together, with arguments from inputs, formulas and earlier stages.
     """
 
     constants: dict[str, Scalar]
@@ -219,7 +223,7 @@ class Evaluator(eqx.Module):
     structure: Structure = eqx.field(static=True)
 
     def evaluate(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Compute variables at one time, in the file's units; returns the values by the names in `outputs`.
+        """Compute variables at one time, in the file's units, and return the values by the names in `outputs`.
 
         Parameters
         ----------
@@ -232,8 +236,8 @@ class Evaluator(eqx.Module):
         Raises
         ------
         ValueError
-            If a variable does not exist, a variable in `inputs` is not an input, an input is missing or is not a
-            scalar.
+            If a variable does not exist, a variable in `inputs` is not an input, a required input is missing, or an
+            input is not a scalar.
         """
         output_names = self.structure.outputs if outputs is None else tuple(outputs)
         output_ids = {name: self.structure.find(name) for name in output_names}
@@ -256,9 +260,9 @@ class Evaluator(eqx.Module):
         return {name: values[identifier] for name, identifier in output_ids.items()}
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Compute variables as `evaluate`, in SI units and radians, percent as fractions.
+        """Compute variables at one time, inputs and results in SI units and radians, percent as fractions.
 
-        Raises ValueError as `evaluate`, and if a unit is unknown.
+        Arguments, keys of the result and exceptions are those of `evaluate`; also raises ValueError for unknown units.
         """
         output_names = self.structure.outputs if outputs is None else tuple(outputs)
         units = {name: self.unit(name) for name in (*inputs, *output_names)}
@@ -267,7 +271,7 @@ class Evaluator(eqx.Module):
         return {name: value * units[name].factor + units[name].offset for name, value in file_outputs.items()}
 
     def unit(self, name: str) -> Unit:
-        """Return the unit of a variable by varID or name; raises ValueError if variable or unit is unknown."""
+        """Return the unit of the variable with a varID or name; raises ValueError if variable or unit is unknown."""
         quantity = self.structure.by_id[self.structure.find(name)]
         try:
             return parse_unit(quantity.units)
@@ -275,10 +279,10 @@ class Evaluator(eqx.Module):
             raise ValueError(f"variable {quantity.id} ({quantity.name}): {error}") from None
 
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
-        """Return a copy with other constants, in the file's units; values calculated from the constants are updated.
+        """Return a copy with changed constants or defaults, in the file's units, by varID or name.
 
-        A value that the file calculates from constants may be set too, and then replaces the calculation until one of
-        its sources is changed. Raises ValueError if a variable is not a constant.
+        Values that the file calculates from these constants are updated. A calculated value may be set too, and
+        replaces the calculation until one of its sources is changed. Raises ValueError if a variable is no constant.
         """
         changed = {self.structure.find(name): value for name, value in changes.items()}
         for identifier in changed:
@@ -324,20 +328,20 @@ class Evaluator(eqx.Module):
 
 
 def _number(value: ScalarLike) -> Array:
-    """Convert a number to a floating-point array; an existing floating-point precision is preserved."""
+    """Return a number as a floating-point array; an existing floating-point precision is preserved."""
     array = jnp.asarray(value)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
 def _clip(value: Any, limits: tuple[float | None, float | None], xp: Any = jnp) -> Any:
-    """Clip a value to its limits with the functions of an array library."""
+    """Return a value clipped to (minimum, maximum), None for no limit, with the functions of the array library `xp`."""
     minimum, maximum = limits
     value = value if minimum is None else xp.maximum(value, minimum)
     return value if maximum is None else xp.minimum(value, maximum)
 
 
 def make_evaluator(definition: Definition) -> Evaluator:
-    """Compile the definition of a DAVE-ML file to an evaluator.
+    """Build the evaluator of the definition of a DAVE-ML file.
 
     Raises DaveMlError if a source of a variable does not exist, a variable has two sources or depends on itself, a
     formula of constants gives NaN or infinity, or a table cannot be interpolated.
@@ -367,9 +371,10 @@ def _compile_definition(definition: Definition) -> Evaluator:
 
 
 def _sorted_lines(definition: Definition) -> Definition:
-    """Return a copy of a definition that has each ungridded table of one coordinate also as a gridded table, sorted.
+    """Return a copy of a definition in which each ungridded table of one coordinate is also a sorted gridded table.
 
-    The evaluator uses the gridded table. Raises DaveMlError if two points have the same coordinate.
+    The gridded table has the utID as identifier and is used by the evaluator. Raises DaveMlError if two points have the
+    same coordinate.
     """
     breakpoints, gridded = dict(definition.breakpoints), dict(definition.gridded)
     for table in definition.ungridded.values():

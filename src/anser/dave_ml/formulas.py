@@ -1,7 +1,7 @@
-"""Formulas of DAVE-ML: as plain data, converted from and to content MathML 2, and evaluated.
+"""Formulas of DAVE-ML as plain data, their conversion from and to content MathML 2, and their evaluation.
 
-DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4. In JAX, derivatives are finite everywhere. Constants
-are evaluated in NumPy.
+Sources: DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4. Evaluation in JAX has finite derivatives
+everywhere; formulas of constants are evaluated in NumPy.
 """
 
 import functools
@@ -22,21 +22,21 @@ from anser.dave_ml.elements import Element, parse_number, quote
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """Constant in a formula."""
+    """Number in a formula."""
 
     value: float
 
 
 @dataclass(frozen=True, slots=True)
 class VariableReference:
-    """Reference to a variable by varID."""
+    """Reference to a variable in a formula, by varID."""
 
     id: str
 
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Operation of `OPERATIONS` with its arguments."""
+    """Operation (a key of `OPERATIONS`) with its arguments."""
 
     operation: str
     arguments: tuple["Formula", ...]
@@ -44,7 +44,7 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class Piecewise:
-    """Formula with conditions: the value of the first piece (value, condition) whose condition is true."""
+    """Formula with cases: the value of the first piece (value, condition) whose condition is true, else `otherwise`."""
 
     pieces: tuple[tuple["Formula", "Formula"], ...]
     otherwise: "Formula"
@@ -66,18 +66,18 @@ NUMERIC: Final = {
 }
 """Operations with a numeric result, and their least and greatest number of arguments.
 
-The second argument of ``root`` is the degree, of ``log`` the base."""
+The second argument of ``root`` is the degree (default 2), of ``log`` the base (default 10)."""
 COMPARISONS: Final = {
     **dict.fromkeys(("lt", "leq", "gt", "geq", "eq"), (2, ARGUMENTS_MAX)),
     "neq": (2, 2),
 }
-"""Comparisons; with more than two arguments, each argument is compared with the next."""
+"""Comparisons, with their least and greatest number of arguments; each argument is compared with the next."""
 LOGICAL: Final = {"and": (1, ARGUMENTS_MAX), "or": (1, ARGUMENTS_MAX), "xor": (1, ARGUMENTS_MAX), "not": (1, 1)}
 OPERATIONS: Final = {**NUMERIC, **COMPARISONS, **LOGICAL}
 
 
 def variables_in(formula: Formula) -> Iterator[str]:
-    """Yield the varIDs of the variables in a formula."""
+    """Yield the varIDs of the variables in a formula, repeated ones included."""
     if isinstance(formula, VariableReference):
         yield formula.id
     elif isinstance(formula, Operation):
@@ -91,20 +91,20 @@ def variables_in(formula: Formula) -> Iterator[str]:
 
 
 def is_logical(formula: Formula) -> bool:
-    """Whether the result of a formula is a truth value."""
+    """Whether a formula is a comparison or a logical operation, whose result is a truth value."""
     return isinstance(formula, Operation) and formula.operation not in NUMERIC
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Evaluation of formulas with an array library."""
+    """Evaluation of formulas with an array library, NumPy or JAX."""
 
     operations: Mapping[str, Callable[..., Any]]  #: Function of each operation, by name.
     power: Callable[[Any, float], Any]  #: Power with a constant exponent: function of base and exponent.
-    select: Callable[[Any, Any, Any], Any]  #: Function of a condition and two values.
+    select: Callable[[Any, Any, Any], Any]  #: Function of a condition and the values for true and for false.
 
     def value_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """Return the numeric value of a formula; a truth value gives 1 or 0."""
+        """Return the value of a formula from the `values` of variables by varID; a truth value counts as 1 or 0."""
         if isinstance(formula, Number):
             return formula.value
         if isinstance(formula, VariableReference):
@@ -123,7 +123,7 @@ class Arithmetic:
         return self.operations[formula.operation](*arguments)
 
     def _truth_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """Return the truth value of a formula; a non-zero number is true."""
+        """Return the truth value of a formula; a number counts as true unless 0."""
         if not (isinstance(formula, Operation) and is_logical(formula)):
             return self.operations["neq"](self.value_of(formula, values), 0.0)
         if formula.operation in LOGICAL:
@@ -147,9 +147,10 @@ _ALTERNATIVES: Final = {
 
 
 def parse_formula(math_element: Element) -> Formula:
-    """Read the formula of a ``<math>`` element.
+    """Return the formula in a ``<math>`` element.
 
-    Raises DaveMlError if there is not exactly one, an operation is unknown, or its number of arguments is wrong.
+    Raises DaveMlError if the element does not have exactly one child, an element or operation is unknown, or an
+    operation has a wrong number of arguments.
     """
     return _formula(_single(math_element))
 
@@ -240,7 +241,7 @@ def _operation(head: Element) -> str:
 
 
 def format_mathml(formula: Formula) -> str:
-    """Format a formula as a ``<math>`` element."""
+    """Return the text of the ``<math>`` element of a formula."""
     return f'<math xmlns="{_NAMESPACE}">{_format_formula(formula)}</math>'
 
 
@@ -263,7 +264,7 @@ def _format_formula(formula: Formula) -> str:
 
 
 def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function` with the given partial derivatives, which are replaced by zero when not finite.
+    """Return `function` with `slopes` as partial derivatives, and with 0 in place of derivatives that are not finite.
 
     `slopes` are functions of the arguments and the value, one per argument. Without the replacement, an unselected
     branch or a singular point (root of zero) would turn the whole gradient into NaN.
@@ -284,7 +285,7 @@ def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Calla
 
 
 def _principal_arccot(xp: Any, a: Any) -> Any:
-    """Return the arc cotangent between -pi/2 and pi/2; pi/2 at 0.
+    """Return the arc cotangent, rad, between -pi/2 and pi/2; pi/2 at 0.
 
     MathML 2.0, appendix C: Abramowitz and Stegun, eq. 4.4.8.
     """
@@ -310,7 +311,7 @@ _POWER_MAX: Final = 16
 
 
 def _power_of_number(base: Any, exponent: float) -> Any:
-    """Return `base` to the power of a constant exponent."""
+    """Return `base` to the power of a constant exponent, with finite derivatives."""
     if exponent == 0.5:
         return _GUARDED["sqrt"](base)
     if exponent.is_integer() and abs(exponent) <= _POWER_MAX:
@@ -322,7 +323,7 @@ def _power_of_number(base: Any, exponent: float) -> Any:
 def _by_reciprocals(
     divide: Callable[[Any, Any], Any], basic_functions: Mapping[str, Callable[..., Any]]
 ) -> dict[str, Any]:
-    """Return secant, cosecant, cotangent and similar functions, built from the basic functions and their inverses."""
+    """Return secant, cosecant, cotangent, their inverses and hyperbolic forms, by name, from the basic functions."""
 
     def inverse(name: str) -> Callable[[Any], Any]:
         return lambda a: basic_functions[name](divide(1.0, a))
@@ -375,7 +376,7 @@ _FOLDED: Final = {"min": "minimum", "max": "maximum", "and": "logical_and", "or"
 def _arithmetic(
     xp: Any, replacements: Mapping[str, Callable[..., Any]], constant_power: Callable[[Any, float], Any]
 ) -> Arithmetic:
-    """Build the formula operations from an array library (NumPy or `jax.numpy`), with some functions replaced."""
+    """Build the evaluation with the functions of NumPy or `jax.numpy` (`xp`), except for those in `replacements`."""
     functions = {name: getattr(xp, library_name) for name, library_name in _NAMES_IN_LIBRARIES.items()}
     functions |= {"arccot": functools.partial(_principal_arccot, xp), **replacements}
     divide, power, sqrt, ln = (functions[name] for name in ("divide", "power", "sqrt", "ln"))
@@ -391,6 +392,6 @@ def _arithmetic(
 
 
 IN_JAX: Final = _arithmetic(jnp, _GUARDED, _power_of_number)
-"""Formula operations on traced values: scalars, or arrays of equal shape."""
+"""Evaluation of formulas in JAX: values are scalars or arrays of equal shape."""
 IN_NUMPY: Final = _arithmetic(np, {}, np.power)
-"""Formula operations on constants."""
+"""Evaluation of formulas of constants in NumPy."""

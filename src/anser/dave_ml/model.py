@@ -1,4 +1,4 @@
-"""DAVE-ML model: definition and evaluator together, the comparison with check shots, and changes of the inputs."""
+"""DAVE-ML model: definition with evaluator; comparison with check shots; other variable names and input defaults."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,9 +24,10 @@ INTERNAL_TOLERANCE: Final = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Comparison of a signal of a check shot: expected and computed value, in the variable's units.
+    """Comparison of one value of a check shot: expected and computed value and tolerance, in the variable's units.
 
-    `kind` is the element of the file that lists the signal: check output or internal value.
+    `shot` is the name of the check shot, `id` the varID; `kind` says whether the file lists the value as output or as
+    internal value.
     """
 
     shot: str
@@ -45,7 +46,7 @@ class CheckResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the difference is within the tolerance; False for NaN."""
+        """Whether the absolute difference is within the tolerance; False for NaN."""
         return abs(self.difference) <= self.tolerance
 
 
@@ -101,7 +102,7 @@ def _compare_shot(definition: Definition, shot: Shot, computed: Mapping[str, flo
 
 
 def _to_variable_units(definition: Definition, signal: Signal) -> tuple[float, float]:
-    """Return a signal's value in the units of its variable, and the conversion factor."""
+    """Return a signal's value in the units of its variable, and the conversion factor for differences."""
     variable = definition.variables[signal.id]
     if signal.units == variable.units:
         return signal.value, 1.0
@@ -121,14 +122,14 @@ def make_shots(
     inputs: Mapping[str, Mapping[str, float]],
     tolerance: float,
 ) -> tuple[Shot, ...]:
-    """Compute check shots for a model: its outputs, and the variables between inputs and outputs, at given inputs.
+    """Compute check shots for a model: values of outputs and of internal variables (neither input nor output).
 
     Parameters
     ----------
     inputs
-        For each shot, by name: input values by varID or name, in the file's units. Every shot sets the same inputs.
+        For each shot, by its name: input values by varID or name, in the file's units. Every shot sets the same inputs.
     tolerance
-        Tolerance of the outputs, relative to max(1, |value|).
+        Tolerance of the outputs, relative to max(1, |value|); internal values get no tolerance.
     """
     structure = evaluator.structure
     inputs_by_id = [{structure.find(name): value for name, value in values.items()} for values in inputs.values()]
@@ -155,31 +156,31 @@ def make_shots(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """DAVE-ML model: the content of a file as plain data, and its evaluator, a JAX pytree."""
+    """DAVE-ML model: content of a file as plain data (`definition`) and its computation as JAX pytree (`evaluator`)."""
 
     definition: Definition
     evaluator: Evaluator
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """VarIDs of the inputs, states included."""
+        """VarIDs of the inputs of the model, states included, in file order."""
         return self.evaluator.structure.inputs
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """VarIDs of the variables marked as output."""
+        """VarIDs of the variables marked as output, in file order."""
         return self.evaluator.structure.outputs
 
     def variables_with_role(self, role: Role) -> tuple[str, ...]:
-        """Return the varIDs of the variables marked with a role, such as ``isState`` or ``isStateDeriv``."""
+        """Return the varIDs of the variables marked with a role (``isState``, ``isStateDeriv``, ...), in file order."""
         return tuple(v.id for v in self.definition.variables.values() if role in v.roles)
 
     def evaluate(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Compute variables at one time, in the file's units; see `Evaluator.evaluate`."""
+        """Return variables at one time, inputs and results in the file's units; see `Evaluator.evaluate`."""
         return self.evaluator.evaluate(inputs, outputs)
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Compute variables at one time, in SI units and radians; see `Evaluator.evaluate_si`."""
+        """Return variables at one time, inputs and results in SI units and radians; see `Evaluator.evaluate_si`."""
         return self.evaluator.evaluate_si(inputs, outputs)
 
     def check(self) -> list[CheckResult]:
@@ -187,23 +188,23 @@ class Model:
         return check_shots(self.definition, self.evaluator)
 
     def with_shots(self, inputs: Mapping[str, Mapping[str, float]], tolerance: float = 1e-9) -> "Model":
-        """Return a copy of the model with check shots computed at the given inputs; see `make_shots`."""
+        """Return a copy whose check shots are computed at `inputs` and replace those of the file; see `make_shots`."""
         shots = make_shots(self.definition, self.evaluator, inputs, tolerance)
         return replace(self, definition=replace(self.definition, shots=shots))
 
 
 def make_model(definition: Definition) -> Model:
-    """Compile a definition to a model; raises DaveMlError as `make_evaluator` and `refuse_wrong_units`."""
+    """Build the model of a definition; raises DaveMlError for wrong units, and as `make_evaluator`."""
     refuse_wrong_units(definition)
     return Model(definition, make_evaluator(definition))
 
 
 def read_dave_ml(content: str | bytes, name: str) -> Model:
-    """Read a DAVE-ML 2 file: its text, or its bytes in the declared encoding; `name` stands in error messages.
+    """Read a model from the content of a DAVE-ML 2 file, a text or bytes in the declared encoding.
 
-    The file's size, nesting and numbers are bounded; entities are not expanded, and external references are not
-    fetched. Raises DaveMlError if the file is no valid model; the message gives line and column, the text found and the
-    text expected.
+    `name` is the file name in messages. Size, nesting and amount of numbers are limited; entities are refused, and
+    external references are not fetched. Raises DaveMlError if the file is no valid model; the message gives line and
+    column, the content that arrived and the content expected.
     """
     return make_model(parse_definition(content, name))
 

@@ -35,7 +35,7 @@ from anser.dave_ml.formulas import parse_formula
 from anser.dave_ml.standard_units import is_convertible, refuse_nonstandard_units
 
 NOTES: Final = ("provenance", "provenanceRef", "uncertainty", "confidenceBound")
-"""Tags of the elements that document only; stored as notes of their parent."""
+"""Tags of elements without effect on the model, which are stored as notes of their parent element."""
 AXES_MAX: Final = 8
 """Greatest number of axes of a table."""
 _EXTRAPOLATE: Final[tuple[Extrapolate, ...]] = get_args(Extrapolate)
@@ -52,7 +52,7 @@ def _note(element: Element) -> Note:
 
 
 def _documentation(element: Element) -> dict[str, Any]:
-    """Return description (white space collapsed), notes and location of an element, as fields of a definition."""
+    """Return description (white space collapsed), notes and location of an element, by field of a definition."""
     return {
         "description": " ".join(text for child in element.all("description")[:1] for text in child.text.split()),
         "notes": tuple(map(_note, element.all(*NOTES))),
@@ -61,7 +61,7 @@ def _documentation(element: Element) -> dict[str, Any]:
 
 
 def _named(element: Element) -> dict[str, Any]:
-    """Return name and units, if present, and the documentation of an element, as fields of a definition."""
+    """Return name and units of an element (empty if absent), and its documentation, by field of a definition."""
     units = element.attributes.get("units", "").strip()
     return {"name": element.attributes.get("name", ""), "units": units, **_documentation(element)}
 
@@ -74,7 +74,7 @@ def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, flo
 
 
 class TableReader:
-    """Reader of breakpoints and tables; collects them by identifier. The identifiers must not repeat varIDs."""
+    """Reader of breakpoints and tables, collected by identifier; `used_identifiers` (varIDs) must not be repeated."""
 
     def __init__(self, used_identifiers: Iterable[str]) -> None:
         self.breakpoints: dict[str, Breakpoints] = {}
@@ -83,7 +83,10 @@ class TableReader:
         self._used_identifiers = set(used_identifiers)
 
     def _identifier(self, element: Element, attribute: str, base: str | None = None) -> str:
-        """Return the identifier in an attribute; for an inline table, an unused identifier that starts with `base`."""
+        """Return the identifier in an attribute; for a table inside a function, an unused text that starts with `base`.
+
+        Raises DaveMlError if the attribute is missing or repeats an identifier.
+        """
         if base is None or element.tag.endswith("Def"):
             identifier = element.attribute(attribute)
             if identifier in self._used_identifiers:
@@ -106,7 +109,10 @@ class TableReader:
     def _add_grid(
         self, element: Element, data: Element, axes_element: Element, axes: list[str], identifier: str, **fields: Any
     ) -> str:
-        """Store a table with its values in the shape of the axes (last axis fastest), and return the identifier."""
+        """Store the table in `data`, values in the shape of the axes (last axis fastest), and return the identifier.
+
+        Raises DaveMlError if the number of axes or of values is wrong.
+        """
         if not 1 <= len(axes) <= AXES_MAX:
             raise axes_element.fault(f"{len(axes)} axes of table {identifier}", f"1 to {AXES_MAX}")
         shape = tuple(self.breakpoints[axis].points.size for axis in axes)
@@ -120,14 +126,14 @@ class TableReader:
         return identifier
 
     def read_breakpoints(self, element: Element) -> None:
-        """Read a ``<breakpointDef>`` and add its values to the breakpoints of the model, by `bpID`."""
+        """Add the breakpoints of a ``<breakpointDef>`` to `breakpoints`, by bpID."""
         element.permit(("name", "bpID", "units"), once=("description", "bpVals"))
         values = element.require("bpVals")
         identifier = self._identifier(element, "bpID")
         self._add_breakpoints(element, values, identifier, f"breakpoints {identifier}")
 
     def read_gridded_table(self, element: Element, base: str | None = None) -> str:
-        """Add the table of a ``<griddedTableDef>`` to the model; return the identifier (from `base` without gtID)."""
+        """Add a ``<griddedTableDef>`` to `gridded`; return its gtID (``<griddedTable>``: a name from `base`)."""
         element.permit(("name", "gtID", "units"), once=("description", "breakpointRefs", "dataTable", *NOTES))
         axes = []
         references = element.require("breakpointRefs")
@@ -142,7 +148,7 @@ class TableReader:
         return self._add_grid(element, element.require("dataTable"), references, axes, identifier)
 
     def read_ungridded_table(self, element: Element, base: str | None = None) -> str:
-        """Read an ``<ungriddedTableDef>`` and return its identifier, made from `base` in the absence of a utID."""
+        """Add an ``<ungriddedTableDef>`` to `ungridded`; return its utID (``<ungriddedTable>``: a name from `base`)."""
         element.permit(("name", "utID", "units"), once=("description", *NOTES), repeatable=("dataPoint",))
         points: list[np.ndarray] = []
         for point in element.all("dataPoint"):
@@ -162,7 +168,7 @@ class TableReader:
         return identifier
 
     def read_function(self, element: Element) -> Function:
-        """Read a ``<function>`` and its table."""
+        """Return the function of a ``<function>`` element; a table inside the element is added to the tables."""
         element.permit(
             ("name",),
             once=("description", "provenance", "provenanceRef", "dependentVarPts", "dependentVarRef", "functionDefn"),
@@ -185,7 +191,7 @@ class TableReader:
         return Function(element.attribute("name"), result, arguments, table, **_documentation(element))
 
     def _read_inline_table(self, element: Element, dependent: Element, result: str) -> str:
-        """Read the table of a function with points given inline (``<dependentVarPts>``)."""
+        """Store the table of a function with ``<dependentVarPts>`` and its breakpoints; return the identifier."""
         dependent.permit(("varID", "name", "units", "sign"))
         axes = []
         for count, points in enumerate(element.all("independentVarPts"), start=1):
@@ -195,7 +201,7 @@ class TableReader:
         return self._add_grid(dependent, dependent, element, axes, identifier, name="")
 
     def _read_function_table(self, element: Element, _dependent: Element, result: str) -> str:
-        """Read the table referenced or contained in a ``<functionDefn>``."""
+        """Return the identifier of the table in a ``<functionDefn>``: referenced, or contained and then stored."""
         definition = element.require("functionDefn")
         definition.permit(("name",), once=_TABLES)
         if len(definition.children) != 1:
@@ -232,7 +238,10 @@ def _argument(element: Element) -> Argument:
 
 
 def parse_shots(checks: Element, variables: Mapping[str, Variable]) -> tuple[Shot, ...]:
-    """Read the check shots in a ``<checkData>`` element."""
+    """Return the check shots in a ``<checkData>`` element, in file order; provenance of the element is not stored.
+
+    Raises DaveMlError if a signal is repeated, or its variable, value, units or tolerance is wrong.
+    """
     checks.permit(once=("provenance", "provenanceRef"), repeatable=("staticShot",))
     by_name: dict[str, list[str]] = {}
     for variable in variables.values():
@@ -290,7 +299,7 @@ def _signal(element: Element, variables: Mapping[str, Variable], by_name: Mappin
 
 
 def parse_definition(content: str | bytes, name: str) -> Definition:
-    """Read the definition of a DAVE-ML file, as `read_dave_ml`.
+    """Return the definition in a DAVE-ML file, a text or bytes in the declared encoding; `name` is the file name.
 
     Raises DaveMlError if the text is not DAVE-ML, contains an unknown element, or contradicts itself.
     """
@@ -336,7 +345,7 @@ def parse_definition(content: str | bytes, name: str) -> Definition:
 
 
 _TEXT_ATTRIBUTES: Final = {"axisSystem": "axis_system", "sign": "sign", "alias": "alias", "symbol": "symbol"}
-"""Optional attributes of a variable, with the field of each."""
+"""Optional attributes of a ``<variableDef>``, with the corresponding fields of `Variable`."""
 
 
 def _variable(element: Element) -> Variable:

@@ -1,4 +1,4 @@
-"""Units by their ANSI/AIAA S-119 names, and the units permitted for standard variables.
+"""Units by their ANSI/AIAA S-119 names, conversion to SI, and the units permitted for standard variables.
 
 Source: ANSI/AIAA S-119-2011, annex A.
 """
@@ -17,7 +17,7 @@ _SYMBOLS: Final = ("m", "kg", "s", "rad", "K", "A")
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Unit of measurement with its conversion to SI: ``value_si = factor * value + offset``."""
+    """Unit of measurement, with its conversion to SI: ``value_si = factor * value + offset``."""
 
     #: Conversion to metre, kilogram, second, radian, kelvin, ampere and derived units; percent to a fraction.
     factor: float
@@ -32,7 +32,7 @@ class Unit:
 
 
 def _unit(factor: float, si: str = "", offset: float = 0.0) -> Unit:
-    """Return a unit by the name of its SI unit, written as in `Unit.si`."""
+    """Return the unit that is `factor` times the SI unit `si` (notation of `Unit.si`), plus `offset`."""
     powers = {symbol: int(power or 1) for symbol, _, power in (part.partition("^") for part in si.split())}
     return Unit(factor, offset, tuple(powers.get(symbol, 0) for symbol in _SYMBOLS))
 
@@ -78,13 +78,13 @@ _NAMED_UNITS: Final = {
     **dict.fromkeys(("nd", "ND", "non-dimensional", "nondimensional", "frac", "fract"), Unit(1.0)),
     "pct": Unit(0.01),
 }
-"""Units with a name of their own; other units are products of powers of these."""
+"""Units with a name of their own; all other units are products and quotients of their powers."""
 _LONGEST_FIRST: Final = sorted(_NAMED_UNITS, key=len, reverse=True)
 _NAME_MAX: Final = 40
 
 
 def parse_unit(name: str) -> Unit:
-    """Parse a unit's name; an empty name is dimensionless. Raises ValueError if the name is unknown."""
+    """Return the unit of a name such as ``ft_s2``; an empty name is dimensionless. Raises ValueError if unknown."""
     unit = _parse_unit(name.strip()) if len(name) <= _NAME_MAX else None
     if unit is None:
         raise ValueError(
@@ -94,7 +94,7 @@ def parse_unit(name: str) -> Unit:
 
 
 def is_convertible(name: str, other_name: str) -> bool:
-    """Whether two units can be converted: the same dimension, or the same name, known or not."""
+    """Whether two unit names have the same dimension or are equal; False for different names if a name is unknown."""
     if name == other_name:
         return True
     try:
@@ -126,7 +126,7 @@ def _parse_unit(name: str) -> Unit | None:
 
 @functools.lru_cache(maxsize=4096)
 def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
-    """Split a text into adjacent unit names, each with a power; longer names match first. None if impossible.
+    """Return the units and powers in a text of adjacent unit names, longer names first; None if impossible.
 
     Cached for every tail of a text: without the cache, the parse time of some names grows exponentially.
     """
@@ -144,9 +144,9 @@ def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """Physical quantity of a standard variable (with an article, as in messages), and its permitted units.
+    """Physical quantity of a standard variable, such as "a length", and its permitted units.
 
-    `accepts_other_units` tells whether other units of the same dimension are permitted.
+    If `accepts_other_units`, all units of the dimension of `units` are permitted.
     """
 
     name: str
@@ -154,7 +154,7 @@ class Measure:
     accepts_other_units: bool = True
 
     def accepts(self, units: str) -> bool:
-        """Whether a unit, as written in a file, is permitted."""
+        """Whether a unit, as written in a file, is permitted for the quantity."""
         if units in self.units or not self.accepts_other_units:
             return units in self.units
         unit = _unit_or_none(units)
@@ -226,7 +226,7 @@ def refuse_wrong_units(definition: Definition) -> None:
     """Raise DaveMlError if a standard variable or a table has wrong units.
 
     A standard variable needs a known unit of the right dimension. Breakpoints and table values are in the units of
-    their variables; units on the table itself may only repeat them.
+    their variables; units stated at breakpoints or table must equal the variable's.
     """
     for variable in definition.variables.values():
         refuse_nonstandard_units(variable)
@@ -246,7 +246,7 @@ def refuse_nonstandard_units(variable: Variable) -> None:
 
 
 def refuse_other_units(variable: Variable, measure: Measure) -> None:
-    """Raise DaveMlError if a variable's units are not units of the given physical quantity."""
+    """Raise DaveMlError if a variable's units are not permitted for the physical quantity `measure`."""
     if not measure.accepts(variable.units):
         units = " or ".join(quote(unit) for unit in measure.units)
         other_units = ", or another unit of it" if measure.accepts_other_units else ""

@@ -1,7 +1,7 @@
 """Tables of a DAVE-ML file in JAX.
 
-Gridded tables are grouped by shared axes; ungridded tables (scattered points) are interpolated linearly on a Delaunay
-triangulation.
+Gridded tables are grouped by shared axes for one lookup; ungridded tables (scattered points) are interpolated linearly
+on a Delaunay triangulation.
 """
 
 import math
@@ -21,13 +21,14 @@ from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 from anser.shapes import Scalar
 
 PACKED_NUMBERS_MAX: Final = 4_000_000
-"""Greatest number of stored values of all gridded functions together: a value per corner of each cell."""
+"""Greatest number of stored values of all gridded functions together: a value for each corner of each cell."""
 
 
 class Lookup(eqx.Module):
-    """Gridded functions with common axes, looked up together.
+    """Gridded functions that are looked up together.
 
-    `arguments` are the variables (varID) on the axes, `results` the dependent variables of each group of `tables`.
+    `arguments` are the variables (varID) on the axes, `interpolation` the kind of interpolation on each axis, `results`
+    the dependent variables (varID) of each group of `tables`.
     """
 
     tables: Tables
@@ -37,11 +38,11 @@ class Lookup(eqx.Module):
 
     @property
     def result_names(self) -> tuple[str, ...]:
-        """VarIDs of the dependent variables."""
+        """VarIDs of the dependent variables of all groups."""
         return tuple(result for group in self.results for result in group)
 
     def __call__(self, values: Mapping[str, Array], requested: Collection[str]) -> dict[str, Array]:
-        """Look up the requested results, by varID; only the arguments of the requested tables are needed."""
+        """Return the requested results by varID, not yet clipped; `values` need only the arguments of their tables."""
         groups = [k for k, results in enumerate(self.results) if not set(results).isdisjoint(requested)]
         axes = sorted({axis for k in groups for axis in self.tables.axis_indices[k]})
         tables = self.tables if len(groups) == len(self.results) else _select_tables(self.tables, groups, axes)
@@ -60,10 +61,10 @@ class Lookup(eqx.Module):
 
 
 def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
-    """Replace the linear cell fraction by 0 or 1 on a stepped axis.
+    """Return the fraction within the interval between two breakpoints; 0 or 1 if the interpolation is not linear.
 
-    DAVE-ML 2.0.2 reference, section 6.3. The next breakpoint's value applies from the middle of the interval
-    (discrete), above the lower breakpoint (ceiling), or from the upper breakpoint (floor).
+    The value of the upper breakpoint applies from the middle of the interval (discrete), above the lower breakpoint
+    (ceiling), or from the upper breakpoint (floor). Source: DAVE-ML 2.0.2 reference, section 6.3.
     """
     if interpolation == "linear":
         return fraction
@@ -72,7 +73,7 @@ def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
 
 
 def _select_tables(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -> Tables:
-    """Select groups of tables and their axes."""
+    """Return the tables with the indices `groups` alone, on the axes with the indices `axes` alone."""
     all_axes = tables.axes
     arrays = (all_axes.breakpoints, all_axes.lower, all_axes.upper)
     breakpoints, lower, upper = (jnp.stack([array[axis] for axis in axes]) for array in arrays)
@@ -97,9 +98,9 @@ def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> N
 
 @dataclass(frozen=True)
 class _Axis:
-    """Axis of a table: variable (varID), breakpoints, limits of the variable, interpolation, and `even`.
+    """Axis of a table: variable (varID), breakpoints, and limits to which the variable is clipped before the lookup.
 
-    `even` marks linear interpolation between evenly spaced breakpoints. Equal axes share one search.
+    `even` marks linear interpolation between evenly spaced breakpoints. Equal axes of a lookup share one search.
     """
 
     variable: str
@@ -111,7 +112,7 @@ class _Axis:
 
 
 def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
-    """Return the table axis of an argument, with its limits; without extrapolation also limited to the table's ends."""
+    """Return the table axis of an argument, clipped to its limits and, without extrapolation, to the table's ends."""
     stepped = argument.interpolate != "linear"
     below = argument.extrapolate in ("min", "both") and not stepped and points.size > 1
     above = argument.extrapolate in ("max", "both") and not stepped and points.size > 1
@@ -127,7 +128,7 @@ def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
 
 
 def make_lookups(definition: Definition, functions: Sequence[Function]) -> tuple[Lookup, ...]:
-    """Group the gridded functions of a stage (functions whose arguments are known together) into lookups.
+    """Return the lookups, at most two, of the gridded functions of a stage (functions that can be looked up together).
 
     Functions on evenly spaced axes get a separate lookup: their cell index is computed, without a search.
     """
@@ -180,7 +181,7 @@ def _lookup(gridded: Mapping[Function, tuple[list[_Axis], np.ndarray]]) -> Looku
 POINTS_MAX: Final = {2: 5000, 3: 200, 4: 100, 5: 50}
 """Greatest number of points of an ungridded table, by number of coordinates; bounds memory and search time."""
 _INSIDE: Final = -1e-12
-"""Least barycentric coordinate of a point inside a simplex; negative for rounding."""
+"""Least barycentric coordinate of a point inside a simplex; below 0 because of rounding."""
 
 
 class ScatteredTable(eqx.Module):
@@ -188,21 +189,21 @@ class ScatteredTable(eqx.Module):
 
     Inside the convex hull of the points, interpolation is linear on each simplex. Outside, the value of the nearest
     point on the hull's facets is used: exact for two arguments, approximate for more (barycentric coordinates clipped
-    on the nearest facet). If `extrapolated`, the value outside continues the linear function of the nearest simplex, in
-    barycentric coordinates.
+    on the nearest facet). If `extrapolated`, the value outside continues the linear function of the simplex in which
+    the least barycentric coordinate is greatest.
     """
 
-    #: For each simplex, the matrix from coordinates relative to the origin to the leading barycentric coordinates, the
-    #: origin, and the point indices.
+    #: For each of s simplices with d + 1 corners: matrix from coordinates relative to the origin to the first d
+    #: barycentric coordinates, origin, and indices of the corners in `values`.
     to_barycentric: Float[Array, "s d d"]
     origins: Float[Array, "s d"]
     corners: Int[Array, "s c"]
-    #: Hull facets: origin, pseudo-inverse of the edges, edges, point indices.
+    #: For each of f facets of the hull: origin, pseudo-inverse of the edge matrix, edge matrix, indices in `values`.
     facet_origins: Float[Array, "f d"]
     facet_inverses: Float[Array, "f e d"]
     facet_edges: Float[Array, "f d e"]
     facet_corners: Int[Array, "f d"]
-    #: Value at each point, and limits of the arguments.
+    #: Value at each point, and limits to which the arguments are clipped.
     values: Float[Array, " n"]
     lower: Float[Array, " d"]
     upper: Float[Array, " d"]
@@ -217,7 +218,7 @@ class ScatteredTable(eqx.Module):
         return (self.result,)
 
     def __call__(self, values: Mapping[str, Array], requested: Collection[str]) -> dict[str, Array]:
-        """Return the interpolated value by the varID of the result; an empty dict if the result is not requested."""
+        """Return the interpolated value by the varID of the result; an empty mapping if the result is not requested."""
         x = jnp.stack([values[name] for name in self.arguments])
         return {self.result: self._interpolate(x)} if self.result in requested else {}
 
@@ -244,7 +245,7 @@ class ScatteredTable(eqx.Module):
 
 
 def make_scattered(definition: Definition, function: Function, mesh: Any) -> ScatteredTable:
-    """Build the function of an ungridded table with two or more arguments, on the Delaunay mesh of its points.
+    """Build the function of an ungridded table with two or more arguments; `mesh` is the Delaunay mesh of its points.
 
     Raises DaveMlError if the file requests an interpolation or extrapolation that scattered points do not support.
     """
@@ -286,7 +287,8 @@ def _extrapolated(function: Function) -> bool:
 def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
     """Compute the Delaunay triangulations of the tables with two or more coordinates, by utID.
 
-    Raises DaveMlError if a table's points span no volume or coincide, or if there are too many points.
+    Raises DaveMlError if the points of a table span no volume or coincide, or if the tables have too many points or
+    coordinates (`POINTS_MAX`).
     """
     meshes = {}
     effort = 0.0
@@ -302,7 +304,7 @@ def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
 
 
 def _mesh(table: UngriddedTable) -> Any:
-    """Compute the Delaunay triangulation of a table's points, in the units of the file."""
+    """Return the Delaunay triangulation (SciPy) of a table's points, in the units of the file."""
     count, d = table.points.shape
     refuse_duplicate_points(table)
     flat = table.location.fault(
@@ -322,6 +324,6 @@ def _mesh(table: UngriddedTable) -> Any:
 
 
 def refuse_duplicate_points(table: UngriddedTable) -> None:
-    """Raise DaveMlError if two points have the same coordinates."""
+    """Raise DaveMlError if two points of a table have the same coordinates."""
     if len(np.unique(table.points, axis=0)) < len(table.points):
         raise table.location.fault(f"table {quote(table.id)} with two points at one place", "one value for each place")

@@ -30,9 +30,10 @@ _NUMBERS_IN_LINE: Final = 12
 
 
 def write_dave_ml(model: Model) -> str:
-    """Write a model as the text of a DAVE-ML 2 file; reading the text gives the same model.
+    """Return a model as the text of a DAVE-ML 2 file, from which `read_dave_ml` builds a model with the same values.
 
-    Numbers keep full precision. Points given inline in a function become separate breakpoints and tables.
+    Numbers keep full precision. Points inside a function become separate breakpoints and tables. Notes with the tag
+    `confidenceBound` are not written.
     """
     definition = model.definition
     parts = [
@@ -63,7 +64,7 @@ def _text(name: str, text: str, attributes: Mapping[str, str] | None = None) -> 
 
 
 def _nonempty_attributes(**attributes: str | float | None) -> dict[str, str]:
-    """Format attributes and drop empty ones."""
+    """Return the attributes as texts, without the attributes that are None or empty."""
     return {
         key: value if isinstance(value, str) else repr(float(value))
         for key, value in attributes.items()
@@ -87,7 +88,7 @@ def _notes(notes: Iterable[Note], *tags: str) -> list[str]:
 
 
 def _numbers(values: np.ndarray) -> list[str]:
-    """Format values as lines of comma-separated numbers."""
+    """Return the values, last axis fastest, as lines of comma-separated numbers."""
     tokens = [repr(float(value)) for value in values.ravel()]
     lines = [", ".join(tokens[k : k + _NUMBERS_IN_LINE]) for k in range(0, len(tokens), _NUMBERS_IN_LINE)]
     return [*(f"{line}," for line in lines[:-1]), *lines[-1:]]
