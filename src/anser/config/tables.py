@@ -50,7 +50,10 @@ class Table(BaseModel):
         raise _unchecked(f"{type(self).__name__}.copy()")
 
     def with_defaults(self, **defaults: Any) -> Self:
-        """Return the table with the values `defaults` for keys that the file left out, which stay marked so."""
+        """Return the table with the values `defaults` for keys that the file left out.
+
+        The set of keys marked as written in the file (`model_fields_set`) is unchanged.
+        """
         return self._with_values(**{key: value for key, value in defaults.items() if key not in self.model_fields_set})
 
     def _with_values(self, **values: Any) -> Self:
