@@ -1,4 +1,4 @@
-"""Error messages for invalid files, and the kinds of file.
+"""Error messages for invalid files, and the kinds of file (scenario, study, aircraft).
 
 A message gives the key, the value that arrived and the values expected; a file's kind follows from its tables.
 """
@@ -32,7 +32,7 @@ class Problem:
 
 
 class ScenarioError(ValueError):
-    """A file is invalid; ``str()`` is the complete message: a line that names the file, then a line for each problem.
+    """Error of an invalid file; ``str()`` is the message: a line that names the file, then a line for each problem.
 
     `source` is the file name, or another name for the origin of the values.
     """

@@ -156,7 +156,7 @@ def _build_for_goals(scenario: Scenario, number: int) -> Flight:
 
 
 def _with_goals_of(scenario: Scenario, flight: Flight) -> Flight:
-    """Return a flight with the goals of `scenario`, all other parts unchanged; for a result of `_build_for_goals`."""
+    """Return a flight of `_build_for_goals` with the goals of `scenario` in place of its own, else unchanged."""
     members = [scenario.aircraft[min(k, len(scenario.aircraft) - 1)] for k in range(flight.count)]
     tables = [scenario.goal_of(aircraft) for aircraft in members]
     goals = _goals(tables, scenario.event)

@@ -136,7 +136,7 @@ class _FlightCase:
 
 
 def _derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
-    """Return limits, bandwidths and gains derived from an aircraft in the scenario's atmosphere, from a cache.
+    """Return performance limits, bandwidths and gains of an aircraft in the scenario's atmosphere, computed once.
 
     All are for the start altitude, rounded to `_ALTITUDE_STEP_M`, and the preferred airspeed.
     """
@@ -236,7 +236,7 @@ def _derived_limits(limits: Limits, capability: Capability) -> Limits:
 def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
     """Return a sentence for each limit written in the file that is more than 2 % beyond the aircraft's performance.
 
-    `index` is the number of the aircraft. If level flight is impossible, the result is one sentence on that.
+    `index` is the index of the aircraft. If level flight is impossible, the result is one sentence to say so.
     """
     aircraft = scenario.aircraft[index]
     subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)

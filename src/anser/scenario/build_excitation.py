@@ -16,8 +16,8 @@ def build_aircraft_excitation(scenario: Scenario, aircraft: Aircraft, surfaces: 
     Raises
     ------
     ScenarioError
-        If an input is no surface of the aircraft and not in `EXCITED_INPUTS`: of an airframe defined in code, the
-        surfaces are unknown before the construction.
+        If an input is neither a surface of the aircraft nor in `EXCITED_INPUTS`. The check is made here because the
+        surfaces of an airframe defined in code are unknown before the airframe is built.
     """
     terms, known = [], (*surfaces, *schema_excitation.EXCITED_INPUTS)
     for index, table in enumerate(scenario.excitation):

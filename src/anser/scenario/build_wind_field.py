@@ -26,10 +26,10 @@ _WAY_MARGIN_M = np.array([1000.0, 1000.0, 100.0])  # around starts and rendezvou
 
 
 def build_wind_field(wind: Wind, earth: Earth | None) -> GriddedWind:
-    """Build the wind of a file in the chart (local map) around the origin of `earth`; None: no position on the Earth.
+    """Build the wind of a file for positions in the chart (local map) around the origin of `earth`.
 
-    Raises ScenarioError if the file is not a wind field, the table's other keys do not fit the file, or a field in
-    latitude and longitude has no Earth.
+    Without an Earth (None), only a field with axes in m is possible. Raises ScenarioError if the file is not a wind
+    field, the table's other keys do not fit the file, or a field in latitude and longitude has no Earth.
     """
     field = field_of(wind, earth)
     if field.is_geographic and earth is None:

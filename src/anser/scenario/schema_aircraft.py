@@ -105,7 +105,7 @@ class Goal(Table):
         return problems
 
     def velocity_m_s(self) -> Vector:
-        """Return the velocity over the ground (north, east, up), m/s, of a goal without waypoints; with them, 0."""
+        """Return the velocity over the ground (north, east, up), m/s; zero for a goal with waypoints."""
         return velocity_on_course(self.speed_m_s, self.course_deg, self.climb_rate_m_s)
 
     def position_m(self, time_s: float) -> Vector:

@@ -61,7 +61,7 @@ class Arrival(Table):
         return self.rule in ("together", "earliest", "at") or (self.rule == "sequence" and self.spacing_s == 0.0)
 
     def arrive_together(self, aircraft: Aircraft, second_aircraft: Aircraft) -> bool:
-        """Whether this rule makes two aircraft of the fleet arrive at the same time."""
+        """Whether the rule makes two aircraft of the fleet arrive at the same time."""
         return self.is_common or (self.rule == "times" and aircraft.arrive_s == second_aircraft.arrive_s)
 
 

@@ -206,7 +206,7 @@ def margin_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def goal_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List airborne goals that are or sink below `AIRBORNE_ALTITUDE_MIN_M`, and surface goals with a climb rate."""
+    """List airborne goals that are ever below `AIRBORNE_ALTITUDE_MIN_M`, and surface goals with a climb rate."""
     problems = []
     for index, goal in enumerate(scenario.goal):
         if goal.kind == "surface":
@@ -330,7 +330,8 @@ _ONCE = {
 def event_problems(scenario: ScenarioTables) -> list[Problem]:
     """List events without support by the planner, with unknown names, too late, or impossible for their aircraft.
 
-    Events are impossible twice (see `_ONCE`), after the aircraft has left, or for a surface or engine it does not have.
+    Impossible is a second event of a kind in `_ONCE`, a loss of thrust or sensor of an aircraft that has left, or a
+    change of a surface or engine that the aircraft does not have.
     """
     events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
     if scenario.planned_events and scenario.fleet.planner == "published":

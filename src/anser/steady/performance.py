@@ -1,7 +1,7 @@
 """Performance of an aircraft in steady flight.
 
-Acceleration and deceleration along the path, airspeed range of level flight, greatest bank angle, load factor, climb
-and sink rates with a reserve.
+Acceleration and deceleration along the path with full and idle thrust; limits of steady flight with a reserve: airspeed
+range of level flight, greatest bank angle, load factor, climb rate and sink rate.
 """
 
 from typing import NamedTuple
@@ -71,7 +71,7 @@ def _idle_decelerations(
 
     def deceleration_at(speed: Scalar, load_factor: Scalar) -> Scalar:
         def forces(alpha: Scalar) -> tuple[Scalar, Scalar]:
-            """Return lift-like force (normal to the path, up) and drag-like force (against the path) / mass, m/s^2."""
+            """Return acceleration normal to the path (up) and deceleration along it, both without gravity, m/s^2."""
             velocity_b = speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
             data = air_data(velocity_b, trimmed_flow.altitude, air)
             force_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).force_b
@@ -80,7 +80,7 @@ def _idle_decelerations(
             return across, -force_b[0] * jnp.cos(alpha) - force_b[2] * jnp.sin(alpha)
 
         def nearer(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-            """Return Newton's next angle of attack (rad), and the deceleration (m/s^2) at the present angle of attack.
+            """Return the angle of attack (rad) after a Newton step, and the deceleration (m/s^2) before the step.
 
             Both in one loop body, so that the compiled program contains the forces once.
             """

@@ -184,7 +184,7 @@ def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "
 def solve_trim(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, position_n: Vector3 | None = None
 ) -> TrimPoint:
-    """Solve the trim equations for alpha, beta, mu, the surfaces and power.
+    """Trim an aircraft: solve the equations of a steady flight `target` for alpha, beta, mu, surfaces and power.
 
     Equations: body velocity and body rates are constant in a steady (helical) turn or at the instant of a pull-up, and
     the side force vanishes (coordination; [SL] section 3.6 has the same condition; in a pull-up by pitch rate it levels

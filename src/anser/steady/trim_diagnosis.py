@@ -228,9 +228,9 @@ def _solve_grids(
 
 
 def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
-    """Return a finer grid between the usable value nearest to the target and the next value towards the target.
+    """Return a finer grid from the usable value nearest to the target to the next grid value towards the target.
 
-    Without a usable value, the grid is returned unchanged.
+    `usable` flags the values of `grid` with a trim. Without a usable value, the grid is returned unchanged.
     """
     if not usable.any():
         return grid
@@ -242,7 +242,7 @@ def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> 
 
 
 def _beyond(value: float, lower: float, upper: float) -> str:
-    """Format a value with as many decimals, at least one, as show that it is outside `lower` to `upper`."""
+    """Format a value outside `lower` to `upper` with the fewest decimals (one or more) that read as outside."""
     for decimals in range(1, 9):
         text = f"{value:.{decimals}f}"
         if not lower <= float(text) <= upper:
