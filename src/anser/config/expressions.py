@@ -89,7 +89,8 @@ class _Builder:
     def build(self, node: ast.AST, depth: int) -> tuple[bool, _Evaluate]:
         """Check a node, `depth` levels below the root; return whether it is a condition, and its evaluating function.
 
-        Adds the names of variables to `self.names`. Raises ExpressionError for a node that is not allowed or too deep.
+        The names of variables are added to `self.names`. Raises ExpressionError for a node that is not allowed, or
+        deeper than `_DEPTH_MAX`.
         """
         if depth > _DEPTH_MAX:
             raise ExpressionError("a nested expression", f"{_DEPTH_MAX} levels at most")

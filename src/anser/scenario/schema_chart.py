@@ -53,9 +53,9 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Return texts on the defect of the chart of an origin's latitude, and on a remedy; None without a defect.
+    """Return texts on the defect of the chart around an origin's latitude, and on a remedy other than a new origin.
 
-    The remedy is other than a new origin.
+    None for a chart without a defect.
     """
     speed_m_s, duration_s = scenario.fleet.airspeed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":

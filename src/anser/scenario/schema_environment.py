@@ -173,7 +173,7 @@ class Wind(Table):
 
     @property
     def speed_max_m_s(self) -> float:
-        """Greatest speed of the air, m/s, at any altitude, vertical part included; of a wind field, the allowed one."""
+        """Greatest speed of the air at any altitude, vertical part included, m/s; for a wind field, the allowed."""
         if self.field is not None:
             return FIELD_SPEED_MAX_M_S
         return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)
@@ -212,7 +212,7 @@ class Sounding(Table):
     level: tuple[AirLevel, ...] = tables("the air at rising altitudes", "a list of levels, at least two", at_least=2)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the first level that does not rise, or the pressure that contradicts the temperatures most, if any."""
+        """Return a problem if levels do not rise, pressures do not fall, or a pressure contradicts the temperatures."""
         for index, (lower, upper) in enumerate(itertools.pairwise(self.level), 1):
             place = f"level[{index}]"
             if upper.altitude_m <= lower.altitude_m:
@@ -253,7 +253,10 @@ class Sounding(Table):
 
 
 def _without_path(value: Any) -> Any:
-    """Return a sounding's contents; raises ScenarioError for a path, which `insert_sounding` replaces in a file."""
+    """Return a sounding's contents (or None) unchanged; raises ScenarioError for another value, such as a path.
+
+    `anser.scenario.schema.insert_sounding` replaces the path in a scenario file by the contents before.
+    """
     if isinstance(value, dict | Sounding | None):
         return value
     raise problem_error("", describe_value(value), _SOUNDING_PATH)
@@ -284,7 +287,7 @@ class Atmosphere(Table):
 
     @property
     def layers(self) -> Layers:
-        """Layers of the air above sea level: array (layer, 7) with the columns of `anser.environment.air`."""
+        """Layers of the air: array (layer, 7) with the columns described in `anser.environment.air`."""
         if self.sounding is not None:
             return self.sounding.layers(self.temperature_offset_k)
         pressure = SEA_LEVEL_PRESSURE_PA
@@ -338,7 +341,7 @@ class DiscreteGust(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a gust without any velocity."""
+        """Return a problem if the gust has no velocity in any direction."""
         if self.along_m_s or self.right_m_s or self.up_m_s:
             return []
         return [Problem("up_m_s", "no strength in any direction", "along_m_s, right_m_s or up_m_s other than 0")]

@@ -34,8 +34,8 @@ class ReferenceSpeed:
 def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSpeed:
     """Return the true airspeed with which the checks decide whether an aircraft can reach its goal.
 
-    The airspeed is the preferred airspeed, or the greatest airspeed of the limits for a certified plan with an arrival
-    rule other than "together".
+    The airspeed is the preferred airspeed; for the certified or decentralised planner with an arrival rule other than
+    "together", the greatest airspeed of the limits.
     """
     fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified

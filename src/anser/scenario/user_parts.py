@@ -159,8 +159,8 @@ def _import(module: str) -> Any:
 def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: UserParts) -> None:
     """Check an aircraft's user-defined parts: trace one sample of the loop with shapes instead of values.
 
-    Nothing is computed, and `own` has the parts. Raises ScenarioError, with part and method, if a method raises an
-    error, or returns another structure, shape or type than its interface says.
+    `own` has the user-defined parts, `vehicle` all parts of the aircraft. Raises ScenarioError, with part and method,
+    if a method raises an error, or returns another structure, shape or type than its interface says.
     """
     kinds = [kind for kind in _VEHICLE_PARTS if own.part_of(kind, aircraft) is not None]
     if not kinds:

@@ -73,7 +73,7 @@ class WindField:
     def around(self, longitude_deg: float) -> "WindField":
         """Return a field around the globe with its first and last meridian opposite the longitude `longitude_deg`.
 
-        A field in metres, or with a gap in longitude, is returned unchanged.
+        A field in metres, or a field that does not span all longitudes, is returned unchanged.
         """
         gap_deg = _GLOBE_DEG - (self.east[-1] - self.east[0])
         if not self.is_geographic or gap_deg > 1.5 * np.max(np.diff(self.east)):
