@@ -100,7 +100,7 @@ _TABLES_OF_KIND: dict[FileKind, frozenset[str]] = {
     "study": frozenset({"scenario", "sampling", "vary", "rare"}),
     "aircraft": frozenset({"mass", "surface", "aerodynamics", "dave_ml"}),
 }
-"""Tables by the kind of file, for each kind those that occur in no other kind."""
+"""Names of the tables that occur in one kind of file only, by the kind of file."""
 
 
 def check_file_kind(kind: FileKind, values: Mapping[str, Any], source: str) -> None:

@@ -20,7 +20,7 @@ SLUG_EXPECTED = 'a name in small letters, digits and single hyphens, such as "th
 GAIN_MAX = 1000.0
 
 Vector = tuple[float, float, float]
-"""North, east and up components."""
+"""Vector with the components (north, east, up)."""
 
 
 class Table(BaseModel):
@@ -158,7 +158,7 @@ def number(
 
 
 def whole_number(description: str, low: int, high: int, default: object = PydanticUndefined) -> Any:
-    """Declare a field for a whole number from `low` to `high`; without a default the key is required."""
+    """Declare a field for a whole number from `low` to `high`, both allowed; without a default the key is required."""
     expected = f"a whole number from {low} to {high}"
     return Field(default, ge=low, le=high, description=description, json_schema_extra=expects(expected))
 

@@ -17,7 +17,7 @@ from anser.config.shipped_files import shipped_files
 from anser.files import MIB, read_file
 
 DEPTH_MAX: Final = 32
-"""Greatest number of parts of a dotted key, and greatest depth of nested lists and tables; anser files use six."""
+"""Greatest number of parts of a dotted key, and greatest depth of nested lists and tables; anser files need six."""
 
 _BASIC = r'"(?:[^"\\\n]|\\.)*+"'
 _LITERAL = r"'[^'\n]*+'"

@@ -36,7 +36,7 @@ _UNITS = {
     "acceleration": {"m/s^2": 1.0, "m/s2": 1.0, "ft/s^2": FOOT_M, "g": STANDARD_GRAVITY_M_S2},
     "mass": {"kg": 1.0, "lb": POUND_KG, "slug": SLUG_KG},
 }
-"""Factors to SI by dimension; units in lower case."""
+"""Factors from units (in lower case) to SI units, by dimension."""
 
 _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 """Compass points in steps of 22.5 deg, clockwise from north."""
@@ -75,7 +75,7 @@ _OTHER_NAMES = {
     "max": "high",
     "maximum": "high",
 }
-"""Keys of anser by their common names from elsewhere, in lower case."""
+"""Keys of anser files by names, in lower case, that users write in their place."""
 _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
 
 

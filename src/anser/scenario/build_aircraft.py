@@ -52,7 +52,7 @@ def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
 
 
 _ALTITUDE_STEP_M = 500.0
-"""Altitudes are rounded to this step for the trim map, so aircraft with similar starts share one."""
+"""Step to which start altitudes are rounded for trim maps, so that aircraft with similar starts share a map."""
 _SPEED_SEARCH_RANGE = (0.3, 3.0)
 """Airspeeds searched for level flight, as factors of the preferred airspeed, if the data range is unknown."""
 _BANK_MAX_DEG = 45.0
@@ -212,7 +212,7 @@ def _with_derived_gains(
 
 
 def _derived_limits(limits: Limits, capability: Capability) -> Limits:
-    """Return the limits with the keys that the file left out set by the aircraft's performance, within the defaults.
+    """Return the limits with the keys that the file left out tightened to the aircraft's performance.
 
     The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
     so that the aircraft can still turn with that bank. Without level flight, the limits are unchanged.

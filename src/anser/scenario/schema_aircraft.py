@@ -68,7 +68,7 @@ class Waypoint(Table):
 
 
 class Goal(Table):
-    """A position to meet: a ship, a buoy, a point of a storm, a balloon, a waypoint."""
+    """Position, at rest or moving, near which aircraft arrive: a ship, a buoy, a point of a storm, a balloon."""
 
     name: str = identifier("name of the goal, unique")
     kind: Literal["surface", "airborne"] = Field(description="on the surface or in the air")
@@ -207,7 +207,7 @@ class _LoopGains(Table):
 
 
 class RateGains(_LoopGains):
-    """Gains of the fast loop, axes (roll rate P, pitch rate Q, yaw rate R)."""
+    """Gains of the fast loop, one for each axis: roll rate P, pitch rate Q, yaw rate R."""
 
     proportional: Gain3 = gain("of the error, 1/s", 10.0)
     integral: Gain3 = gain("of the integrated error, 1/s^2", 0.25)
@@ -216,7 +216,7 @@ class RateGains(_LoopGains):
 
 
 class AttitudeGains(_LoopGains):
-    """Gains of the middle loop, axes (bank mu, angle of attack alpha, sideslip beta)."""
+    """Gains of the middle loop, one for each axis: bank mu, angle of attack alpha, sideslip beta."""
 
     proportional: Gain3 = gain("of the error, 1/s", 2.0)
     integral: Gain3 = gain("of the integrated error, 1/s^2", 0.0)
@@ -225,7 +225,7 @@ class AttitudeGains(_LoopGains):
 
 
 class VelocityGains(_LoopGains):
-    """Gains of the slow loop, axes (speed V, path angle gamma, course chi)."""
+    """Gains of the slow loop, one for each axis: airspeed V, path angle gamma, course chi."""
 
     proportional: Gain3 = gain("of the error, 1/s", 1.0)
     integral: Gain3 = gain("of the integrated error, 1/s^2", 0.025)

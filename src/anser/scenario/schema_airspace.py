@@ -26,7 +26,7 @@ _RULE_OF = {"time_s": "at", "spacing_s": "sequence", "order": "sequence"}
 
 
 class Arrival(Table):
-    """The rule for the arrival times."""
+    """Rule by which the arrival times of the aircraft are chosen."""
 
     rule: Literal["together", "earliest", "at", "sequence", "times", "windows"] = Field(
         default="together",

@@ -326,7 +326,7 @@ class Turbulence(Table):
 
 
 class DiscreteGust(Table):
-    """A gust of the form 1 - cos, which one aircraft or every aircraft flies into at a given time."""
+    """Gust of the form 1 - cos, which one aircraft or every aircraft flies into at the time `time_s`."""
 
     time_s: float = number("time at which the aircraft meets the gust", 0, DURATION_MAX_S, "s")
     aircraft: str | None = identifier("aircraft that meets the gust; left out: all", "the name of an aircraft", None)

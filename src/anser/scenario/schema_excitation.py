@@ -12,7 +12,7 @@ from anser.scenario.schema_settings import DURATION_MAX_S
 LOOP_INPUTS = ("bank", "alpha", "beta", "roll_rate", "pitch_rate", "yaw_rate")
 """Commands between the loops of the autopilot that test inputs may excite: attitude (deg) and body rates (deg/s)."""
 EXCITED_INPUTS = ("throttle", "airspeed", "path_angle", "course", *LOOP_INPUTS)
-"""Inputs of any aircraft that may be excited, besides the surfaces: throttle (0..1), airspeed (m/s), angles (deg)."""
+"""Excitable inputs of any aircraft besides surfaces: throttle (0..1), airspeed (m/s), angles (deg), rates (deg/s)."""
 _KEYS_OF_SIGNAL: dict[str, tuple[str, ...]] = {
     "step": (),
     "doublet": ("width_s",),

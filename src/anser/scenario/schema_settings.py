@@ -178,8 +178,8 @@ class Fleet(AirspeedTable):
 class Limits(Table):
     """Flight envelope for plans and autopilot.
 
-    The defaults are the F-16's; other aircraft get airspeeds, bank and climb rate from their performance within them,
-    and angles of attack within their data.
+    The defaults are the F-16's. For other aircraft, the limits that the file leaves out follow from the aircraft:
+    airspeeds, bank and climb rate from its performance and data, angles of attack from its data.
     """
 
     speed_min_m_s: float = number("minimum airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
@@ -232,7 +232,7 @@ class Limits(Table):
 
 
 class Guidance(Table):
-    """Path-following settings."""
+    """Settings of the path following, with which an aircraft keeps to its plan."""
 
     position_gain_per_s: float = number(
         "correction of the commanded velocity per metre of error; 0 = velocity commands alone", 0, 5, "1/s", 0.3
