@@ -133,7 +133,7 @@ _CHECKS_WITH_GOALS = (
 class Scenario(ScenarioTables):
     """A validated scenario file; :func:`anser.load` reads one and reports errors in plain sentences.
 
-    Its attributes are the tables of the file. `goal_of`, `limits_for` and `speed_for` return an aircraft's goal, limits
+    The attributes are the tables of the file. `goal_of`, `limits_for` and `speed_for` return an aircraft's goal, limits
     and preferred airspeed; `is_random`, `is_gusty` and `requires_separation` tell whether the flight depends on the
     seed, the air is turbulent, and a flight must keep its aircraft separated.
     """
@@ -197,7 +197,9 @@ class Scenario(ScenarioTables):
         return scenario_hash(self)
 
     def replace(self, path: str, value: object, /, *further_changes: object) -> "Scenario":
-        """Return a scenario with changed values, validated like one from a file; this scenario is unchanged.
+        """Return a validated scenario with changed values; this scenario is unchanged.
+
+        Unlike in a file, keys without effect are accepted.
 
         Parameters
         ----------
