@@ -280,7 +280,7 @@ def planner_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def sounding_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List starts and airborne goals whose altitude at the start is not between the levels of the sounding."""
+    """List starts and airborne goals whose key `altitude_m` is below or above the levels of the sounding."""
     atmosphere = scenario.atmosphere
     if atmosphere is None or atmosphere.sounding is None:
         return []

@@ -173,7 +173,10 @@ class Wind(Table):
 
     @property
     def speed_max_m_s(self) -> float:
-        """Greatest speed of the air at any altitude, vertical part included, m/s; for a wind field, the allowed."""
+        """Greatest speed of the air at any altitude, m/s, vertical part included.
+
+        For a wind field the value is the greatest allowed speed, `FIELD_SPEED_MAX_M_S`.
+        """
         if self.field is not None:
             return FIELD_SPEED_MAX_M_S
         return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)

@@ -56,7 +56,7 @@ class UserParts:
         return any(part is not None for part in vars(self).values())
 
     def resolved(self, scenario: Scenario) -> "UserParts":
-        """Return the parts as objects: names are imported, and classes are called without arguments.
+        """Return the parts as objects: a name is imported, and a class of this name called without arguments.
 
         Raises ScenarioError if a name cannot be imported, an object does not subclass the interface of its part, an
         aircraft is unknown, or a planner is given for a scenario with events to which planners respond.

@@ -86,7 +86,7 @@ class TrimDiagnosis:
 def trim_violations(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[str, ...]:
     """Return a sentence for each limit that a result of `solve_trim` violates; empty if the condition can be flown.
 
-    Without balance of forces and moments, the single sentence tells the residual; values are in deg and percent.
+    Values are in deg and percent. If forces and moments are not balanced, the result is one sentence to say so.
     """
     if math.isinf(float(point.residual)):
         return ("a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",)
