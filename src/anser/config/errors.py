@@ -1,4 +1,4 @@
-"""Error messages for invalid files, and the kinds of file.
+"""Error messages for invalid files, and the kinds of file (scenario, study, aircraft).
 
 A message gives the key, the value that arrived and the values expected; a file's kind follows from its tables.
 """
@@ -32,7 +32,7 @@ class Problem:
 
 
 class ScenarioError(ValueError):
-    """A file is invalid; ``str()`` is the complete message: a line that names the file, then a line for each problem.
+    """Error of an invalid file; ``str()`` is the message: a line that names the file, then a line for each problem.
 
     `source` is the file name, or another name for the origin of the values.
     """
@@ -48,22 +48,25 @@ class ScenarioError(ValueError):
 
 
 def problem_error(source: str, arrived: str, expected: str, path: str = "") -> ScenarioError:
-    """Build an error with a single problem; without a path, the problem concerns the whole file."""
+    """Build the error of a file `source` with a single problem; an empty `path` (key) means the whole file."""
     return ScenarioError(source, [Problem(path, arrived, expected)])
 
 
 def os_error_reason(error: Exception) -> str:
-    """Return the reason of a failed read or write as text, without the file name."""
+    """Return the reason of a failed read or write as text; for an OSError without the file name."""
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
 def format_value(value: object) -> str:
-    """Describe a value of a file like `describe_value`, with floating-point numbers as `format_number` writes them."""
+    """Describe a value of a file as `describe_value` does, but a floating-point number with up to 15 digits."""
     return format_number(value) if isinstance(value, float) else describe_value(value)
 
 
 def describe_value(value: object) -> str:
-    """Describe a value of a TOML file (or None) in TOML notation, on one line."""
+    """Describe a value of a TOML file on one line: text (shortened), numbers and booleans in TOML notation.
+
+    Tables and lists are named by type and length, None is "nothing".
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -82,7 +85,7 @@ def describe_value(value: object) -> str:
 
 
 def quoted_list(texts: Iterable[str], separator: str = ", ") -> str:
-    """List texts in quotes for a message, such as ``"north", "south"``."""
+    """Return texts in quotes as one text, such as ``"north", "south"``."""
     return separator.join(f'"{text}"' for text in texts)
 
 
@@ -97,11 +100,14 @@ _TABLES_OF_KIND: dict[FileKind, frozenset[str]] = {
     "study": frozenset({"scenario", "sampling", "vary", "rare"}),
     "aircraft": frozenset({"mass", "surface", "aerodynamics", "dave_ml"}),
 }
-"""Tables that occur in one kind of file only."""
+"""Names of the tables that occur in one kind of file only, by the kind of file."""
 
 
 def check_file_kind(kind: FileKind, values: Mapping[str, Any], source: str) -> None:
-    """Raise ScenarioError if the values have tables that occur in another kind of file only."""
+    """Raise ScenarioError if the values have the tables of another kind of file, and no table of the kind `kind`.
+
+    The message gives the command for the file; `source` is the name of the file.
+    """
     if _TABLES_OF_KIND[kind] & values.keys():
         return
     for actual_kind, its_tables in _TABLES_OF_KIND.items():

@@ -33,7 +33,7 @@ _FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
     "min": (None, lambda xp, *values: functools.reduce(xp.minimum, values)),
     "max": (None, lambda xp, *values: functools.reduce(xp.maximum, values)),
 }
-"""Number of operands (None: two or more), and function; angles in degrees."""
+"""Functions in expressions by name: number of operands (None: two or more), implementation; angles in degrees."""
 _OPERANDS = {1: "one number", 2: "two numbers", None: "two or more numbers"}
 _ALLOWED = (
     "numbers, variables of the flight, + - * / **, comparisons, and, or, not, if else, parentheses, and the functions "
@@ -43,7 +43,7 @@ _Evaluate = Callable[[Mapping[str, Any], Any], Any]
 
 
 class ExpressionError(ValueError):
-    """Error for a text that is no valid expression: description of the text, and of what is expected instead."""
+    """Error for a text that is no valid expression; `arrived` describes the text, `expected` a valid text."""
 
     def __init__(self, arrived: str, expected: str) -> None:
         super().__init__(f"arrived {arrived}; expected {expected}")
@@ -52,17 +52,17 @@ class ExpressionError(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """Parsed expression."""
+    """Parsed expression of a flight's variables."""
 
     names: tuple[str, ...]  # variables by dataset name
     is_condition: bool  # whether the value is true or false, otherwise a number
-    # computes the value from arrays by name, with the array module `numpy` or `jax.numpy`
+    # function (arrays by variable name, array module `numpy` or `jax.numpy`) that returns the value
     evaluate: _Evaluate
 
 
 @functools.lru_cache
 def parse_expression(text: str) -> Expression:
-    """Parse an expression; raises ExpressionError for everything that is not allowed in expressions."""
+    """Parse an expression; raises ExpressionError for text that is not allowed, or that contains no variable."""
     if len(text) > LENGTH_MAX:
         raise ExpressionError(f"{len(text)} characters", f"{LENGTH_MAX} at most")
     try:
@@ -89,7 +89,8 @@ class _Builder:
     def build(self, node: ast.AST, depth: int) -> tuple[bool, _Evaluate]:
         """Check a node, `depth` levels below the root; return whether it is a condition, and its evaluating function.
 
-        Adds the names of variables to `self.names`. Raises ExpressionError for a node that is not allowed or too deep.
+        The names of variables are added to `self.names`. Raises ExpressionError for a node that is not allowed, or
+        deeper than `_DEPTH_MAX`.
         """
         if depth > _DEPTH_MAX:
             raise ExpressionError("a nested expression", f"{_DEPTH_MAX} levels at most")
@@ -132,7 +133,10 @@ class _Builder:
                 raise ExpressionError(self._source(node), f"nothing but {_ALLOWED}")
 
     def _operand(self, node: ast.AST, depth: int, *, is_condition: bool = False) -> _Evaluate:
-        """Build an operand, which must be a number, or a condition."""
+        """Return the evaluating function of an operand; raises ExpressionError if the type of its value is wrong.
+
+        The operand must be a condition (true or false) if `is_condition`, otherwise a number.
+        """
         found_condition, evaluate = self.build(node, depth + 1)
         if found_condition and not is_condition:
             expected = "a number there, such as (1 if mach > 0.5 else 0)"
@@ -154,9 +158,9 @@ def _all_of(conditions: list[_Evaluate], function: str) -> _Evaluate:
 
 
 def suggest_variable(name: str, names: Collection[str]) -> str:
-    """Return the text of a message on what is expected in place of an unknown name.
+    """Return the text that a message about an unknown variable `name` puts after "expected".
 
-    It proposes the same variable with its unit, or else similar names, or else examples.
+    The text proposes the same variable with its unit from `names`, or else similar names, or else examples.
     """
     keys = {variable.name: variable.key for variable in CATALOGUE}
     same = [entry for entry in names if name == keys.get(entry) or name.startswith(f"{keys.get(entry)}_")]

@@ -12,7 +12,7 @@ from anser.config.tables import Table
 from anser.files import write_file
 
 _DIALECT = "http://json-schema.org/draft-07/schema#"
-"""Dialect supported by TOML editors."""
+"""Dialect of JSON Schema that TOML editors support."""
 _COLUMNS = ("key", "unit", "default", "what it is", "range")
 
 
@@ -27,14 +27,14 @@ def json_schema(model: type[Table], title: str) -> dict[str, Any]:
 
 
 def key_tables(model: type[Table]) -> str:
-    """Write Markdown tables of all keys of a file: a section per TOML table, with unit, default, meaning and range."""
+    """Return Markdown tables of a file's keys: a section per TOML table, with unit, default, meaning and range."""
     return "\n".join(_sections(_described(model), "", is_list=False))
 
 
 def _described(model: type[Table]) -> dict[str, Any]:
-    """Return Pydantic's schema of a model, simplified: no references, titles or null (which TOML lacks).
+    """Return Pydantic's schema of a model with references resolved, without titles and null (which TOML lacks).
 
-    The keys' entries `expected` and `unit` remain.
+    A key's schema has the texts `expected` (valid values, for messages) and `unit` of its declaration, if any.
     """
     whole = model.model_json_schema()
     return _plain(whole, whole.get("$defs", {}))
@@ -74,7 +74,7 @@ def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
 
 
 def _for_editors(node: Any) -> Any:
-    """Return the schema with each key's expected values added to its description, which editors show."""
+    """Return the schema with each key's text `expected` appended to its description, which editors show."""
     if isinstance(node, list):
         return [_for_editors(item) for item in node]
     if not isinstance(node, dict):
@@ -91,7 +91,10 @@ def _for_editors(node: Any) -> Any:
 
 
 def _sections(node: Mapping[str, Any], path: str, *, is_list: bool) -> Iterator[str]:
-    """Yield the Markdown lines of the sections of a table and its inner tables."""
+    """Yield the Markdown lines of the sections of a table and its inner tables.
+
+    `node` is the table's schema, `path` its key path (empty: the whole file); `is_list`: the table is a list's item.
+    """
     inner = {key: _table_in(value) for key, value in node["properties"].items()}
     if path:
         yield f"## `{f'[[{path}]]' if is_list else f'[{path}]'}`\n"
@@ -141,9 +144,9 @@ def _default(node: Mapping[str, Any], required: bool) -> str:
 
 
 def write_schema(path: Path, name: str, model: type[Table], title: str) -> Path:
-    """Write a model's JSON Schema into the folder of `path`, unless the file exists; return the schema's path.
+    """Write a model's JSON Schema as file `name` into the folder of `path`, unless it exists; return the schema's path.
 
-    Raises as `write_new_file`.
+    Raises ScenarioError if the schema cannot be written.
     """
     target = path.with_name(name)
     if not target.exists():
@@ -152,12 +155,12 @@ def write_schema(path: Path, name: str, model: type[Table], title: str) -> Path:
 
 
 def schema_text(model: type[Table], title: str) -> str:
-    """Return the JSON Schema of the files that a model validates, as text."""
+    """Return the text of `json_schema`: JSON with an indent of 1 and a final line break."""
     return json.dumps(json_schema(model, title), indent=1) + "\n"
 
 
 def write_new_file(path: str | os.PathLike[str], text: str) -> Path:
-    """Write text to a new file.
+    """Write text to a new file; return its path.
 
     Raises ScenarioError if the name exists already (the existing file stays unchanged), or the file cannot be written.
     """

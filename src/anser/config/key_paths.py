@@ -23,9 +23,10 @@ class _ItemKey(str):
 
 
 def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
-    """Return a scenario's values as a file would give them, not validated, with changes (path, value) made in turn.
+    """Return a scenario's values as nested dictionaries, as a file gives them, with changes (key path, value) in turn.
 
-    Raises ScenarioError if a path is not part of the scenario. (Unknown keys are reported by the validation.)
+    The values are not validated, and keys that the file left out stay out. Raises ScenarioError if a path is malformed
+    or leads to no table or list item of the scenario; an unknown last key is left to the validation.
     """
     values = scenario.model_dump(mode="json", exclude_unset=True)
     for path, value in changes:
@@ -36,9 +37,9 @@ def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) 
 
 
 def value_at(scenario: Table, path: str) -> Any:
-    """Return the value at a key path, the default for a key that the file left out; tables become dictionaries.
+    """Return the value at a key path, the default for a key that the file left out; a table becomes a dictionary.
 
-    Raises ScenarioError for a malformed or unknown path.
+    Raises ScenarioError for a malformed or unknown path, also for a key of an optional table that the file left out.
     """
     if not _PATH.fullmatch(path):
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
@@ -56,14 +57,14 @@ def value_at(scenario: Table, path: str) -> Any:
 
 
 def _as_container(node: Any) -> Any:
-    """Return a table as a dictionary with its defaults, and a tuple as a list of such tables."""
+    """Return a table as a dictionary with defaults, a list or tuple as a list of its items so converted."""
     if isinstance(node, Table):
         return {key: getattr(node, key) for key in type(node).model_fields}
     return [_as_container(item) for item in node] if isinstance(node, tuple | list) else node
 
 
 def indexed_path(scenario: Table, path: str) -> str:
-    """Replace item names in a path by indices, ``aircraft[0].start``.
+    """Return a key path with list items by index instead of name: ``aircraft[0].start`` for ``aircraft[north].start``.
 
     Raises ScenarioError for a path with an unknown item or with a step that does not fit; an unknown last key is kept.
     """
@@ -78,7 +79,7 @@ def indexed_path(scenario: Table, path: str) -> str:
 
 
 def repeated_paths(scenario: Table, paths: Iterable[str]) -> tuple[str, str] | None:
-    """Return two paths of the same key, such as by the number and by the name of an item; None if there are none.
+    """Return the first two paths of one key, such as by the index and by the name of an item; None without repetition.
 
     Paths that are not part of the scenario are skipped.
     """
@@ -95,7 +96,7 @@ def repeated_paths(scenario: Table, paths: Iterable[str]) -> tuple[str, str] | N
 
 
 def to_file_value(value: object) -> object:
-    """Convert a value for a file: tables become dictionaries, array scalars become plain numbers."""
+    """Convert a value for a file: tables become dictionaries of their set keys, array scalars plain numbers."""
     if isinstance(value, Table):
         return value.model_dump(mode="json", exclude_unset=True)
     if isinstance(value, dict):
@@ -136,7 +137,7 @@ def _extend_path(path_so_far: str, step: str) -> str:
 def _resolve_step(node: object, step: str, path_so_far: str) -> str | int:
     """Return the dictionary key or list index to which a step of a key path leads within `node`.
 
-    Raises ScenarioError if the step does not fit.
+    Raises ScenarioError if `node` is no table for a key, or no list with such an item for a step in brackets.
     """
     if isinstance(step, _ItemKey):
         if isinstance(node, list):
@@ -171,7 +172,7 @@ def _names(items: list[Any]) -> list[str | None]:
 
 
 def _describe_items(items: list[Any], path_so_far: str) -> str:
-    """Describe which items of a list a key path may name."""
+    """Return a text with the valid key paths of a list's items, by index and by name."""
     if not items:
         return "the whole list, which is empty"
     last_index = len(items) - 1

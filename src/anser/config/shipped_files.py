@@ -1,4 +1,7 @@
-"""Scenarios, studies and aircraft files that come with anser: beside the modules, scenarios in a clone at its root."""
+"""Scenarios, studies and aircraft files that come with anser.
+
+An installed package has scenarios and studies beside its modules, a clone of the repository at its root.
+"""
 
 import re
 from collections.abc import Callable
@@ -8,14 +11,14 @@ from typing import Final
 from anser.config.file_schema import write_new_file
 
 SHIPPED: Final = "shipped"
-"""Folder of an installed package with the folders below."""
+"""Folder in an installed package that contains the folders of `_PATTERNS`."""
 _PACKAGE = Path(__file__).parents[1]
 _PATTERNS = ("scenarios/*.toml", "studies/*.toml", "scenarios/own-aircraft/*.toml")
 _REFERENCE = re.compile(r'"([^"\n]+\.(?:toml|dml))"')
 
 
 def shipped_files() -> dict[str, Path]:
-    """Return the paths of the shipped files by name: "three-aircraft" for scenarios/three-aircraft.toml."""
+    """Return the paths of shipped scenarios, studies and aircraft files by file name without suffix."""
     packed = _PACKAGE / SHIPPED
     folder = packed if packed.is_dir() else _PACKAGE.parents[1]
     library = sorted(_PACKAGE.glob("aircraft/data/*.toml"))
@@ -23,10 +26,10 @@ def shipped_files() -> dict[str, Path]:
 
 
 def copy_shipped_file(name: str, target: Path, edit: Callable[[str], str] = str) -> list[Path]:
-    """Write a shipped file to a new file, and the files named in it into the same folder; return the paths of those.
+    """Copy a shipped file to a new file `target`, and the .toml and .dml files named in it into the same folder.
 
-    A file that exists in the folder already stays as it is. `edit` changes the text before the writing. Raises
-    ScenarioError if the target exists or cannot be written.
+    Return the paths of the named files in that folder; such a file stays as it is if it exists already. `edit` changes
+    the text of the shipped file before the writing. Raises ScenarioError if the target exists or cannot be written.
     """
     source = shipped_files()[name]
     text = source.read_text(encoding="utf-8")

@@ -20,7 +20,7 @@ SLUG_EXPECTED = 'a name in small letters, digits and single hyphens, such as "th
 GAIN_MAX = 1000.0
 
 Vector = tuple[float, float, float]
-"""North, east and up components."""
+"""Vector with the components (north, east, up)."""
 
 
 class Table(BaseModel):
@@ -29,7 +29,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)
 
     def consistency_problems(self) -> list[Problem]:
-        """List contradictions between keys that are valid alone; the problems' paths are relative to the table."""
+        """List contradictions between keys that are valid alone, with key paths relative to the table."""
         return []
 
     @model_validator(mode="after")
@@ -50,14 +50,14 @@ class Table(BaseModel):
         raise _unchecked(f"{type(self).__name__}.copy()")
 
     def with_defaults(self, **defaults: Any) -> Self:
-        """Return the table with other defaults: the values replace those of keys that the file left out.
+        """Return the table with the values `defaults` for keys that the file left out.
 
-        The keys stay marked as left out.
+        The set of keys marked as written in the file (`model_fields_set`) is unchanged.
         """
         return self._with_values(**{key: value for key, value in defaults.items() if key not in self.model_fields_set})
 
     def _with_values(self, **values: Any) -> Self:
-        """Return the table with the given values replaced, without validation."""
+        """Return the table with some values replaced, without validation; keys stay marked as set or left out."""
         return super().model_construct(self.model_fields_set, **{**self.__dict__, **values})
 
     @classmethod
@@ -69,7 +69,7 @@ class Table(BaseModel):
 def content_hash(table: Table, extra: Mapping[str, Any] | None = None) -> str:
     """Return the SHA-256 of a table's canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
 
-    `extra` adds keys outside the table.
+    `extra` adds keys to the table's, or replaces their values.
     """
     text = json.dumps(
         {**table.model_dump(mode="json"), **(extra or {})}, sort_keys=True, separators=(",", ":"), allow_nan=False
@@ -85,7 +85,7 @@ def _unchecked(call: str) -> TypeError:
 
 
 def ordering_problems(table: Table, low_key: str, high_key: str, unit: str) -> list[Problem]:
-    """Report that the value of `low_key` is not less than the value of `high_key`; empty if it is."""
+    """Return a list with a problem if the value of `low_key` is not less than the value of `high_key`; else empty."""
     low, high = getattr(table, low_key), getattr(table, high_key)
     return (
         []
@@ -95,13 +95,13 @@ def ordering_problems(table: Table, low_key: str, high_key: str, unit: str) -> l
 
 
 def velocity_on_course(speed_m_s: float, course_deg: float, up_m_s: float = 0.0) -> Vector:
-    """Compute the velocity (north, east, up), m/s, from horizontal speed, course and vertical speed."""
+    """Compute the velocity (north, east, up), m/s, from horizontal speed, course (from north) and vertical speed."""
     course = math.radians(course_deg)
     return speed_m_s * math.cos(course), speed_m_s * math.sin(course), up_m_s
 
 
 def interpolate(points: Sequence[tuple[float, Vector]], position: float) -> Vector:
-    """Interpolate linearly between points (pairs of a rising position and a vector); constant beyond the ends."""
+    """Interpolate a vector linearly at `position` between pairs (rising position, vector); constant beyond the ends."""
     upper_index = bisect.bisect_right(points, position, key=lambda point: point[0])
     if upper_index in (0, len(points)):
         return points[0 if upper_index == 0 else -1][1]
@@ -112,7 +112,7 @@ def interpolate(points: Sequence[tuple[float, Vector]], position: float) -> Vect
 
 
 def expects(expected: str, unit: str | None = None) -> dict[str, Any]:
-    """Build the `json_schema_extra` of a field: the text that messages put after "expected", and the unit."""
+    """Build the `json_schema_extra` of a field: the text that messages put after "expected", and the key's unit."""
     return {"expected": expected} if unit is None else {"expected": expected, "unit": unit}
 
 
@@ -158,7 +158,7 @@ def number(
 
 
 def whole_number(description: str, low: int, high: int, default: object = PydanticUndefined) -> Any:
-    """Declare a field for a whole number from `low` to `high`; `default` as for `number`."""
+    """Declare a field for a whole number from `low` to `high`, both allowed; without a default the key is required."""
     expected = f"a whole number from {low} to {high}"
     return Field(default, ge=low, le=high, description=description, json_schema_extra=expects(expected))
 
@@ -174,16 +174,16 @@ def identifier(description: str, expected: str = NAME_EXPECTED, default: object 
 
 
 def literal_options(annotation: object) -> str:
-    """List the options of a Literal inside an annotation for messages, such as `"right" or "left"`; empty without."""
+    """Return the options of a Literal inside an annotation as text, such as `"right" or "left"`; empty without one."""
     if get_origin(annotation) is Literal:
         return quoted_list(get_args(annotation), " or ")
     return next(filter(None, map(literal_options, get_args(annotation))), "")
 
 
 def table(description: str, expected: str, default: object = PydanticUndefined, *, omit_default: bool = False) -> Any:
-    """Declare a field for a table.
+    """Declare a field for a table; without a default the table is required.
 
-    `expected` is the text of error messages; without a default the table is required; `omit_default` as for `number`.
+    `expected` is the text that messages put after "expected"; `omit_default` leaves the default out of a dump.
     """
     exclude_if = (lambda value: value == default) if omit_default else None
     return Field(default, description=description, json_schema_extra=expects(expected), exclude_if=exclude_if)
@@ -197,7 +197,7 @@ def tables(
     default: object = PydanticUndefined,
     omit_default: bool = False,
 ) -> Any:
-    """Declare a field for a list of `at_least` or more tables; see `table`."""
+    """Declare a field for a list of `at_least` or more tables; the other arguments are those of `table`."""
     # strict=False: a TOML list is a Python list, not a tuple; the items stay strict
     return Field(
         default,
@@ -210,7 +210,7 @@ def tables(
 
 
 def _spread_over_axes(value: object) -> object:
-    """Repeat a number for the three axes."""
+    """Return a number as a tuple of three, for the three axes; every other value is returned unchanged."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (value, value, value)
     return value
@@ -228,10 +228,10 @@ Gain3 = Annotated[
 
 
 def gain(description: str, default: float) -> Any:
-    """Declare a gain: a number, or a list with a number for each axis of the loop; the value is a tuple of three."""
+    """Declare a gain: in the file a number, or a list with a number per axis of the loop; as value a tuple of three."""
     return Field((default, default, default), description=description, json_schema_extra=_GAIN)
 
 
 def optional_gain(description: str, unit: str = "") -> Any:
-    """Declare an optional key from which gains follow (a bandwidth): a number, a list of three, or None."""
+    """Declare an optional key (number, list of three, or None) from which gains are computed, such as a bandwidth."""
     return Field(None, description=description, json_schema_extra={**_GAIN, "unit": unit})

@@ -17,7 +17,7 @@ from anser.config.shipped_files import shipped_files
 from anser.files import MIB, read_file
 
 DEPTH_MAX: Final = 32
-"""Greatest number of parts of a dotted key, and of nested lists and tables; anser files use up to six."""
+"""Greatest number of parts of a dotted key, and greatest depth of nested lists and tables; anser files need six."""
 
 _BASIC = r'"(?:[^"\\\n]|\\.)*+"'
 _LITERAL = r"'[^'\n]*+'"
@@ -33,7 +33,7 @@ _TOKEN = re.compile(
 
 
 def excessive_depth(text: str) -> int | None:
-    """Return the index of the first character at which keys, lists or tables are deeper than `DEPTH_MAX`, or None."""
+    """Return the index of the first character at which a key, list or table is deeper than `DEPTH_MAX`, or None."""
     depth = 0
     for token in _TOKEN.finditer(text):
         match token.lastgroup:
@@ -51,7 +51,7 @@ def excessive_depth(text: str) -> int | None:
 
 
 def end_of_value(text: str, start: int) -> int:
-    """Return the index of the end of the line on which the value that starts at index `start` ends, in valid TOML."""
+    """Return the index at which the last line of a value in valid TOML ends; the value starts at index `start`."""
     depth = 0
     for token in _TOKEN.finditer(text, start):
         match token.lastgroup:
@@ -67,12 +67,12 @@ def end_of_value(text: str, start: int) -> int:
 
 
 def key_parts(dotted: str) -> list[str]:
-    """Split a dotted key into its parts, which keep their quotes."""
+    """Split a dotted key into its parts; quoted parts keep their quotes."""
     return re.findall(KEY_PART, dotted)
 
 
 SIZE_MAX = 8 * MIB
-"""Greatest size of a scenario, study or aircraft file."""
+"""Greatest size of a text file, bytes, and greatest length of a TOML text, characters."""
 _TOML_PLACE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)$")
 _NAMESPACE = re.compile(r"(?<=declare )\(.*\)(?= twice)|(?<=namespace )\(.*\)")
 _DECIMAL_COMMA = re.compile(r"=\s*([+-]?\d+),(\d+)")
@@ -82,7 +82,10 @@ _ENTRY = re.compile(rf"[ \t]*({DOTTED_KEY})[ \t]*=")
 
 
 def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: int = SIZE_MAX) -> str:
-    """Read a text file; raises ScenarioError if it cannot be read or is too large. `kind` names it in messages."""
+    """Return the text of a file in UTF-8; raises ScenarioError if the file is unreadable or above `size_max` bytes.
+
+    `kind` names the kind of file in messages.
+    """
     source = os.fspath(path)
     a_file = f"{'an' if kind[0] in 'aeiou' else 'a'} {kind} file"
     try:
@@ -105,10 +108,10 @@ def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: in
 
 
 def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None) -> dict[str, Any]:
-    """Parse TOML; raises ScenarioError for invalid text, with the line of a syntax error.
+    """Parse TOML into nested dictionaries; raises ScenarioError for invalid text, with the line of a syntax error.
 
-    `hint` suggests a correction for an invalid line, or returns an empty text. Size and depth of nesting are checked
-    before parsing, which could otherwise take gigabytes of memory.
+    `source` names the text in messages; `hint` returns a correction for an invalid line, or an empty text. Size and
+    depth of nesting are checked before parsing, which could otherwise take gigabytes of memory.
     """
     if len(text) > SIZE_MAX:
         raise problem_error(source, f"{len(text):,} characters", f"a text of at most {SIZE_MAX:,}")
@@ -127,7 +130,10 @@ def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None)
 
 @contextlib.contextmanager
 def attach_line_numbers(text: str, source: str) -> Iterator[None]:
-    """Attach line numbers to the problems of a ScenarioError raised in the context."""
+    """Attach the lines of `text` to the problems of a ScenarioError of `source` that is raised in the context.
+
+    Errors of referenced files, which have another source, pass unchanged.
+    """
     try:
         yield
     except ScenarioError as error:
@@ -137,7 +143,10 @@ def attach_line_numbers(text: str, source: str) -> Iterator[None]:
 
 
 def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str] | None = None) -> list[Problem]:
-    """Return problems with their lines in a text; `keys` are keys of the text by the paths that stand for them."""
+    """Return problems with the lines of their key paths in a TOML text.
+
+    `keys` gives, for a problem's path that is no key path of the text, the key path of the text to point at.
+    """
     lines, places = _lines_of(text), keys or {}
     return [
         dataclasses.replace(problem, line=_line_at(places.get(problem.path, problem.path), lines))
@@ -147,9 +156,9 @@ def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str]
 
 @contextlib.contextmanager
 def named_by(source: str, key: str, name: str) -> Iterator[None]:
-    """Let the refusal of a whole file, which a key of another file (`source`) names, tell that file and key.
+    """Turn an error about a whole file `name` into an error of the file `source` whose key `key` names it.
 
-    A problem inside the named file keeps its own file and key.
+    Within the context, a ScenarioError whose first problem has a key path or line passes unchanged.
     """
     try:
         yield
@@ -161,7 +170,7 @@ def named_by(source: str, key: str, name: str) -> Iterator[None]:
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """Return the first line (from 1) of each key and table of valid TOML, by key path as in messages."""
+    """Return the number of the first line (from 1) of each key and table of valid TOML, by key path as in messages."""
     line_numbers: dict[str, int] = {}
     for path, line in _keys_of(text):
         line_numbers.setdefault(path, line)
@@ -208,14 +217,14 @@ def _join_keys(table: str, name: str) -> str:
 
 
 def _line_at(path: str, lines: dict[str, int]) -> int | None:
-    """Return the line of a key, or of the innermost table or list around it that the file has; None without any."""
+    """Return the line of a key path, or else of the innermost enclosing table or list in `lines`; None without any."""
     while path and path not in lines:
         path = path[: max(path.rfind("."), path.rfind("["), 0)]
     return lines.get(path)
 
 
 def _run_folder_hint(folder: Path) -> str:
-    """Suggest how to read a folder of results, if the folder is one; empty for other folders."""
+    """Return advice on how to read a folder with the results of a flight; empty for another folder."""
     if not (folder / "flight.nc").is_file():
         return ""
     return (
@@ -225,7 +234,7 @@ def _run_folder_hint(folder: Path) -> str:
 
 
 def _similar_file_hint(path: Path, kind: str) -> str:
-    """Suggest an existing file of the same suffix with a similar name; empty without a match."""
+    """Suggest a shipped file of the name, or an existing file of a similar name and equal suffix; empty without any."""
     suffix = path.suffix if kind in ("sounding", "table") else ".toml"
     if suffix == ".toml" and path.parent == Path():
         shipped = Path("scenarios", path.name).with_suffix(suffix)
@@ -242,7 +251,7 @@ def _similar_file_hint(path: Path, kind: str) -> str:
 
 
 def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) -> Problem:
-    """Describe a TOML syntax error, with the line in question."""
+    """Return the problem of a TOML syntax error: position, text of the line, reason, and a suggested correction."""
     position = _TOML_PLACE.match(message)
     if position is None:
         return Problem("", "text that is not TOML", message)
@@ -270,5 +279,5 @@ def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) 
 
 
 def _in_brackets(match: re.Match[str]) -> str:
-    """Write a table name that tomllib reports as a Python tuple, ('a', 'b'), as [a.b]."""
+    """Return a table name that tomllib reports as a Python tuple, ('a', 'b'), in the form [a.b]."""
     return f"[{'.'.join(ast.literal_eval(match[0]))}]"

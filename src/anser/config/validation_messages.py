@@ -36,17 +36,17 @@ _UNITS = {
     "acceleration": {"m/s^2": 1.0, "m/s2": 1.0, "ft/s^2": FOOT_M, "g": STANDARD_GRAVITY_M_S2},
     "mass": {"kg": 1.0, "lb": POUND_KG, "slug": SLUG_KG},
 }
-"""Factors to SI by dimension; units in lower case."""
+"""Factors from units (in lower case) to SI units, by dimension."""
 
 _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 """Compass points in steps of 22.5 deg, clockwise from north."""
 
 
 def conversion_hint(text: str, unit: str) -> str:
-    """Return a hint for a text that was given instead of a number; empty if the text is unclear.
+    """Return a hint for a text that was given instead of a number: the number to write in the unit of the key.
 
-    The hint names the number to write: `; 9 kt is 4.63 m/s: write 4.63`. `unit` is the unit of the key as written in
-    messages; empty for a dimensionless number.
+    An example is `; 9 kt is 4.63 m/s: write 4.63`. The hint is empty if the text is unclear or its unit unknown. `unit`
+    is the unit of the key as written in messages; empty for a dimensionless number.
     """
     match = _NUMBER_AND_UNIT.fullmatch(text)
     if match is None:
@@ -75,14 +75,14 @@ _OTHER_NAMES = {
     "max": "high",
     "maximum": "high",
 }
-"""Common names for a key of anser, by lower-case spelling."""
+"""Keys of anser files by names, in lower case, that users write in their place."""
 _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
 
 
 def validation_problems(error: ValidationError, model: type[BaseModel], raw: object) -> list[Problem]:
-    """Describe the problems of a failed validation of the values `raw` of a whole file, in the order of the schema.
+    """Return the problems of a failed validation of the values `raw` of a whole file, in the order of the schema.
 
-    A missing key with a misspelling in the file is reported once.
+    A required key that is misspelled in the file is reported once, as an unknown key.
     """
     problems: list[Problem] = []
     misspelled_keys: set[str] = set()
@@ -107,7 +107,7 @@ def validation_problems(error: ValidationError, model: type[BaseModel], raw: obj
 
 
 def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) -> Problem:
-    """Turn a problem's path, which is relative to a table, into the path in the file."""
+    """Return a problem, whose path is relative to the table at the location `loc`, with its path in the file."""
     if not loc:
         return problem
     path = f"{_path(loc)}.{problem.path}" if problem.path else _path(loc)
@@ -115,7 +115,7 @@ def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) ->
 
 
 def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> tuple[Problem, str]:
-    """Describe an unknown key; return the problem, and the path of the key that was probably meant (or empty)."""
+    """Return the problem of an unknown key, and the path of the key that was probably meant (empty if unclear)."""
     key = str(loc[-1])
     table = _model_at(loc[:-1], model)
     valid_keys = list(table.model_fields) if table is not None else []
@@ -136,7 +136,7 @@ def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) 
 
 
 def _owner_of(key: str, model: type[BaseModel]) -> str | None:
-    """Return the name of the table that has an inner table `key`, such as `aircraft` for `start`; None without any."""
+    """Return the name of the table with an inner table `key`, such as `aircraft` for `start`; None without any."""
     for name, field in model.model_fields.items():
         table = _model_in(field.annotation)
         inner = table.model_fields.get(key) if table is not None else None
@@ -146,7 +146,7 @@ def _owner_of(key: str, model: type[BaseModel]) -> str | None:
 
 
 def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> Problem:
-    """Describe an invalid value and the expected values."""
+    """Return the problem of an invalid or missing value: the value that arrived, and the values expected."""
     loc = _existing(loc, raw)
     value = _value_at(loc, raw)
     arrived = "nothing" if value is _ABSENT else describe_value(value)
@@ -158,9 +158,9 @@ def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) ->
 
 
 def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
-    """Cut a location before the first index that `raw` lacks: no list is there, or the list is too short.
+    """Return a location (Pydantic's sequence of keys and indices) up to the first list index that `raw` lacks.
 
-    A location is Pydantic's sequence of keys and list indices.
+    An index is lacking if no list is there, or the list is too short.
     """
     for end in range(1, len(loc)):
         value = _value_at(loc[:end], raw)
@@ -172,7 +172,7 @@ def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
 
 
 def _value_at(loc: Sequence[str | int], raw: object) -> Any:
-    """Return the value at a location in `raw`; `_ABSENT` for a missing key or item."""
+    """Return the value at a location (keys and list indices) in `raw`; `_ABSENT` for a missing key or item."""
     value: Any = raw
     for step in loc:
         try:
@@ -183,7 +183,7 @@ def _value_at(loc: Sequence[str | int], raw: object) -> Any:
 
 
 def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
-    """Return the `json_schema_extra` of the field at a location; empty if undefined."""
+    """Return the texts `expected` and `unit` of the field at a location (keys and list indices), if declared."""
     field_index = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
     table = _model_at(loc[:field_index], model) if field_index >= 0 else None
     field = table.model_fields.get(str(loc[field_index])) if table is not None else None
@@ -195,7 +195,7 @@ def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseModel] | None:
-    """Return the model of the table at a location; None if no table is there."""
+    """Return the model of the table at a location (keys and list indices); None if no table is there."""
     table: type[BaseModel] | None = model
     for step in loc:
         if isinstance(step, int):
@@ -213,7 +213,7 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
 
 
 def _path(loc: Sequence[str | int]) -> str:
-    """Format a location as a key path, such as ``aircraft[1].start.speed_m_s``."""
+    """Format a location (keys and list indices) as a key path, such as ``aircraft[1].start.speed_m_s``."""
     text = ""
     for step in loc:
         if isinstance(step, int):
@@ -224,7 +224,7 @@ def _path(loc: Sequence[str | int]) -> str:
 
 
 def _subject(loc: Sequence[str | int], raw: object) -> str:
-    """Return the kind and name of the aircraft, goal or keep-out at a location; empty without a name."""
+    """Return kind and name of the aircraft, goal or keep-out at a location, such as `aircraft "north"`, or empty."""
     if len(loc) < 2 or loc[0] not in ("aircraft", "goal", "keep_out"):
         return ""
     name = _value_at([*loc[:2], "name"], raw)

@@ -1,8 +1,8 @@
 """Construction of a flight from a scenario, before it is flown.
 
-Events of the scenario enter here too: thrust losses, sensor losses and departures become times in `Faults`, changes of
-an aircraft become `AirframeChanges`, and stops and turns of a goal become part of its motion. The planner's actions at
-an event are in `anser.missions.event_replanning`.
+The events of the scenario are built in too: thrust losses, sensor losses and departures become times in `Faults`,
+changes of an aircraft become `AirframeChanges`, and stops and turns of a goal become part of the goal's motion. The
+planner's actions at an event are in `anser.missions.event_replanning`.
 
 Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
 """
@@ -50,13 +50,13 @@ from anser.units import DEG_RAD
 
 
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
-    """Collect the faults of one aircraft from the events: thrust loss, loss of the goal sensor and leaving the fleet.
+    """Return the faults of one aircraft by the events: thrust loss, loss of the goal sensor and leaving the fleet.
 
-    The first event of each kind counts; without such an event the time of the fault is infinite.
+    The first event of each kind counts; without an event of a kind, the time of the fault is infinite.
     """
 
     def first_event(kind: str) -> tuple[float, float]:
-        """Return the time (s) and the remaining thrust of the aircraft's first event of a kind; never without one."""
+        """Return time (s) and remaining fraction of thrust of the aircraft's first event of a kind; else (inf, 1)."""
         matching_events = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
         if not matching_events:
             return math.inf, 1.0
@@ -70,7 +70,7 @@ def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
 
 
 def motion_after_events(goal: Goal, motion: GoalMotion, events: Sequence[Event]) -> GoalMotion:
-    """Return a goal's motion during the whole flight, with the changes by the events that stop or turn the goal."""
+    """Return a goal's motion during the whole flight: `motion`, changed at each event that stops or turns the goal."""
     goal_events = sorted((event for event in events if event.goal == goal.name), key=lambda event: event.time_s)
     for event in goal_events:
         motion = _motion_after_event(motion, event)
@@ -103,7 +103,7 @@ _WAYPOINTS = 4  # smallest bucket size of a route with waypoints
 def build_flight(
     scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0, mission_is_flown: bool = True
 ) -> Flight:
-    """Build the flight (`anser.simulation.flight.Flight`) that a scenario describes.
+    """Build the flight (`anser.simulation.flight.Flight`) that a scenario describes, ready to be trimmed and flown.
 
     Every number of the scenario becomes an array, so another value of the same shape does not compile again. The shape
     is set by the Earth model and by the numbers of aircraft, waypoints, wind layers and keep-outs; the last three
@@ -117,7 +117,12 @@ def build_flight(
     flight
         Number of the flight; together with the scenario's seed it determines all random numbers.
     mission_is_flown
-        Whether starts, goals, rendezvous and duration must lie within the wind field of a file.
+        Whether starts, rendezvous points and duration must lie within a wind field from a file.
+
+    Raises
+    ------
+    ScenarioError
+        If a user-defined part is invalid, an excited surface does not exist, or the wind field does not fit the flight.
     """
     if pad_fleet and _goals_enter_by_missions_only(scenario):
         return _with_goals_of(scenario, _build_for_goals(scenario, flight))
@@ -125,20 +130,21 @@ def build_flight(
 
 
 def _goals_enter_by_missions_only(scenario: Scenario) -> bool:
-    """Whether the goals enter a flight by the missions alone, and its other parts can be kept while a goal is moved."""
+    """Whether a flight depends on the goals by `Mission` alone, so that a moved goal leaves all other parts as is."""
     is_briefed = scenario.goal_sensor.preset != "exact"
     return not (is_briefed or scenario.wind.field is not None or user_parts(scenario))
 
 
 _kept_flights: "deque[tuple[list[Any], Flight]]" = deque(maxlen=2)
-"""Padded flights with the tables, without the goals, that define them. Tables are compared; not all can be hashed.
+"""Cache of padded flights: pairs of the tables that define a flight, except the goals, and the flight.
 
-The written keys are compared too: of limits and gains that are left out, the values follow from the aircraft.
+The tables are compared, because not all can be hashed. So are the keys written in the file, because limits and gains
+that the file leaves out follow from the aircraft.
 """
 
 
 def _build_for_goals(scenario: Scenario, number: int) -> Flight:
-    """Build a padded flight once for the scenarios that differ in their goals alone."""
+    """Return a padded flight, built once for all scenarios that differ in nothing but their goals."""
     written = scenario.model_dump_json(exclude={"goal"}, exclude_unset=True)
     tables = [number, written, *(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")]
     for kept_tables, flight in list(_kept_flights):
@@ -150,7 +156,7 @@ def _build_for_goals(scenario: Scenario, number: int) -> Flight:
 
 
 def _with_goals_of(scenario: Scenario, flight: Flight) -> Flight:
-    """Return a flight with the goals of a scenario that has the same other tables."""
+    """Return a flight of `_build_for_goals` with the goals of `scenario` in place of its own, else unchanged."""
     members = [scenario.aircraft[min(k, len(scenario.aircraft) - 1)] for k in range(flight.count)]
     tables = [scenario.goal_of(aircraft) for aircraft in members]
     goals = _goals(tables, scenario.event)
@@ -226,7 +232,7 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
 
 
 def _onboard_model(aircraft: Aircraft, airframe: AbstractAirframe) -> AbstractAirframe:
-    """Return the airframe that estimator and autopilot assume, without aerodynamics where these are not known."""
+    """Return the airframe that estimator and autopilot assume: `airframe`, without aerodynamics if unknown to them."""
     return airframe if aircraft.adaptation.aerodynamics_known else without_aerodynamics(airframe)
 
 
@@ -236,7 +242,7 @@ def _adaptive(aircraft: Aircraft, estimator: AbstractEstimator, model: AbstractA
 
 
 def _controller(aircraft: Aircraft, autopilot: AbstractController, airframe: AbstractAirframe) -> AbstractController:
-    """Return the autopilot, with test inputs if the aircraft moves its surfaces to learn."""
+    """Return the autopilot; if the table [aircraft.adaptation] has test inputs, with these added to the surfaces."""
     table = aircraft.adaptation
     if table.probing == 0.0:
         return autopilot
@@ -247,7 +253,7 @@ def _controller(aircraft: Aircraft, autopilot: AbstractController, airframe: Abs
 
 
 def _build_changes(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> AirframeChanges | None:
-    """Build the changes of one aircraft by the events of the scenario; None without any."""
+    """Build the changes of one aircraft during the flight, by the events with a deviation; None without an event."""
     deviations = [
         (event.time_s, event.deviation)
         for event in scenario.event

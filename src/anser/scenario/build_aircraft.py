@@ -1,8 +1,8 @@
 """Construction of airframe, autopilot gains, flight limits and guidance of an aircraft from a table [[aircraft]].
 
 Limits and gains that the scenario leaves out are derived once, before the flight, from the nominal airframe: limits
-from a trim map, gains from the trim, both at the start altitude (rounded to 500 m) and the preferred airspeed. The
-library's F-16 has published gains and the scenario's default limits.
+from a trim map, gains from actuators, engine and control authority in the trim, both at the start altitude (rounded to
+500 m) and the preferred airspeed. The library's F-16 has published gains and the scenario's default limits.
 """
 
 import dataclasses
@@ -52,11 +52,11 @@ def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
 
 
 _ALTITUDE_STEP_M = 500.0
-"""Altitudes are rounded to this step for the trim map, so aircraft with similar starts share one."""
+"""Step to which start altitudes are rounded for trim maps, so that aircraft with similar starts share a map."""
 _SPEED_SEARCH_RANGE = (0.3, 3.0)
 """Airspeeds searched for level flight, as factors of the preferred airspeed, if the data range is unknown."""
 _BANK_MAX_DEG = 45.0
-"""Default limit of the planned bank angle, deg."""
+"""Greatest bank angle of plans and autopilot if the scenario sets none, deg; not for the library's F-16."""
 
 
 class DerivedDefaults(NamedTuple):
@@ -82,13 +82,13 @@ class ResolvedAircraft:
 
 
 def resolve_fleet(scenario: Scenario) -> tuple[ResolvedAircraft, ...]:
-    """Complete the limits, gains and guidance values of every aircraft of a scenario; see `ResolvedAircraft`."""
+    """Return every aircraft of a scenario with limits, gains and guidance values completed, in the file's order."""
     return _resolved(_ScenarioObject(id(scenario), scenario))
 
 
 @dataclass(frozen=True)
 class _ScenarioObject:
-    """A scenario as a cache key: the object itself, because a comparison of all values takes longer than a result."""
+    """A scenario as a cache key, compared by the identity of the object: to compare all values takes too long."""
 
     identity: int
     scenario: Scenario = field(compare=False)
@@ -100,7 +100,7 @@ def _resolved(key: _ScenarioObject) -> tuple[ResolvedAircraft, ...]:
 
 
 def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraft:
-    """Complete the limits, gains and guidance values of one aircraft."""
+    """Return one aircraft with its limits, gains and guidance values completed; see `ResolvedAircraft`."""
     airframe, limits = build_airframe_of(aircraft), scenario.limits_for(aircraft)
     gains = _build_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen tables are hashable
     roll_rate = _ROLL_RATE_DEG_S * DEG_RAD
@@ -125,7 +125,7 @@ def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraf
 class _FlightCase:
     """Arguments of `compute_defaults` as a cache key; the airframe is compared by `aircraft_content`."""
 
-    aircraft_content: tuple[str, str, float | None, str]
+    aircraft_content: tuple[str, str, float | None, str]  # type, variant, x_cg_over_c, hash of the aircraft file
     airframe: AbstractAirframe = field(compare=False)
     altitude_m: float
     speed_m_s: float
@@ -136,9 +136,9 @@ class _FlightCase:
 
 
 def _derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
-    """Derive limits and bandwidths of an aircraft in the scenario's air, cached.
+    """Return performance limits, bandwidths and gains of an aircraft in the scenario's atmosphere, computed once.
 
-    They hold at its rounded start altitude and preferred airspeed.
+    All are for the start altitude, rounded to `_ALTITUDE_STEP_M`, and the preferred airspeed.
     """
     speed, data_range = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
     altitude = round(aircraft.start.altitude_m / _ALTITUDE_STEP_M) * _ALTITUDE_STEP_M
@@ -168,10 +168,10 @@ def compute_defaults(
     step_s: float,
     environment: Environment | None = None,  # None: the standard atmosphere
 ) -> DerivedDefaults:
-    """Compute performance limits and loop bandwidths of an airframe at one altitude.
+    """Compute performance limits, loop bandwidths and autopilot gains of an airframe at one altitude.
 
-    Turns, climbs and bandwidths are those at `speed_m_s`; level flight is searched for between the two `speeds_m_s`;
-    `step_s` is the sampling period of the autopilot.
+    Turns, climbs, bandwidths and gains are those at the true airspeed `speed_m_s`; level flight is searched for between
+    the two airspeeds `speeds_m_s`; `step_s` is the sampling period of the autopilot.
     """
     altitude, speed, step, slow, fast = map(as_array, (altitude_m, speed_m_s, step_s, *speeds_m_s))
     environment = standard_environment() if environment is None else environment
@@ -212,10 +212,10 @@ def _with_derived_gains(
 
 
 def _derived_limits(limits: Limits, capability: Capability) -> Limits:
-    """Complete the scenario's limits: keys left out follow from the performance limits of the aircraft.
+    """Return the limits with the keys that the file left out tightened to the aircraft's performance.
 
     The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
-    so that the aircraft can still turn with that bank.
+    so that the aircraft can still turn with that bank. Without level flight, the limits are unchanged.
     """
     if math.isnan(capability.speed_min):
         return limits  # level flight is impossible: the refusal of the trim gives the reason
@@ -234,7 +234,10 @@ def _derived_limits(limits: Limits, capability: Capability) -> Limits:
 
 
 def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
-    """Describe the limits of the scenario beyond the aircraft's performance, one sentence for each limit."""
+    """Return a sentence for each limit written in the file that is more than 2 % beyond the aircraft's performance.
+
+    `index` is the index of the aircraft. If level flight is impossible, the result is one sentence to say so.
+    """
     aircraft = scenario.aircraft[index]
     subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)
     if math.isnan(capability.speed_min):
@@ -257,9 +260,10 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
 @functools.lru_cache(maxsize=256)
 @jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def _build_gains(gains: Gains) -> AutopilotGains:
-    """Build the gains from the scenario's table, completed by the published gains.
+    """Build autopilot gains from a table [aircraft.gains], with published values for the keys left out.
 
-    The result is final for the library's F-16; for other aircraft, `resolve_fleet` replaces the published gains.
+    The result is final for the library's F-16; for other aircraft, `resolve_fleet` replaces the gains of the loops that
+    the scenario leaves out.
     """
     bandwidth = 0.0 if gains.inversion == "model" else gains.sensor_bandwidth_rad_s
     return eqx.tree_at(
@@ -278,15 +282,18 @@ def _loop_gains(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
 
 
 _CORRECTION_MAX_M_S = 20.0  # greatest velocity correction by position feedback
-_CORRECTION_SHARE = 0.13  # the same, relative to the preferred airspeed, if not the library's F-16
-_HOLD_CLIMB_MAX_M_S = 20.0  # greatest vertical speed in the hold, in addition to the scenario's limit
+_CORRECTION_SHARE = 0.13  # greatest velocity correction over preferred airspeed, not for the library's F-16
+_HOLD_CLIMB_MAX_M_S = 20.0  # greatest vertical speed in the hold, unless the scenario's limit is lower
 _RATES_MAX_DEG_S = (120.0, 60.0, 60.0)  # greatest commanded body rates
 _ROLL_RATE_DEG_S = 20.0  # default mean roll rate of plans
 _BANK_LAG_MAX = math.radians(10.0)  # greatest lag of the bank angle behind a plan that rolls
 
 
 def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
-    """Describe the limits of the scenario beyond the performance of any aircraft, one sentence for each limit."""
+    """Return a sentence for each limit written in the file that an aircraft of the scenario cannot reach.
+
+    The performance of the library's F-16 is not checked.
+    """
     enable_compilation_cache()
     return tuple(
         message
@@ -297,7 +304,7 @@ def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:
-    """Build the guidance settings for one aircraft, or common settings for several (the smallest limits)."""
+    """Build the guidance settings of one aircraft, or common settings of several: the smallest of their limits."""
     guidance, hold = scenario.guidance, scenario.hold
     return GuidanceSettings(
         position_gain=as_array(guidance.position_gain_per_s),
@@ -309,7 +316,7 @@ def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> 
 
 
 def build_flight_limits(limits: Limits) -> FlightLimits:
-    """Convert limits to those of the autopilot, SI units and rad."""
+    """Convert limits in the units of the file to the autopilot's limits in SI units and rad."""
     return FlightLimits(
         speed_min=as_array(limits.speed_min_m_s),
         speed_max=as_array(limits.speed_max_m_s),
@@ -325,7 +332,7 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
-    """Build path limits that every aircraft of the scenario can keep."""
+    """Build the path limits that every aircraft of the scenario can keep: the fleet's tightest, without a reserve."""
     fleet_limits = [aircraft.limits for aircraft in resolve_fleet(scenario)]
     slowest = max(limits.speed_min_m_s for limits in fleet_limits)
     fastest = min(limits.speed_max_m_s for limits in fleet_limits)
@@ -344,9 +351,10 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
 
 
 def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fraction: float) -> PathLimits:
-    """Build path limits from a fraction of bank, bank rate, climb rate, and of the load factors' difference from 1.
+    """Build path limits, SI units and rad, from a fraction of an aircraft's limits and an airspeed range.
 
-    Airspeeds are as given, altitudes those of `limits`.
+    The fraction applies to bank, bank rate, climb rate and the difference of the load factors from 1; the altitudes are
+    those of `limits`, the airspeeds `speed_min_m_s` and `speed_max_m_s`.
     """
     return PathLimits(
         speed_min=as_array(speed_min_m_s),
@@ -362,20 +370,21 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fra
 
 
 def push_over_limit(limits: Limits) -> float:
-    """Return the least load factor of a path: the scenario's, or the least that the autopilot flies in a turn."""
+    """Return the least load factor of a path: the scenario's, or `NORMAL_TURNING_G` of the autopilot if greater."""
     return max(limits.load_factor_min, NORMAL_TURNING_G)
 
 
 def _bank_rate(limits: Limits, fraction: float = 1.0) -> Scalar | None:
-    """Return a fraction of the bank rate limit, rad/s; None if the scenario sets no limit."""
+    """Return `fraction` times the limit of the bank rate, rad/s; None if the scenario sets no limit."""
     limit_deg_s = limits.roll_rate_max_deg_s
     return None if limit_deg_s is None else as_array(fraction * limit_deg_s * DEG_RAD)
 
 
 def planned_limits(scenario: Scenario, aircraft: ResolvedAircraft) -> PathLimits:
-    """Build one aircraft's path limits with the planning reserve taken off.
+    """Build one aircraft's path limits, reduced by the reserve (`fleet.reserve`) that plans leave to the autopilot.
 
-    The airspeed range is widened where necessary to contain the start airspeed.
+    If necessary, the airspeed range is widened to contain the start airspeed. Limits of acceleration and deceleration
+    along the path are infinite if the scenario leaves them out.
     """
     limits, speed, reserve = aircraft.limits, scenario.speed_for(aircraft.table), scenario.fleet.reserve
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)

@@ -28,14 +28,14 @@ _PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
 
 
 def build_environment(scenario: Scenario) -> Environment:
-    """Build the environment: atmosphere, wind, and a flat Earth (gravity at the latitude) or WGS-84."""
+    """Build atmosphere, wind and Earth: flat, with the gravity at the origin's latitude, or the WGS-84 ellipsoid."""
     latitude, longitude = (as_array(x * DEG_RAD) for x in (scenario.earth.latitude_deg, scenario.earth.longitude_deg))
     earth = wgs84_earth(latitude, longitude) if scenario.earth.model == "wgs84" else FlatEarth(somigliana(latitude))
     return Environment(build_atmosphere(scenario.atmosphere), build_wind(scenario), earth)
 
 
 def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
-    """Build the atmosphere of a table, with the layers padded to a bucket size; None: the standard atmosphere."""
+    """Build the atmosphere of a table [atmosphere], as a padded number of layers; None: the standard atmosphere."""
     if atmosphere is None:
         return StandardAtmosphere()
     layers = atmosphere.layers
@@ -43,9 +43,9 @@ def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
 
 
 def build_wind(scenario: Scenario) -> AbstractWind:
-    """Build the wind: uniform, layers, or the field of a file.
+    """Build the wind of a scenario: uniform, in layers, or the wind field of a file.
 
-    Layers are padded to a bucket size with copies above the highest layer.
+    The number of layers is padded to 4, 8, 16, ... with copies of the highest layer above this layer.
     """
     if scenario.wind.field is not None:
         return build_wind_field(scenario.wind, scenario.earth)
@@ -62,13 +62,16 @@ def build_wind(scenario: Scenario) -> AbstractWind:
 
 
 def ned(position_up_m: Sequence[float]) -> Vector3:
-    """Convert a vector (north, east, up) to (north, east, down)."""
+    """Convert a vector (north, east, up) to an array (north, east, down), shape (3,)."""
     north, east, up = position_up_m
     return as_array([north, east, -up])
 
 
 def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> AbstractGusts:
-    """Build the gusts of one aircraft: turbulence, scaled with the wing span, and its discrete gusts."""
+    """Build the gusts of one aircraft: turbulence, scaled with the wing span, and the scenario's discrete gusts.
+
+    Discrete gusts of other aircraft have zero velocity, so that all aircraft have equal structures.
+    """
     parts: list[AbstractGusts] = []
     turbulence = scenario.turbulence
     if turbulence.intensity != "none":
@@ -101,7 +104,7 @@ def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> A
 
 @functools.cache
 def exceedance_table() -> ExceedanceTable:
-    """Read the table of turbulence intensity by height and probability of exceedance from the data file."""
+    """Read the table of turbulence intensity, m/s, by height, m, and log10 of the probability of exceedance."""
     path = resources.files("anser.environment").joinpath("data/turbulence.json")
     data = json.loads(path.read_text(encoding="utf-8"))
     with jax.ensure_compile_time_eval():  # cached, so it must not belong to the trace of the first caller

@@ -11,12 +11,13 @@ from anser.scenario.schema_aircraft import Aircraft
 
 
 def build_aircraft_excitation(scenario: Scenario, aircraft: Aircraft, surfaces: tuple[str, ...]) -> Excitation | None:
-    """Build the test inputs of one aircraft; None without any.
+    """Build the test inputs of one aircraft, whose surfaces have the names `surfaces`; None without test inputs.
 
     Raises
     ------
     ScenarioError
-        An airframe in code has no such surface.
+        If an input is neither a surface of the aircraft nor in `EXCITED_INPUTS`. The check is made here because the
+        surfaces of an airframe defined in code are unknown before the airframe is built.
     """
     terms, known = [], (*surfaces, *schema_excitation.EXCITED_INPUTS)
     for index, table in enumerate(scenario.excitation):
@@ -35,7 +36,7 @@ _PULSES: dict[str, Callable[..., InputSignal]] = {"doublet": doublet, "3-2-1-1":
 
 
 def _signal(table: schema_excitation.Excitation, index: int) -> InputSignal:
-    """Return the signal of input number `index` of a table [[excitation]], in the units of the table."""
+    """Return the signal of the input with index `index` in a table [[excitation]], in the units of the table."""
     amplitude = table.amplitude_of(index)
     if table.signal == "step":
         return step_input(amplitude, table.start_s)

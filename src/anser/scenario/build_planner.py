@@ -24,15 +24,15 @@ from anser.scenario.schema_settings import Network as NetworkTable
 from anser.sensing.vehicle_sensors import Dropouts
 
 _KEEP_OUTS = 2  # smallest bucket size of the list of keep-outs
-_BEYOND_M = 1e6  # altitude of the empty cylinders that pad the list of keep-outs
+_BEYOND_M = 1e6  # altitude, m, of the cylinders without height that pad the list of keep-outs
 _NO_KEEP_OUT = (0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)
 _SIDES = {"auto": 0, "right": 1, "left": -1}
 
 
 def build_planner(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> AbstractPlanner:
-    """Build the planner that the scenario selects.
+    """Build the planner that `fleet.planner` selects.
 
-    `fleet` may be longer than the scenario's list: it includes padding aircraft.
+    `fleet` has the scenario's aircraft, then any padding aircraft; `guidance` has the settings common to the fleet.
     """
     return _PLANNERS[scenario.fleet.planner](scenario, fleet, guidance)
 
@@ -51,7 +51,7 @@ def _sides(fleet: Sequence[ResolvedAircraft]) -> Array:
 
 
 def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
-    """Build the certified planner; acceleration limits left out of the scenario are infinite."""
+    """Build the certified planner; acceleration limits that the scenario leaves out are infinite."""
     separation, reserve_m = scenario.separation, scenario.separation.reserve_m
     is_separated = separation.horizontal_m > 0.0
     is_stacked = is_separated and separation.vertical_m > 0.0
@@ -111,7 +111,7 @@ def _decentralised(
 
 
 def build_network(scenario: Scenario) -> Network:
-    """Build the communication network of a decentralised fleet."""
+    """Build the communication network of a decentralised fleet from the table [network], or from its defaults."""
     settings = scenario.network or NetworkTable()
     delay = round(settings.delay_s / settings.period_s)
     return Network(
@@ -125,9 +125,10 @@ def build_network(scenario: Scenario) -> Network:
 
 
 def keep_outs_of(*scenarios: Scenario) -> KeepOuts:
-    """Return the keep-outs of scenarios, with rows for those of events: arrays (scenario, keep-out, ...).
+    """Return the keep-outs of scenarios from the start on, as arrays with leading axes (scenario, keep-out).
 
-    Lists of different length are filled up with empty cylinders that no aircraft reaches.
+    Every scenario has the same number of keep-outs: the lists are padded with cylinders that no aircraft reaches, which
+    also stand for the keep-outs of events.
     """
     lists = [_keep_out_rows(scenario) for scenario in scenarios]
     longest = max(map(len, lists))

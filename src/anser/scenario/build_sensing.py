@@ -30,16 +30,17 @@ _GRAVITY_M_S2 = 9.81
 
 
 def build_sensors(scenario: Scenario) -> AbstractSensors:
-    """Build the set of sensors of an aircraft; ideal sensors if both sensor tables are "exact"."""
+    """Build an aircraft's sensors; ideal sensors if the tables [navigation] and [goal_sensor] are both "exact"."""
     vehicle_sensors, goal_sensor = build_vehicle_sensors(scenario.navigation), build_goal_sensor(scenario.goal_sensor)
     is_ideal = vehicle_sensors is None and goal_sensor is None
     return IdealSensors() if is_ideal else NoisySensors(vehicle_sensors, goal_sensor)
 
 
 def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirframe | None = None) -> AbstractEstimator:
-    """Build the estimator; readings are used directly, without filters, if all sensors are exact and the air is smooth.
+    """Build the estimator of an aircraft whose goal has the motion `goal`, with filters for inexact sensors and gusts.
 
-    `model` is the airframe assumed by the estimator; None: the airframe that flies.
+    The estimator for exact sensors in smooth air has no filter. `model` is the airframe that the estimator assumes;
+    None: the airframe that flies.
     """
     navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
     has_exact_navigation = navigation.sensors == "exact"
@@ -68,7 +69,7 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
 def build_navigation_estimator(
     navigation: Navigation, model: AbstractAirframe, step_s: float = 0.01
 ) -> AbstractEstimator:
-    """Build the estimator of an aircraft without goal, with the filters for the sensors of the table [navigation].
+    """Build the estimator of an aircraft without a goal, with filters for the errors in the table [navigation].
 
     `step_s` is the sampling period of the flight, s.
     """
@@ -118,7 +119,7 @@ def build_vehicle_sensors(table: Navigation) -> VehicleSensors | None:
 
 
 def _acceleration_density(table: Navigation, step_s: float) -> float:
-    """Spectral density of the white noise in place of the acceleration errors, m^2/s^3.
+    """Return the spectral density, m^2/s^3, of white noise that the filter assumes for errors of the acceleration.
 
     Bias of the accelerometers and gravity resolved with errors of the attitude are nearly constant, with the variance
     s^2. With white noise of density q, velocities measured every T seconds with the variance r give a velocity filter
@@ -181,7 +182,10 @@ def build_goal_sensor(table: GoalSensorTable) -> NoisyGoalSensor | None:
 
 
 def _motion_history_slots(table: GoalSensorTable, step_s: float) -> int:
-    """Return how many past samples of the aircraft's motion delayed measurements require, as a power of two."""
+    """Return the number of past samples of the aircraft's motion that delayed measurements need, a power of two.
+
+    0 for a sensor without latency.
+    """
     latest_s = table.number("latency_s")[1]
     return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))
 

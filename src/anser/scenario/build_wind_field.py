@@ -1,4 +1,4 @@
-"""Construction of the gridded wind of a scenario from its file, and checks that the field contains the flight."""
+"""Construction of a scenario's wind from a file with a wind field, and checks that the field contains the flight."""
 
 import functools
 import math
@@ -22,13 +22,14 @@ from anser.scenario.wind_field_file import WindField, read_wind_field
 from anser.units import DEG_RAD
 
 _TURN = 2.0 * math.pi
-_WAY_MARGIN_M = np.array([1000.0, 1000.0, 100.0])  # around starts, goals and rendezvous: north, east, altitude
+_WAY_MARGIN_M = np.array([1000.0, 1000.0, 100.0])  # around starts and rendezvous points: north, east, altitude
 
 
 def build_wind_field(wind: Wind, earth: Earth | None) -> GriddedWind:
-    """Build the wind of a file for a chart with its origin at the Earth's.
+    """Build the wind of a file for positions in the chart (local map) around the origin of `earth`.
 
-    Raises ScenarioError if the file is not a wind field, or the keys beside it do not fit it.
+    Without an Earth (None), only a field with axes in m is possible. Raises ScenarioError if the file is not a wind
+    field, the table's other keys do not fit the file, or a field in latitude and longitude has no Earth.
     """
     field = field_of(wind, earth)
     if field.is_geographic and earth is None:
@@ -52,7 +53,7 @@ def build_wind_field(wind: Wind, earth: Earth | None) -> GriddedWind:
 
 
 def build_fitted_wind(scenario: ScenarioTables) -> FittedWind:
-    """Fit layers to the wind field of a scenario along the way of its aircraft, for planning."""
+    """Return layers of wind for planning, fitted to a scenario's wind field around starts and rendezvous points."""
     wind, earth = scenario.wind, scenario.earth
     field = field_of(wind, earth)
     north, east = chart_axes(field, earth)
@@ -77,9 +78,10 @@ def build_fitted_wind(scenario: ScenarioTables) -> FittedWind:
 
 
 def field_of(wind: Wind, earth: Earth | None) -> WindField:
-    """Read the wind field of a table, around the Earth's origin.
+    """Return the wind field of a table [wind]; a global field has its seam opposite the Earth's origin.
 
-    Raises ScenarioError if the file has no such member, or too much wind.
+    Raises ScenarioError if the file is no wind field, has no ensemble member `wind.member`, or has winds above
+    `FIELD_SPEED_MAX_M_S`.
     """
     field = _field_around(*_file_and_longitude(wind, earth))
     count, fastest = field.columns.shape[0], math.sqrt(np.max(np.sum(field.columns[..., :3] ** 2, axis=-1)))
@@ -93,7 +95,7 @@ def field_of(wind: Wind, earth: Earth | None) -> WindField:
 
 
 def _file_and_longitude(wind: Wind, earth: Earth | None) -> tuple[str, str, float | None]:
-    """Return path and SHA-256 of the file of a wind field, and the longitude of the chart's origin, deg."""
+    """Return path and SHA-256 of a wind field's file, and the longitude of the chart's origin, deg (None: no Earth)."""
     assert wind.field is not None
     return wind.field.path, wind.field.sha256, None if earth is None else earth.longitude_deg
 
@@ -109,7 +111,10 @@ def _error(wind: Wind, problem: Problem) -> ScenarioError:
 
 
 def _times_s(wind: Wind, field: WindField) -> np.ndarray:
-    """Return the times of the field after the start of the flight, s."""
+    """Return the times of the field, s after the start of the flight.
+
+    Raises ScenarioError if `wind.start_time` is not within the times of the file, or has the wrong form.
+    """
     start, epoch = wind.start_time, field.epoch
     if start is None:
         return field.times_s - field.times_s[0]
@@ -132,7 +137,10 @@ def _times_s(wind: Wind, field: WindField) -> np.ndarray:
 
 
 def chart_axes(field: WindField, earth: Earth | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the northward and eastward coordinates of the field's nodes: m, or rad from the chart's origin."""
+    """Return the northward and eastward coordinates of the field's nodes: m, or rad from the chart's origin.
+
+    Without an Earth, the coordinates are those of the file (m or deg).
+    """
     if not field.is_geographic or earth is None:
         return field.north, field.east
     north = (field.north - earth.latitude_deg) * DEG_RAD
@@ -141,7 +149,7 @@ def chart_axes(field: WindField, earth: Earth | None) -> tuple[np.ndarray, np.nd
 
 
 def chart_radii(earth: Earth) -> np.ndarray:
-    """Return the radii (m) with which the chart maps latitude and longitude from its origin (theory section 1)."""
+    """Return the radii (2,), m, by which the chart scales latitude and longitude from its origin (theory section 1)."""
     latitude, e2 = earth.latitude_deg * DEG_RAD, WGS84_F * (2.0 - WGS84_F)
     w2 = 1.0 - e2 * math.sin(latitude) ** 2
     across = WGS84_A_M / math.sqrt(w2)
@@ -156,7 +164,10 @@ def _device_columns(path: str, digest: str, longitude_deg: float | None) -> Arra
 
 
 def _interval_count(lowest: np.ndarray, highest: np.ndarray) -> int:
-    """Return the greatest number of intervals between levels that contain the same altitude somewhere in the field."""
+    """Return the greatest number of intervals between levels that contain one and the same altitude in the field.
+
+    `lowest` and `highest` are the bounds of each level's altitude over all nodes and times, m.
+    """
     altitudes = np.concatenate([lowest[1:-1], highest[1:-1]])
     first = np.sum(altitudes[:, None] >= highest[1:-1], axis=1)
     last = np.sum(altitudes[:, None] >= lowest[1:-1], axis=1)
@@ -164,7 +175,10 @@ def _interval_count(lowest: np.ndarray, highest: np.ndarray) -> int:
 
 
 def check_wind_field(scenario: ScenarioTables) -> None:
-    """Raise ScenarioError if the flight begins or ends outside the scenario's wind field, or lasts longer."""
+    """Raise ScenarioError if a start or rendezvous point is outside the wind field, or the flight lasts longer.
+
+    With `wind.outside = "hold"` the file is read, but positions and duration are not checked.
+    """
     wind = scenario.wind
     if wind.field is None:
         return
@@ -200,7 +214,7 @@ def _positions(scenario: ScenarioTables) -> Iterator[tuple[str, str, Vector]]:
 
 
 def _outside(field: WindField, earth: Earth, position_m: Vector) -> tuple[str, str] | None:
-    """Describe the coordinate of a position beyond the field, and the field's extent; None for a position inside."""
+    """Return texts on the coordinate of a position beyond the field and on the field's extent; None for one inside."""
     north, east, up = position_m
     axes, unit = chart_axes(field, earth), "m north or east of the origin"
     if field.is_geographic:

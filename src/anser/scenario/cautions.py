@@ -11,9 +11,9 @@ from anser.scenario.unused_keys import unused_key_cautions
 
 
 def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[str, ...]:
-    """List the cautions about a scenario, one sentence each; empty without any.
+    """Return the cautions about a scenario, one sentence each; empty without any.
 
-    The trim maps take seconds the first time: they need the aircraft to be built.
+    `with_trim_maps` compares the limits with the trim map of each aircraft, which takes seconds the first time.
     """
     gains = [text for index, aircraft in enumerate(scenario.aircraft) for text in _gain_cautions(index, aircraft)]
     limits = _limit_cautions(scenario) if with_trim_maps else []
@@ -29,7 +29,7 @@ def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[s
 
 
 def _format_cautions(scenario: Scenario) -> list[str]:
-    """Caution for a file of an older format that leaves out the planner, because the default has changed since."""
+    """Return a caution for a file of an older format without `fleet.planner`: the default differs between formats."""
     if scenario.format == FORMAT or "planner" in scenario.fleet.model_fields_set:
         return []
     format_default, current_default = DEFAULT_PLANNERS[scenario.format], DEFAULT_PLANNERS[FORMAT]
@@ -41,7 +41,7 @@ def _format_cautions(scenario: Scenario) -> list[str]:
 
 
 def _seed_cautions(scenario: Scenario) -> list[str]:
-    """Caution for a seed in a scenario without random numbers."""
+    """Return a caution for a seed other than the default in a scenario without random numbers."""
     if scenario.seed == type(scenario).model_fields["seed"].default or scenario.is_random:
         return []
     random_tables = "[turbulence], [navigation] and [goal_sensor] are what is"
@@ -49,7 +49,7 @@ def _seed_cautions(scenario: Scenario) -> list[str]:
 
 
 def _duration_cautions(scenario: Scenario) -> list[str]:
-    """Caution for a duration that suffices only with a descent or a favourable wind aloft; none in a wind field."""
+    """Return cautions for a duration that suffices only with a descent or a tail wind aloft; none in a wind field."""
     if scenario.wind.field is not None:  # the checks do not read the field
         return []
     return [
@@ -61,7 +61,7 @@ def _duration_cautions(scenario: Scenario) -> list[str]:
 
 
 def _separation_cautions(scenario: Scenario) -> list[str]:
-    """Caution for a fleet without any separation requirement."""
+    """Return a caution for two or more aircraft without any separation requirement."""
     if scenario.requires_separation or len(scenario.aircraft) == 1:
         return []
     remedy = "[separation] horizontal_m"
@@ -75,9 +75,9 @@ _TRIM_MAP_KEYS = {"speed_min_m_s", "speed_max_m_s", "bank_max_deg", "climb_rate_
 
 
 def _limit_cautions(scenario: Scenario) -> list[str]:
-    """Return cautions for limits set in the scenario that an aircraft cannot reach according to its trim map.
+    """Return cautions for limits written in the file that an aircraft cannot reach according to its trim map.
 
-    Limits that are left out follow from the trim map; those of the library's F-16 are not checked.
+    Limits that the file leaves out follow from the trim map. The library's F-16 is not checked.
     """
     is_derived = not all(aircraft.is_library_f16 for aircraft in scenario.aircraft)
     if not is_derived or not _TRIM_MAP_KEYS & scenario.limits.model_fields_set:
@@ -88,7 +88,7 @@ def _limit_cautions(scenario: Scenario) -> list[str]:
 
 
 def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
-    """Cautions for nested loops whose bandwidths are too close; the published gains cause no caution."""
+    """Return cautions for nested loops of aircraft number `index` whose bandwidths are too close; none for defaults."""
     if aircraft.gains == Gains():
         return []
     gains, cautions = aircraft.gains, []
@@ -105,7 +105,7 @@ def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
 
 
 def _bandwidths(loop: RateGains | AttitudeGains | VelocityGains) -> tuple[float, ...]:
-    """Return the bandwidth of each channel, 1/s: the table's, or K_P/(1 + K_D) of its gains."""
+    """Return the bandwidth of each channel of a loop, 1/s: `bandwidth_rad_s`, or else K_P/(1 + K_D) from the gains."""
     if loop.bandwidth_rad_s is not None:
         return loop.bandwidth_rad_s
     return tuple(gain / (1.0 + derivative) for gain, derivative in zip(loop.proportional, loop.derivative, strict=True))

@@ -21,14 +21,14 @@ _HEADER = re.compile(r"\[{1,2}\s*([A-Za-z0-9_-]+)[^\]]*\]")
 def load(path: str | os.PathLike[str]) -> Scenario:
     """Read and validate a scenario file (TOML, UTF-8).
 
-    Raises ScenarioError if the file cannot be read, is not a valid scenario, or has keys without effect; the message
-    gives key and expected value.
+    Raises ScenarioError if the file, or a file named in it, cannot be read or is not valid, or if keys have no effect;
+    the message gives key and expected value.
     """
     return loads(read_text(path), os.fspath(path))
 
 
 def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
-    """Return a scenario unchanged, or load the scenario from a path; raises TypeError for anything else."""
+    """Return a scenario unchanged, or load it with `load` from a path; raises TypeError for any other type."""
     if isinstance(scenario, Scenario):
         return scenario
     if isinstance(scenario, str | os.PathLike):
@@ -39,8 +39,9 @@ def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
 def loads(text: str, source: str = "<string>") -> Scenario:
     """Validate the text (TOML) of a scenario.
 
-    `source` names the text in messages; a file path makes relative paths of aircraft files relative to the file's
-    folder. Raises ScenarioError if the text is not TOML, is not a valid scenario, or has keys without effect.
+    `source` names the text in messages; if it is a file's path, relative paths of aircraft files, soundings and wind
+    fields start from the file's folder. Raises ScenarioError if the text is not TOML, is not a valid scenario, or has
+    keys without effect.
     """
     values = parse_scenario(text, source)
     with attach_line_numbers(text, source):
@@ -48,7 +49,7 @@ def loads(text: str, source: str = "<string>") -> Scenario:
 
 
 def from_values(values: dict[str, Any], source: str = "<values>") -> Scenario:
-    """Validate a scenario given as nested dictionaries and lists, like the text of a file in `loads`."""
+    """Validate a scenario given as nested dictionaries and lists; `source` and errors are those of `loads`."""
     scenario = validate(values, source)
     problems = unused_key_problems(scenario)
     if problems:
@@ -57,12 +58,12 @@ def from_values(values: dict[str, Any], source: str = "<values>") -> Scenario:
 
 
 def parse_scenario(text: str, source: str) -> dict[str, Any]:
-    """Parse TOML into nested dictionaries; raises ScenarioError with the line number if the text is not TOML."""
+    """Parse TOML into nested dictionaries, not validated; raises ScenarioError with the line if it is not TOML."""
     return parse_toml(text, source, _duplicate_table_hint)
 
 
 def _duplicate_table_hint(line: str) -> str:
-    """Suggest the header that was probably intended for a table declared twice; empty for other lines."""
+    """Return the header that the line of a table declared twice should probably have, as text; empty otherwise."""
     header = _HEADER.match(line)
     table = header[1] if header is not None else ""
     for model, introduction in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):
@@ -78,9 +79,10 @@ _FLEET = re.compile(r"^[ \t]*\[[ \t]*fleet[ \t]*\][^\n]*(?:\n|$)", re.MULTILINE)
 
 
 def convert(text: str, source: str = "<string>", target_format: int = FORMAT) -> str:
-    """Convert a valid scenario's text to another format; comments stay, and the flight is the same.
+    """Return a scenario's text (TOML) in the file format `target_format`; comments stay, and the flight is the same.
 
-    Raises ScenarioError also if the format line or the [fleet] table cannot be edited in place.
+    A planner that the text leaves out is written into the text. Raises ScenarioError if the text is not a valid
+    scenario, or if its format line or table [fleet] cannot be edited in place.
     """
     scenario = loads(text, source)
     if scenario.format == target_format:
@@ -107,7 +109,7 @@ def convert(text: str, source: str = "<string>", target_format: int = FORMAT) ->
 
 
 SCENARIO_SCHEMA = "anser-scenario.schema.json"
-"""File name of the JSON Schema next to a scenario, as in the starter's first line."""
+"""File name of the JSON Schema next to a scenario; the first line of the starter scenario refers to the schema."""
 
 
 def starter_scenario() -> str:

@@ -1,4 +1,4 @@
-"""Checks of a scenario that need the built flight: starts without steady flight, and varied keys without effect."""
+"""Checks that need the built flight: starts without steady flight, and keys that a study varies without effect."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -16,10 +16,10 @@ from anser.steady.trim_diagnosis import nearest_trims
 
 
 def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
-    """Raise ScenarioError if an aircraft has no steady flight at its start.
+    """Raise ScenarioError if an aircraft has no steady flight (no trim) at its start.
 
-    `steady` flags each aircraft of the flight, padding included. The message names the violated limits and the nearest
-    conditions with a trim.
+    `steady` has a flag for each aircraft of the flight, true for a trim; flags of padding aircraft are ignored. The
+    message names the violated limits and the nearest conditions with a trim.
     """
     problems = []
     for k in np.flatnonzero(~np.asarray(steady)[: len(scenario.aircraft)]):
@@ -45,14 +45,15 @@ def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
 
 
 _DIRECT_TABLES = ("timing", "limits", "arrival", "separation", "requirements", "network", "event")
-"""Tables that planner, closed loop and the check of requirements read from the scenario, not from the flight."""
+"""Tables that planner, closed loop or check of requirements read from the scenario itself, not from the flight."""
 _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
 
 
 def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str, Any]]]) -> None:
-    """Raise ScenarioError if a study (`source` in messages) varies a key path that changes none of a few flights.
+    """Raise ScenarioError if a study varies a key path whose value changes none of a few of the study's flights.
 
-    Each case is a flight with the values of its varied key paths.
+    Each of the `cases` is the scenario of a flight, and the flight's values by varied key path; `source` names the
+    study in messages. A key path with equal values in all cases is not checked.
     """
     case_list = list(cases)
     problems = []
@@ -71,7 +72,7 @@ def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str,
 
 
 def _has_effect(scenario: Scenario, path: str, value: object) -> bool:
-    """Whether another value at a key path changes the flight; an invalid value counts as a change."""
+    """Whether `value` at a key path gives another flight than the scenario; an invalid value counts as a change."""
     numbered_path = indexed_path(scenario, path)
     try:
         changed_scenario = scenario.replace(path, value)
@@ -81,7 +82,7 @@ def _has_effect(scenario: Scenario, path: str, value: object) -> bool:
 
 
 def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str) -> bool:
-    """Whether two scenarios that differ at a numbered key path give different flights."""
+    """Whether two scenarios that differ at one key path (list items by index) give different flights."""
     if any(unused_keys.contains(numbered_path) for unused_keys in find_unused_keys(scenario)) and any(
         unused_keys.contains(numbered_path) for unused_keys in find_unused_keys(changed_scenario)
     ):
@@ -92,13 +93,13 @@ def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str)
 
 
 def _direct_values(scenario: Scenario) -> list[Any]:
-    """Return the values that planner, closed loop and the check of requirements read from the scenario."""
+    """Return the values that planner, closed loop or check of requirements read from the scenario itself."""
     aircraft = [[getattr(aircraft_table, key) for key in _DIRECT_AIRCRAFT_KEYS] for aircraft_table in scenario.aircraft]
     return [*(getattr(scenario, name) for name in _DIRECT_TABLES), aircraft]
 
 
 def _flight_arrays(scenario: Scenario) -> tuple[Any, list[np.ndarray]]:
-    """Build the flight; return its tree structure and arrays, by which two flights are compared."""
+    """Build the flight of a scenario; return tree structure and arrays, by which two flights are compared."""
     leaves, structure = jax.tree.flatten(build_flight(scenario))
     return structure, [np.asarray(leaf) for leaf in leaves]
 

@@ -1,6 +1,6 @@
 """The scenario: all tables that describe one flight of a fleet.
 
-Values are validated, have the units of the scenario file, and include the contents of the aircraft files named there.
+Values are validated, have the units of the scenario file, and include the contents of aircraft files and soundings.
 """
 
 from pathlib import Path
@@ -28,10 +28,10 @@ _EXCLUSIVE_KEYS = ("type", "variant", "x_cg_over_c")
 
 
 def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]:
-    """Replace the paths of aircraft files, in values that are not validated, by the contents of the files.
+    """Return a scenario's unvalidated values with each path of an aircraft file replaced by the file's contents.
 
     `source` is the path of the scenario file (relative paths start from its folder), or a name for messages. Raises
-    ScenarioError if an aircraft file is missing or invalid, or if a table also has a key of the library's airframes.
+    ScenarioError if an aircraft file is missing or invalid, or if its aircraft also has a type, variant or x_cg_over_c.
     """
     fleet = values.get("aircraft")
     if not isinstance(fleet, list | tuple) or not any(_aircraft_file_path(aircraft) for aircraft in fleet):
@@ -62,7 +62,7 @@ def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]
 
 
 def insert_wind_field(values: dict[str, Any], source: str) -> dict[str, Any]:
-    """Make the path of a wind field relative to the folder of the scenario file `source`; values not validated."""
+    """Return a scenario's unvalidated values with a wind field's path joined to the folder of the file `source`."""
     wind = values.get("wind")
     if not isinstance(wind, dict) or not isinstance(wind.get("field"), str):
         return values
@@ -75,10 +75,10 @@ def _aircraft_file_path(aircraft: object) -> str | None:
 
 
 def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
-    """Replace the path of a sounding, in values that are not validated, by its levels, and the wind by its winds.
+    """Return a scenario's unvalidated values with a sounding's path replaced by the levels, the wind by its winds.
 
-    `source` as in `insert_aircraft_files`. Raises ScenarioError if the file is missing or invalid, or if a wind is
-    defined twice.
+    `source` is the path of the scenario file (relative paths start from its folder), or a name for messages. Raises
+    ScenarioError if the sounding is missing or invalid, or if the scenario has a wind beside a sounding with winds.
     """
     atmosphere = values.get("atmosphere")
     if not isinstance(atmosphere, dict) or not isinstance(atmosphere.get("sounding"), str):
@@ -96,7 +96,7 @@ def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
 
 
 def _is_calm(wind: object) -> bool:
-    """Whether a wind, not validated, is absent or zero."""
+    """Whether an unvalidated table [wind] is absent, or valid and without any wind or wind field."""
     if isinstance(wind, dict):
         try:
             wind = Wind.model_validate(wind)
@@ -127,13 +127,13 @@ _CHECKS_WITH_GOALS = (
     airspace.arrival_problems,
     airspace.keep_out_problems,
 )
-"""Checks that need unique names and an existing goal of every aircraft."""
+"""Checks that are made only if names are unique and the goal of every aircraft exists."""
 
 
 class Scenario(ScenarioTables):
     """A validated scenario file; :func:`anser.load` reads one and reports errors in plain sentences.
 
-    Its attributes are the tables of the file. `goal_of`, `limits_for` and `speed_for` return an aircraft's goal, limits
+    The attributes are the tables of the file. `goal_of`, `limits_for` and `speed_for` return an aircraft's goal, limits
     and preferred airspeed; `is_random`, `is_gusty` and `requires_separation` tell whether the flight depends on the
     seed, the air is turbulent, and a flight must keep its aircraft separated.
     """
@@ -153,10 +153,10 @@ class Scenario(ScenarioTables):
         return scenario
 
     def _with_true_airspeeds(self) -> Self:
-        """Return the scenario with the true airspeeds of calibrated and equivalent airspeeds and Mach numbers.
+        """Return the scenario with calibrated and equivalent airspeeds and Mach numbers converted to true airspeeds.
 
-        Starts and airspeeds of single aircraft are converted at the aircraft's start altitude, the fleet's at the mean
-        of the start altitudes.
+        Airspeeds of a start and of a single aircraft are converted at the aircraft's start altitude, the airspeed of
+        the fleet at the mean of the start altitudes, in the scenario's atmosphere.
         """
         altitudes_m = [aircraft.start.altitude_m for aircraft in self.aircraft]
         layers = STANDARD_LAYERS if self.atmosphere is None else self.atmosphere.layers
@@ -170,7 +170,7 @@ class Scenario(ScenarioTables):
         return self._with_values(aircraft=members, fleet=fleet)
 
     def consistency_problems(self) -> list[Problem]:
-        """List the contradictions between tables; checks that depend on failed checks are skipped."""
+        """List the contradictions between tables; a check is skipped if problems found before make it meaningless."""
         # unsupported keys and crossed limits make further checks meaningless
         if problems := checks.planner_problems(self) or checks.order_problems(self):
             return problems
@@ -182,9 +182,10 @@ class Scenario(ScenarioTables):
         return reach_problems(self) or [*arrival_time_problems(self)]
 
     def __eq__(self, other: object) -> bool:
-        """Whether another scenario is the same: a written value in place of one that follows from the aircraft counts.
+        """Whether another scenario has the same values and leaves the same limits and gains to the aircraft.
 
-        Pydantic does not distinguish a default value that is written from one that is left out.
+        A default value written in the file counts as different from a limit or gain that follows from the aircraft;
+        Pydantic's comparison does not make this difference.
         """
         if not isinstance(other, Scenario):
             return NotImplemented
@@ -192,11 +193,13 @@ class Scenario(ScenarioTables):
 
     @property
     def hash(self) -> str:
-        """Return the SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
+        """SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
         return scenario_hash(self)
 
     def replace(self, path: str, value: object, /, *further_changes: object) -> "Scenario":
-        """Return a scenario with changed values, validated like one from a file; this scenario is unchanged.
+        """Return a validated scenario with changed values; this scenario is unchanged.
+
+        Unlike in a file, keys without effect are accepted.
 
         Parameters
         ----------
@@ -233,8 +236,8 @@ class Scenario(ScenarioTables):
 def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     """Validate a scenario given as nested dictionaries and lists.
 
-    `source` names the scenario in messages; a file path makes relative paths of aircraft files relative to the file's
-    folder. Raises ScenarioError if the scenario or an aircraft file named in it is invalid.
+    `source` names the scenario in messages; if it is a file's path, relative paths of aircraft files, soundings and
+    wind fields start from the file's folder. Raises ScenarioError if the scenario or a file named in it is invalid.
     """
     check_file_kind("scenario", values, source)
     version = values.get("format")
@@ -260,7 +263,10 @@ _DERIVED_GAINS = {"rates", "attitude", "velocity"}
 
 
 def _written_in_place_of_derived(scenario: Scenario) -> list[str]:
-    """Paths of the written keys that would follow from the aircraft, see `anser.scenario.build_aircraft`."""
+    """Return the sorted key paths of limits and gains that the file writes although they may follow from the aircraft.
+
+    Empty for a fleet of the library's F-16 alone; see `anser.scenario.build_aircraft`.
+    """
     derived = {k: aircraft for k, aircraft in enumerate(scenario.aircraft) if not aircraft.is_library_f16}
     limits = scenario.limits.model_fields_set & _DERIVED_LIMITS if derived else ()
     gains = [
@@ -274,10 +280,10 @@ def _written_in_place_of_derived(scenario: Scenario) -> list[str]:
 def scenario_hash(scenario: Scenario) -> str:
     """Compute a scenario's hash, which comments, the order of keys and written-out defaults do not change.
 
-    Limits and gains that follow from the aircraft where they are left out have no fixed default: the hash of a scenario
-    with other aircraft than the library's F-16 tells which of them are written.
-    SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Airframes from entry points,
-    which are code, enter with the name and version of their distribution; a wind field with the checksum of its file.
+    The hash is the SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Limits and
+    gains that a file leaves out follow from the aircraft, except for the library's F-16; for other aircraft the hash
+    depends on which of them the file writes. An airframe from an entry point enters with the name and version of its
+    distribution, a wind field with the checksum of its file.
     """
     offered = {
         aircraft.type: entry_point_origin(aircraft.type) for aircraft in scenario.aircraft if aircraft.airframe is None

@@ -68,7 +68,7 @@ class Waypoint(Table):
 
 
 class Goal(Table):
-    """A position to meet: a ship, a buoy, a point of a storm, a balloon, a waypoint."""
+    """Position, at rest or moving, near which aircraft arrive: a ship, a buoy, a point of a storm, a balloon."""
 
     name: str = identifier("name of the goal, unique")
     kind: Literal["surface", "airborne"] = Field(description="on the surface or in the air")
@@ -105,7 +105,7 @@ class Goal(Table):
         return problems
 
     def velocity_m_s(self) -> Vector:
-        """Velocity over the ground (north, east, up) at time 0, m/s; for a goal without waypoints."""
+        """Return the velocity over the ground (north, east, up), m/s; zero for a goal with waypoints."""
         return velocity_on_course(self.speed_m_s, self.course_deg, self.climb_rate_m_s)
 
     def position_m(self, time_s: float) -> Vector:
@@ -118,7 +118,7 @@ class Goal(Table):
 
 
 def _waypoint_order_problems(points: tuple[Waypoint, ...]) -> list[Problem]:
-    """List waypoints whose times do not start at 0 or do not increase."""
+    """List the waypoints at which the times do not start at 0 or do not increase."""
     times_s, expected = [point.time_s for point in points], "0: the first waypoint is where it starts"
     problems = [] if times_s[0] == 0 else [Problem("waypoints[0].time_s", format_number(times_s[0]), expected)]
     for index, (previous_s, time_s) in enumerate(itertools.pairwise(times_s), 1):
@@ -153,7 +153,7 @@ class Start(AirspeedTable):
         return self.north_m, self.east_m, self.altitude_m
 
     def consistency_problems(self) -> list[Problem]:
-        """List an airspeed that is missing or given twice."""
+        """Return a problem if the start has no airspeed or more than one."""
         return self.airspeed_problems(required=True)
 
 
@@ -191,7 +191,7 @@ class _LoopGains(Table):
     damping: Gain3 | None = optional_gain("required damping of the pair of poles; left out: no integral")
 
     def consistency_problems(self) -> list[Problem]:
-        """List gains given beside a bandwidth, a damping without a bandwidth, and a damping below the minimum."""
+        """List gains beside a bandwidth, a damping without a bandwidth, and a damping below `DAMPING_MIN`."""
         problems = []
         if self.bandwidth_rad_s is not None:
             conflicting_keys = [key for key in ("proportional", "integral") if key in self.model_fields_set]
@@ -207,7 +207,7 @@ class _LoopGains(Table):
 
 
 class RateGains(_LoopGains):
-    """Gains of the fast loop, axes (roll rate P, pitch rate Q, yaw rate R)."""
+    """Gains of the fast loop, one for each axis: roll rate P, pitch rate Q, yaw rate R."""
 
     proportional: Gain3 = gain("of the error, 1/s", 10.0)
     integral: Gain3 = gain("of the integrated error, 1/s^2", 0.25)
@@ -216,7 +216,7 @@ class RateGains(_LoopGains):
 
 
 class AttitudeGains(_LoopGains):
-    """Gains of the middle loop, axes (bank mu, angle of attack alpha, sideslip beta)."""
+    """Gains of the middle loop, one for each axis: bank mu, angle of attack alpha, sideslip beta."""
 
     proportional: Gain3 = gain("of the error, 1/s", 2.0)
     integral: Gain3 = gain("of the integrated error, 1/s^2", 0.0)
@@ -225,7 +225,7 @@ class AttitudeGains(_LoopGains):
 
 
 class VelocityGains(_LoopGains):
-    """Gains of the slow loop, axes (speed V, path angle gamma, course chi)."""
+    """Gains of the slow loop, one for each axis: airspeed V, path angle gamma, course chi."""
 
     proportional: Gain3 = gain("of the error, 1/s", 1.0)
     integral: Gain3 = gain("of the integrated error, 1/s^2", 0.025)
@@ -251,7 +251,10 @@ class Gains(Table):
 
 
 def _validated_file(value: object) -> object:
-    """Validate the contents of an aircraft file as the kind of file that its tables indicate."""
+    """Return the validated contents of an aircraft file; None and validated contents are returned unchanged.
+
+    Raises ScenarioError if the contents are invalid, or the value is no dictionary (a path is replaced before).
+    """
     if value is None or is_aircraft_file(value):
         return value
     if isinstance(value, dict):
@@ -266,9 +269,9 @@ _Airframe = Annotated[
 
 
 LEARNING_S = 6.0
-"""Default time in which an aircraft without known aerodynamics learns, s."""
+"""Default of `Adaptation.learning_s` for an aircraft whose autopilot does not know the aerodynamics, s."""
 PROBING_DEG = 1.0
-"""Default amplitude of its test inputs, deg."""
+"""Default of `Adaptation.probing_deg` for an aircraft whose autopilot does not know the aerodynamics, deg."""
 
 
 class Adaptation(Table):
@@ -296,20 +299,21 @@ class Adaptation(Table):
 
     @property
     def probing(self) -> float:
-        """Amplitude of the test inputs, deg."""
+        """Amplitude of the test inputs to the surfaces, deg: `probing_deg` or its default; 0: no test inputs."""
         default = 0.0 if self.aerodynamics_known else PROBING_DEG
         return default if self.probing_deg is None else self.probing_deg
 
     @property
     def learning(self) -> float:
-        """Time of the first phase, s."""
+        """Time from the start in which the aircraft moves its surfaces to learn, s: `learning_s` or its default."""
         default = 0.0 if self.aerodynamics_known else LEARNING_S
         return default if self.learning_s is None else self.learning_s
 
     def consistency_problems(self) -> list[Problem]:
         """List a time of learning without test inputs and, without known aerodynamics, keys that prevent learning.
 
-        These are a time of learning below `LEARNING_MIN_S`, and the gradient method, which needs a model at the start.
+        Learning is prevented by a time below `LEARNING_MIN_S`, and by the gradient method, which needs a model at the
+        start.
         """
         problems = []
         if not self.aerodynamics_known and self.learning < LEARNING_MIN_S:
@@ -370,7 +374,7 @@ class Aircraft(AirspeedTable):
 
     @property
     def range(self) -> AirframeRange:
-        """Ranges of airspeed, altitude and angle of attack that the aircraft's data cover."""
+        """Ranges of airspeed (m/s), altitude (m) and angle of attack (deg) that the aircraft's data cover."""
         return airframe_range(self.type, self.airframe)
 
     @property
@@ -380,14 +384,14 @@ class Aircraft(AirspeedTable):
 
     @property
     def file(self) -> AirframeFile | DaveMlFile | None:
-        """Contents of the aircraft file, from the library or the path `airframe`; None for F-16 and entry points."""
+        """Contents of the aircraft file, from the key `airframe` or the library; None for F-16 and entry points."""
         if self.airframe is not None:
             return self.airframe
         return library_file(self.type) if self.type in LIBRARY_FILES else None
 
     @property
     def surfaces(self) -> tuple[str, ...] | None:
-        """Names of the commanded surfaces; None if unknown before the airframe, in code, is built."""
+        """Names of the commanded surfaces; None for an entry point, whose airframe is unknown before it is built."""
         file = self.file
         return tuple(file.surfaces) if file is not None else PRIMARY_SURFACES if self.type == "f16" else None
 
@@ -406,7 +410,10 @@ class Aircraft(AirspeedTable):
         return [*problems, *self._start_problems(), *self._deviation_problems()]
 
     def change_problems(self, deviation: Deviation) -> list[Problem]:
-        """List keys of a deviation that need a surface or an engine that the aircraft does not have."""
+        """List keys of a deviation for a surface or an engine that the aircraft does not have.
+
+        Empty for an airframe without a file: the F-16 has all, and an entry point is checked when it is built.
+        """
         file, problems = self.file, []
         if file is None:  # the F-16 has all; an airframe in code is checked when it is built
             return []
@@ -437,7 +444,10 @@ class Aircraft(AirspeedTable):
         return problems
 
     def _deviation_problems(self) -> list[Problem]:
-        """List deviations of coefficients that the airframe does not have."""
+        """List deviations of coefficients, surfaces or an engine that the airframe does not have.
+
+        Of an airframe from an entry point, no coefficients are known, and every deviation is a problem.
+        """
         file, factors = self.file, self.deviation.coefficients
         if file is None and self.type != "f16":
             if self.deviation == Deviation():

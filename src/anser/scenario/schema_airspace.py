@@ -26,7 +26,7 @@ _RULE_OF = {"time_s": "at", "spacing_s": "sequence", "order": "sequence"}
 
 
 class Arrival(Table):
-    """The rule for the arrival times."""
+    """Rule by which the arrival times of the aircraft are chosen."""
 
     rule: Literal["together", "earliest", "at", "sequence", "times", "windows"] = Field(
         default="together",
@@ -44,7 +44,7 @@ class Arrival(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys that the rule requires but the table lacks, and keys that the rule does not use."""
+        """List keys that the arrival rule requires but the table lacks, and keys that the rule does not use."""
         problems = []
         for key, rule in _RULE_OF.items():
             value = getattr(self, key)
@@ -57,11 +57,11 @@ class Arrival(Table):
 
     @property
     def is_common(self) -> bool:
-        """Whether all aircraft arrive at one time."""
+        """Whether the rule makes all aircraft arrive at the same time."""
         return self.rule in ("together", "earliest", "at") or (self.rule == "sequence" and self.spacing_s == 0.0)
 
     def arrive_together(self, aircraft: Aircraft, second_aircraft: Aircraft) -> bool:
-        """Whether this rule makes two aircraft of the fleet arrive at the same time."""
+        """Whether the rule makes two aircraft of the fleet arrive at the same time."""
         return self.is_common or (self.rule == "times" and aircraft.arrive_s == second_aircraft.arrive_s)
 
 
@@ -75,7 +75,7 @@ class Separation(Table):
     reserve_m: float = number("margin added to both by the plan, for path-following errors", 0, 1_000, "m", 10.0)
 
     def consistency_problems(self) -> list[Problem]:
-        """List a vertical separation without a horizontal separation."""
+        """Return a problem if the table has a vertical separation without a horizontal separation."""
         if self.horizontal_m > 0.0 or self.vertical_m == 0.0:
             return []
         expected = "horizontal_m above 0 beside it: aircraft are apart in the plane or in altitude"
@@ -87,7 +87,7 @@ class Separation(Table):
         return (self.horizontal_m, self.vertical_m) if self.horizontal_m > 0.0 else None
 
     def is_satisfied(self, first_m: Vector, second_m: Vector) -> bool:
-        """Whether two positions (north, east, up), m, satisfy the separation, without the reserve."""
+        """Whether two positions (north, east, up), m, are separated horizontally or vertically, without reserve."""
         vertical_distance_m = abs(first_m[2] - second_m[2])
         return math.dist(first_m[:2], second_m[:2]) >= self.horizontal_m or 0.0 < self.vertical_m <= vertical_distance_m
 
@@ -105,7 +105,7 @@ class KeepOut(Table):
     course_deg: float = number("direction of its motion over the ground", -360, 360, "deg", 0.0)
 
     def consistency_problems(self) -> list[Problem]:
-        """List a cylinder without height."""
+        """Return a problem if the top of the cylinder is not above its bottom."""
         return ordering_problems(self, "bottom_m", "top_m", "m")
 
     def velocity_m_s(self) -> Vector:
@@ -119,9 +119,9 @@ class KeepOut(Table):
 
 
 GOAL_EVENTS = ("goal-sensor-lost", "goal-stops", "goal-turns")
-"""Events that change only a goal's motion or the estimate of it; periodic replanning follows the estimate."""
+"""Kinds of event that change a goal's motion or its estimate alone; periodic replanning follows the estimate."""
 AIRCRAFT_CHANGES = "aircraft-changes"
-"""Event that changes an aircraft without the knowledge of its autopilot and the planner: nothing is replanned."""
+"""Kind of event that changes an aircraft without the knowledge of autopilot and planner: no plan changes."""
 _REQUIRED_KEYS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("aircraft",),
     "goal-sensor-lost": ("aircraft",),

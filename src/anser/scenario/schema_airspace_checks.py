@@ -16,9 +16,9 @@ _RULE_OF_KEY = {"arrive_s": "times", "arrive_from_s": "windows", "arrive_to_s": 
 
 
 def connected_groups(count: int, is_connected: Callable[[int, int], bool]) -> list[list[int]]:
-    """Return the connected components, of two or more nodes each, of a graph with the nodes 0 to `count` - 1.
+    """Return the connected components with two or more nodes of a graph with the nodes 0 to `count` - 1.
 
-    The nodes of a component are in rising order.
+    `is_connected` tells whether two nodes have an edge; the nodes of a component are in rising order.
     """
     groups: list[list[int]] = []
     for index in range(count):
@@ -37,14 +37,17 @@ def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
 def _coinciding(
     aircraft: Sequence[Aircraft], coincide: Callable[[int, int], bool]
 ) -> Iterator[tuple[int, str, str, str]]:
-    """Yield for each group of coinciding aircraft the index and label of the second, and texts for first and rest."""
+    """Yield, for each group of coinciding aircraft, index and label of the second aircraft, and texts for a message.
+
+    The texts name the first aircraft, and the aircraft after the second (empty for a group of two).
+    """
     for reference, duplicate, *further_indices in connected_groups(len(aircraft), coincide):
         addition = f", also that of {_list_aircraft(aircraft, further_indices)}" if further_indices else ""
         yield duplicate, aircraft[duplicate].label, _list_aircraft(aircraft, [reference]), addition
 
 
 def same_start_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List aircraft that start at the same position."""
+    """Return a problem for each group of aircraft with starts less than `SAME_POSITION_M` apart."""
     positions_m = [aircraft.start.position_m for aircraft in scenario.aircraft]
     expected = f"a start at least {SAME_POSITION_M:g} m from every other"
     return [
@@ -56,7 +59,7 @@ def same_start_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def same_point_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List aircraft with the same rendezvous point and arrival time."""
+    """Return a problem for each group of aircraft with the same goal, rendezvous point and arrival time."""
 
     def meet(i: int, j: int) -> bool:
         a, b = scenario.aircraft[i], scenario.aircraft[j]
@@ -76,7 +79,7 @@ def same_point_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def separation_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List aircraft whose starts violate the separation."""
+    """Return a problem for each group of aircraft whose starts violate the separation, about the closest pair."""
     aircraft, separation = scenario.aircraft, scenario.separation
     if separation.horizontal_m == 0.0:
         return []
@@ -111,9 +114,9 @@ def _rounded_down_distances(position_m: Vector, neighbour_m: Vector) -> str:
 
 
 def arrival_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List missing or unused arrival times, an invalid order, and arrivals after the end of the flight.
+    """List missing or unused arrival times, an invalid order, and arrivals not before the end of the flight.
 
-    Requires that the names of the aircraft are unique.
+    Requires unique names of the aircraft.
     """
     aircraft_tables, arrival, timing = scenario.aircraft, scenario.arrival, scenario.timing
     problems = [] if arrival.time_s is None else _end_of_flight_problems("arrival.time_s", arrival.time_s, timing)
@@ -175,7 +178,7 @@ def _sequence_problems(order: Sequence[str], names: Sequence[str]) -> list[Probl
 def keep_out_problems(scenario: ScenarioTables) -> list[Problem]:
     """List keep-outs with the same name, starts inside a keep-out, and rendezvous points that stay inside a keep-out.
 
-    Requires that the goal of every aircraft exists.
+    Requires that the goal of every aircraft exists. Keep-outs of events are checked for their names alone.
     """
     problems, path_of = [], {}
     appearing = ((f"event[{k}].keep_out", event.keep_out) for k, event in enumerate(scenario.event) if event.keep_out)
@@ -202,7 +205,7 @@ def keep_out_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _have_equal_motion(goal: Goal, keep_out: KeepOut) -> bool:
-    """Whether goal and cylinder move with the same velocity."""
+    """Whether goal and keep-out have the same velocity; a goal with waypoints only if both are at rest."""
     if goal.waypoints is None:
         return goal.velocity_m_s() == keep_out.velocity_m_s()
     positions = {point.position_m for point in goal.waypoints}

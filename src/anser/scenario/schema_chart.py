@@ -8,7 +8,7 @@ from anser.constants import WGS84_A_M, WGS84_F
 from anser.scenario.schema_tables import ScenarioTables
 
 SCALE_ERROR_MAX = 0.05
-"""Greatest relative error of lengths in the chart of the round Earth: half of the default `fleet.reserve`.
+"""Greatest relative error of lengths in the chart (map) of the round Earth: half of the default `fleet.reserve`.
 
 A plan with this reserve in the chart then keeps half of the reserve over the ground."""
 
@@ -29,10 +29,10 @@ class _Position(NamedTuple):
 
 
 def chart_problems(scenario: ScenarioTables) -> list[Problem]:
-    """Report an origin whose chart is too inaccurate at the fleet's positions, or an origin too close to a pole.
+    """Return the problem of an origin whose chart (local map) is too inaccurate or too small for the fleet, if any.
 
-    The result has at most one problem, which suggests a suitable latitude. The chart of a flat Earth has no scale
-    error, but its positions still need a longitude and a latitude.
+    The result has at most one problem, which suggests a suitable latitude if there is one. The chart of a flat Earth
+    has no scale error, but its positions still need a longitude and a latitude.
     """
     positions = _positions(scenario)
     defect = _map_problem(scenario, positions, scenario.earth.latitude_deg)
@@ -53,7 +53,10 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Return the chart's defect for an origin's latitude, and a remedy other than a new origin; None without defect."""
+    """Return texts on the defect of the chart around an origin's latitude, and on a remedy other than a new origin.
+
+    None for a chart without a defect.
+    """
     speed_m_s, duration_s = scenario.fleet.airspeed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":
         worst = max(positions, key=lambda position: scale_error(latitude_deg, position.north_m, position.east_m))
@@ -84,7 +87,10 @@ def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_
 
 
 def _positions(scenario: ScenarioTables) -> list[_Position]:
-    """List the start positions of the aircraft, and the corners of squares around the goals and their holds."""
+    """List the starts of the aircraft, and the corners of squares around each goal, its rendezvous points and holds.
+
+    The squares stand at the start, the end and the waypoints of a goal's motion.
+    """
     duration_s, radius_m = scenario.timing.duration_s, scenario.hold.radius_m
     positions = []
     for index, aircraft in enumerate(scenario.aircraft):
@@ -110,7 +116,10 @@ def _positions(scenario: ScenarioTables) -> list[_Position]:
 
 
 def scale_error(latitude_deg: float, north_m: float, east_m: float) -> float:
-    """Compute the relative error of lengths at a position in the chart of an origin; infinite beyond a pole."""
+    """Compute the relative error of lengths at a position in the chart of an origin; infinite at or beyond a pole.
+
+    The position is north and east of the origin, m; the origin has the geodetic latitude `latitude_deg`.
+    """
     origin = math.radians(latitude_deg)
     north, east = north_m / _RADIUS_M, east_m / (_RADIUS_M * math.cos(origin))
     latitude = origin + math.atan(north)
@@ -121,7 +130,7 @@ def scale_error(latitude_deg: float, north_m: float, east_m: float) -> float:
 
 
 def _is_inside_map(latitude_deg: float, positions: list[_Position], reach_m: float) -> bool:
-    """Whether every point within `reach_m` of the positions has a unique latitude and longitude in the chart."""
+    """Whether every point within `reach_m` (m) of the positions has a unique latitude and longitude in the chart."""
     origin = math.radians(latitude_deg)
     across_m = _RADIUS_M * math.cos(origin)
     north = max(math.atan(position.north_m / _RADIUS_M) for position in positions) + reach_m / _RADIUS_M

@@ -1,4 +1,4 @@
-"""Checks of consistency between the tables of a scenario: planner, names, envelope, stand-off, sensors, network.
+"""Checks of consistency between the tables of a scenario: planner, names, flight limits, stand-off, sensors, network.
 
 Each `*_problems` function returns a list of problems, empty if the tables are consistent.
 """
@@ -36,7 +36,7 @@ def order_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def range_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List limits beyond the range of an aircraft's data.
+    """List limits of airspeed and angle of attack beyond the range of an aircraft's data, once for each limit.
 
     Altitudes beyond the range are allowed: the results mark the time spent outside.
     """
@@ -79,7 +79,7 @@ def name_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def speed_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List preferred airspeeds outside the limits, a wind not slower than an aircraft, and too small a hold radius.
+    """List preferred airspeeds not within the limits, a wind not slower than an aircraft, and too small a hold radius.
 
     The least hold radius is the turn radius with `limits.bank_max_deg` at the airspeed plus the greatest horizontal
     wind. A wind field counts as still air: the file is not read here.
@@ -127,7 +127,10 @@ def _speed_bounds(limits: Limits, conjunction: str) -> str:
 
 
 def _limits_owner(scenario: ScenarioTables, aircraft: Aircraft) -> str:
-    """Return an addition to messages about a fleet of several types: the origin of the limits, and a remedy."""
+    """Return an addition to a message on an airspeed: the aircraft that sets the limits, and a remedy.
+
+    Empty if the data of all aircraft have the same ranges.
+    """
     if len({fleet_member.range for fleet_member in scenario.aircraft}) == 1:
         return ""
     remedy = "" if aircraft.airspeed_forms else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"
@@ -135,7 +138,7 @@ def _limits_owner(scenario: ScenarioTables, aircraft: Aircraft) -> str:
 
 
 def start_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List starts outside the envelope."""
+    """List starts outside the limits of airspeed, altitude and climb rate."""
     problems = []
     for index, aircraft in enumerate(scenario.aircraft):
         path, start, limits = f"aircraft[{index}].start", aircraft.start, scenario.limits_for(aircraft)
@@ -156,7 +159,7 @@ def start_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def rendezvous_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List stand-offs below the minimum and arrivals that are too steep.
+    """List stand-offs below the minimum of the goal's kind, and arrivals beyond the limit of the climb rate.
 
     Requires that the goal of every aircraft exists.
     """
@@ -178,9 +181,10 @@ def rendezvous_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def margin_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List rendezvous points that are too near an uncertain goal for the minimum stand-off.
+    """List stand-offs that are too small for the uncertainty of the goal's position at the arrival.
 
-    Requires that the goal of every aircraft exists.
+    The least stand-off is the minimum of the goal's kind plus `estimator.margin_sigma` standard deviations. Requires
+    that the goal of every aircraft exists.
     """
     sensor, estimator, navigation = scenario.goal_sensor, scenario.estimator, scenario.navigation
     problems = []
@@ -202,7 +206,7 @@ def margin_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def goal_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List airborne goals that start at or sink to the surface during the flight, and surface goals that climb."""
+    """List airborne goals that are ever below `AIRBORNE_ALTITUDE_MIN_M`, and surface goals with a climb rate."""
     problems = []
     for index, goal in enumerate(scenario.goal):
         if goal.kind == "surface":
@@ -231,7 +235,7 @@ def goal_problems(scenario: ScenarioTables) -> list[Problem]:
 def _climb_rate_problems(
     path: str, aircraft: Aircraft, angle_deg: float, speed_m_s: float, limits: Limits
 ) -> list[Problem]:
-    """List a path angle at which the aircraft would climb or descend faster than the limit."""
+    """Return a problem if an aircraft at a path angle climbs or descends faster than `climb_rate_max_m_s`."""
     rate_m_s = speed_m_s * math.sin(math.radians(angle_deg))
     if abs(rate_m_s) <= limits.climb_rate_max_m_s:
         return []
@@ -241,10 +245,10 @@ def _climb_rate_problems(
 
 
 def planner_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List keys that the scenario's planner does not support.
+    """List keys that the planner of the scenario does not support.
 
-    If ``planner = "published"`` is written in the file, keys with their default values are accepted; a scenario
-    recorded with all defaults then loads again.
+    If ``planner = "published"`` is written in the file, unsupported keys with their default values are accepted, so
+    that a scenario recorded with all defaults loads again.
     """
     fleet = scenario.fleet
     if fleet.is_certified:
@@ -276,7 +280,7 @@ def planner_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def sounding_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List starts and goals that are above or below the levels of the sounding."""
+    """List starts and airborne goals whose key `altitude_m` is below or above the levels of the sounding."""
     atmosphere = scenario.atmosphere
     if atmosphere is None or atmosphere.sounding is None:
         return []
@@ -290,7 +294,7 @@ def sounding_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def gust_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List gusts for unknown aircraft."""
+    """List discrete gusts for aircraft that do not exist."""
     names = [aircraft.name for aircraft in scenario.aircraft]
     expected = f"the name of an aircraft of this scenario ({quoted_list(names)})"
     return [
@@ -301,7 +305,7 @@ def gust_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def sensing_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List periods that are not whole numbers of steps."""
+    """List periods of sensors with errors that are not whole numbers of integration steps."""
     navigation, sensor, step_s = scenario.navigation, scenario.goal_sensor, scenario.timing.step_s
     periods_s = {}
     if navigation.sensors != "exact":
@@ -320,11 +324,15 @@ _ONCE = {
     "thrust-lost": ("loses thrust", "one loss of thrust for each aircraft; further changes by aircraft-changes"),
     "goal-sensor-lost": ("loses its goal sensor", "one loss of the sensor for each aircraft"),
 }
-"""Events that an aircraft can have once: verb and expectation of the message."""
+"""Kinds of event that an aircraft can have once: verb, and expected events, for the message."""
 
 
 def event_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List events with unknown names, after the end of the flight, or without support by the planner."""
+    """List events without support by the planner, with unknown names, too late, or impossible for their aircraft.
+
+    Impossible is a second event of a kind in `_ONCE`, a loss of thrust or sensor of an aircraft that has left, or a
+    change of a surface or engine that the aircraft does not have.
+    """
     events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
     if scenario.planned_events and scenario.fleet.planner == "published":
         expected = 'no events, or fleet.planner = "certified": only that planner plans on after them'
@@ -361,7 +369,10 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def excitation_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List test inputs of unknown aircraft or inputs, after the end of the flight, or too fast for the step."""
+    """List test inputs of unknown aircraft, to unknown inputs, after the end of the flight, or too fast for the step.
+
+    A command between the loops is also a problem if the controller is user-defined.
+    """
     timing, problems = scenario.timing, []
     names = [aircraft.name for aircraft in scenario.aircraft]
     for index, excitation in enumerate(scenario.excitation):
@@ -391,7 +402,7 @@ def excitation_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def network_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List a network that no planner uses, and settings that a fleet without a centre does not support."""
+    """List a network that the planner does not use, and settings that the decentralised planner does not support."""
     network, fleet, rule = scenario.network, scenario.fleet, scenario.arrival.rule
     if fleet.is_central:
         expected = 'no [network], or fleet.planner = "decentralised": nobody else talks over it'

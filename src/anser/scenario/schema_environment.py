@@ -51,7 +51,7 @@ class Earth(Table):
 
 
 def _earth_from_name(value: Any) -> Any:
-    """Read ``earth = "wgs84"`` as a table with the model of this name."""
+    """Return the name of an Earth model, as in ``earth = "wgs84"``, as a table; raises ScenarioError if unknown."""
     if not isinstance(value, str):
         return value
     if value not in _EARTHS:
@@ -61,7 +61,7 @@ def _earth_from_name(value: Any) -> Any:
 
 
 class _EarthNameSchema:
-    """JSON Schema annotation: the table, or the name of the Earth model alone."""
+    """Annotation of the key `earth` for the JSON Schema: a table, or the name of the Earth model alone."""
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         return {"anyOf": [handler(core), {"enum": list(_EARTHS)}]}
@@ -80,7 +80,7 @@ class WindLayer(Table):
 
 
 FIELD_SPEED_MAX_M_S = 150.0
-"""Greatest speed of the air in a wind field, as for a layer of wind."""
+"""Greatest speed of the air in a wind field from a file, m/s."""
 
 
 class WindFieldSource(Table):
@@ -95,7 +95,7 @@ class WindFieldSource(Table):
 
 
 def _field_from_path(value: Any) -> Any:
-    """Read ``field = "FILE.nc"`` as a table with the checksum of the file's content."""
+    """Return a path, as in ``field = "FILE.nc"``, as a table with the checksum of the file; reads the file."""
     if not isinstance(value, str):
         return value
     path = Path(value).absolute()
@@ -103,7 +103,7 @@ def _field_from_path(value: Any) -> Any:
 
 
 def _field_key(description: str, expected: str, default: Any, **options: Any) -> Any:
-    """Declare a key of a wind field, which is left out of a dump at its default: other scenarios keep their hash."""
+    """Declare a key that belongs to a wind field; the default is left out of a dump, so that hashes stay the same."""
     exclude_if = lambda value: value == default  # noqa: E731
     return Field(
         default, description=description, json_schema_extra=expects(expected), exclude_if=exclude_if, **options
@@ -165,7 +165,7 @@ class Wind(Table):
     def profile_m_s(self) -> tuple[tuple[float, Vector], ...]:
         """Layers of the wind: pairs of altitude (m) and velocity over the ground (north, east, up), m/s.
 
-        One layer of still air for a wind field, whose file is not read for the checks of a scenario.
+        A uniform wind has one layer; a wind field has one layer of still air, because its file is not read here.
         """
         if self.layers is None:
             return ((0.0, _wind_velocity(self)),)
@@ -173,7 +173,10 @@ class Wind(Table):
 
     @property
     def speed_max_m_s(self) -> float:
-        """Greatest speed of the air over the ground at any altitude, m/s; for a wind field, the greatest allowed."""
+        """Greatest speed of the air at any altitude, m/s, vertical part included.
+
+        For a wind field the value is the greatest allowed speed, `FIELD_SPEED_MAX_M_S`.
+        """
         if self.field is not None:
             return FIELD_SPEED_MAX_M_S
         return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)
@@ -192,9 +195,9 @@ def _wind_velocity(wind: Wind | WindLayer) -> Vector:
 
 _SOUNDING_PATH = 'the path of a sounding (CSV, or a text listing of a radiosonde), such as "sounding.csv"'
 _THICKNESS_ERROR_MAX = 0.1
-"""Greatest relative difference between the fall of the pressure and that of air at rest with the temperature there."""
+"""Greatest relative difference between the fall of the pressure and the fall by the hydrostatic law."""
 _PRESSURE_ROUNDING_HPA = 1.0
-"""Rounding of the pressures in a listing, which matters at great altitudes."""
+"""Rounding of the pressures in a listing of a radiosonde, which matters at great altitudes."""
 
 
 class AirLevel(Table):
@@ -207,12 +210,12 @@ class AirLevel(Table):
 
 
 class Sounding(Table):
-    """Air as a sounding measured it."""
+    """Air measured by a sounding, at two or more levels."""
 
     level: tuple[AirLevel, ...] = tables("the air at rising altitudes", "a list of levels, at least two", at_least=2)
 
     def consistency_problems(self) -> list[Problem]:
-        """List levels that do not rise, and pressures that contradict the temperatures."""
+        """Return a problem if levels do not rise, pressures do not fall, or a pressure contradicts the temperatures."""
         for index, (lower, upper) in enumerate(itertools.pairwise(self.level), 1):
             place = f"level[{index}]"
             if upper.altitude_m <= lower.altitude_m:
@@ -245,19 +248,25 @@ class Sounding(Table):
         return geopotential_altitude(columns[0]), virtual, pressure
 
     def layers(self, offset_k: float) -> Layers:
-        """Return the layers of `anser.environment.air`, all temperatures higher by an offset (K)."""
+        """Return the air between the levels as layers (layer, 7), temperatures raised by an offset (K).
+
+        The columns are those of `anser.environment.air`.
+        """
         return measured_layers(*self._measured(offset_k))
 
 
 def _without_path(value: Any) -> Any:
-    """Refuse a path: `anser.scenario.schema` replaces the paths of a file by the contents."""
+    """Return a sounding's contents (or None) unchanged; raises ScenarioError for another value, such as a path.
+
+    `anser.scenario.schema.insert_sounding` replaces the path in a scenario file by the contents before.
+    """
     if isinstance(value, dict | Sounding | None):
         return value
     raise problem_error("", describe_value(value), _SOUNDING_PATH)
 
 
 class Atmosphere(Table):
-    """Air off the standard: another temperature or pressure, humid, or as a sounding measured it."""
+    """Air other than the standard atmosphere: another temperature or pressure, humid, or measured by a sounding."""
 
     temperature_offset_k: float = number("temperature above the standard's, or the sounding's", -60, 60, "K", 0.0)
     sea_level_pressure_hpa: float | None = number(
@@ -271,7 +280,7 @@ class Atmosphere(Table):
     ] = table("path of a sounding: CSV, or a text listing of a radiosonde", _SOUNDING_PATH, None)
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys that a sounding excludes."""
+        """List a pressure at sea level or a humidity beside a sounding, which has its own."""
         if self.sounding is None:
             return []
         keys = ("sea_level_pressure_hpa", "relative_humidity_percent")
@@ -281,7 +290,7 @@ class Atmosphere(Table):
 
     @property
     def layers(self) -> Layers:
-        """Layers of the air: array (layer, 7) with the columns of `anser.environment.air`."""
+        """Layers of the air: array (layer, 7) with the columns described in `anser.environment.air`."""
         if self.sounding is not None:
             return self.sounding.layers(self.temperature_offset_k)
         pressure = SEA_LEVEL_PRESSURE_PA
@@ -292,7 +301,7 @@ class Atmosphere(Table):
         return humid_layers(self.relative_humidity_percent / 100.0, self.temperature_offset_k, pressure)
 
     def describe(self) -> str:
-        """Return the air in some words."""
+        """Describe the air for reports, such as "standard atmosphere, +10 K, 1000 hPa at sea level"."""
         offset = f"{self.temperature_offset_k:+g} K" if self.temperature_offset_k else ""
         if self.sounding is not None:
             levels = self.sounding.level
@@ -306,7 +315,7 @@ class Atmosphere(Table):
 
 
 INTENSITIES = {"light": (7.71667, 1e-2), "moderate": (15.43333, 1e-3), "severe": (23.15, 1e-5)}
-"""Wind at 20 ft (m/s; 15, 30 and 45 kt) and probability of being exceeded, by MIL-F-8785C."""
+"""Wind at 20 ft (m/s; 15, 30 and 45 kt) and probability of exceedance by intensity of turbulence, MIL-F-8785C."""
 
 
 class Turbulence(Table):
@@ -320,7 +329,7 @@ class Turbulence(Table):
 
 
 class DiscreteGust(Table):
-    """A gust of the form 1 - cos, which one aircraft or every aircraft flies into at a given time."""
+    """Gust of the form 1 - cos, which one aircraft or every aircraft flies into at the time `time_s`."""
 
     time_s: float = number("time at which the aircraft meets the gust", 0, DURATION_MAX_S, "s")
     aircraft: str | None = identifier("aircraft that meets the gust; left out: all", "the name of an aircraft", None)
@@ -335,7 +344,7 @@ class DiscreteGust(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a gust without any velocity."""
+        """Return a problem if the gust has no velocity in any direction."""
         if self.along_m_s or self.right_m_s or self.up_m_s:
             return []
         return [Problem("up_m_s", "no strength in any direction", "along_m_s, right_m_s or up_m_s other than 0")]

@@ -10,9 +10,9 @@ from anser.config.tables import NAME_PATTERN, Table, expects, identifier, number
 from anser.scenario.schema_settings import DURATION_MAX_S
 
 LOOP_INPUTS = ("bank", "alpha", "beta", "roll_rate", "pitch_rate", "yaw_rate")
-"""Commands between the loops of the autopilot that may be excited: of the attitude (deg), the body rates (deg/s)."""
+"""Commands between the loops of the autopilot that test inputs may excite: attitude (deg) and body rates (deg/s)."""
 EXCITED_INPUTS = ("throttle", "airspeed", "path_angle", "course", *LOOP_INPUTS)
-"""Inputs of any aircraft that may be excited, besides the surfaces: throttle (0..1), airspeed (m/s), angles (deg)."""
+"""Excitable inputs of any aircraft besides surfaces: throttle (0..1), airspeed (m/s), angles (deg), rates (deg/s)."""
 _KEYS_OF_SIGNAL: dict[str, tuple[str, ...]] = {
     "step": (),
     "doublet": ("width_s",),
@@ -71,11 +71,11 @@ class Excitation(Table):
     )
 
     def amplitude_of(self, index: int) -> float:
-        """Return the amplitude of an input by its index in `inputs`."""
+        """Return the amplitude of the input with an index in `inputs`, in the unit of this input."""
         return self.amplitude[index if len(self.amplitude) > 1 else 0]
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys that the signal requires or does not use, numbers that do not fit, and too few harmonics."""
+        """List keys that the signal lacks or does not use, repeated inputs, and unfit amplitudes or frequencies."""
         problems, keys = [], _KEYS_OF_SIGNAL[self.signal]
         for key in dict.fromkeys(name for names in _KEYS_OF_SIGNAL.values() for name in names):
             value = getattr(self, key)

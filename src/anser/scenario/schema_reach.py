@@ -11,18 +11,18 @@ from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_tables import ScenarioTables
 
 FLIGHT_MIN_S = 1.0
-_HALVINGS = 40  # bisection of the longest flight to less than a microsecond
+_HALVINGS = 40  # bisection steps, which resolve the longest flight to less than a microsecond
 
 
 @dataclass(frozen=True)
 class ReferenceSpeed:
-    """Airspeed with which the checks decide whether an aircraft can reach its goal, and the origin of this airspeed."""
+    """True airspeed with which the checks decide whether an aircraft can reach its goal, and the airspeed's origin."""
 
     # airspeed, m/s, and the key of the scenario that sets it
     speed_m_s: float
     key: str
     is_mean: bool  # whether the airspeed is the mean of the plan; otherwise it is the maximum
-    # whether the published planner may raise the mean: the farthest aircraft cannot slow down or descend so slowly
+    # whether the published planner may raise the mean, because the farthest aircraft cannot descend so slowly
     may_rise: bool = False
     # whether the plan uses the wind of all altitudes; otherwise only the wind at the start of the aircraft
     uses_wind_layers: bool = False
@@ -32,10 +32,10 @@ class ReferenceSpeed:
 
 
 def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSpeed:
-    """Return the airspeed with which the checks decide whether an aircraft can reach its goal.
+    """Return the true airspeed with which the checks decide whether an aircraft can reach its goal.
 
-    The airspeed is the preferred airspeed, or the greatest airspeed of the limits for a certified plan with an arrival
-    rule other than "together".
+    The airspeed is the preferred airspeed; for the certified or decentralised planner with an arrival rule other than
+    "together", the greatest airspeed of the limits.
     """
     fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified
@@ -50,11 +50,11 @@ def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSp
 
 
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
-    """Compute the least time, s, in which an aircraft on a straight line meets a moving point; None if outrun.
+    """Compute the least time, s, in which an aircraft on a straight line meets a moving point; None if never.
 
-    `relative_m` is the point's position relative to the aircraft, `velocity_m_s` its velocity relative to the air
-    (north, east, up). Smallest positive root of ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0``, theory section 7, in a
-    form without cancellation when the speeds are nearly equal.
+    `relative_m` (R) is the point's position relative to the aircraft, `velocity_m_s` (W) its velocity relative to the
+    air, both (north, east, up), `speed_m_s` (V) the airspeed. The time is the smallest positive root of
+    ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0`` (theory section 7), without cancellation for nearly equal speeds.
     """
     squared = _dot(velocity_m_s, velocity_m_s) - speed_m_s**2
     half_linear = _dot(relative_m, velocity_m_s)
@@ -72,7 +72,7 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 
 
 def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[Problem]:
-    """List goals that outrun their aircraft, flights that are too short, and rendezvous points outside the envelope.
+    """List goals that outrun their aircraft, flights that are too short, and rendezvous outside the altitude limits.
 
     Requires that every aircraft has a goal and that the wind is slower than the fleet. `unaided` leaves out the gain in
     speed by a descent, or by a tail wind at altitudes above or below the start.
@@ -102,13 +102,14 @@ def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[P
 class EarlyArrival(Problem):
     """An arrival time that is too early for any flight within the limits."""
 
-    given_s: float = 0.0  #: The arrival time, s.
+    given_s: float = 0.0  #: Arrival time in the scenario, s; of a window, its end.
 
 
 def arrival_time_problems(scenario: ScenarioTables) -> list[EarlyArrival]:
     """List arrival times that are too early even for a straight flight at the greatest airspeed and tail wind.
 
-    For a window the end counts. `reach_problems` has found no problem, so every goal is reached within the flight.
+    For a window the end counts. Requires that `reach_problems` finds no problem, so that every goal can be reached
+    within the flight. Of several aircraft with one common time, the latest to arrive gives the problem.
     """
     worst: dict[str, tuple[float, EarlyArrival]] = {}
     arrival = scenario.arrival
@@ -134,7 +135,7 @@ def arrival_time_problems(scenario: ScenarioTables) -> list[EarlyArrival]:
 
 
 def _earliest_arrival_s(scenario: ScenarioTables, aircraft: Aircraft) -> float:
-    """Return a lower bound of an aircraft's arrival time, s, for any flight within the limits."""
+    """Return a lower bound of an aircraft's arrival time, s, for any flight within its limits of airspeed."""
     goal, wind = scenario.goal_of(aircraft), scenario.wind
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
     tail_wind_m_s = max(math.dist(wind_m_s, layer_wind_m_s) for _, layer_wind_m_s in wind.profile_m_s)
@@ -157,10 +158,10 @@ def _earliest_arrival_s(scenario: ScenarioTables, aircraft: Aircraft) -> float:
 
 
 def _fastest_mean_airspeed_m_s(scenario: ScenarioTables, reference: ReferenceSpeed) -> float:
-    """Return an upper bound of the fleet's mean airspeed (m/s) that the published planner may choose.
+    """Return an upper bound of the mean airspeed (m/s) that the planner may choose for the fleet.
 
-    In a descent without drag, kinetic plus potential energy is constant, which bounds the airspeed. The bound is the
-    greatest over the fleet.
+    The bound is the reference airspeed, unless the published planner may raise the mean: in a descent without drag,
+    kinetic plus potential energy is constant, which bounds the airspeed. The greatest bound in the fleet counts.
     """
     speeds_m_s = [reference.speed_m_s]
     for aircraft in scenario.aircraft if reference.may_rise else ():

@@ -28,7 +28,7 @@ _PERIOD_MAX_S = 600.0
 
 @functools.cache
 def goal_sensor_presets() -> dict[str, Any]:
-    """Return the presets of goal sensors by name: their numbers and sources."""
+    """Return the presets of goal sensors by name: dictionaries of their numbers (keys of `GoalSensor`) and sources."""
     return json.loads(files("anser.scenario").joinpath("data/goal_sensors.json").read_text(encoding="utf-8"))
 
 
@@ -97,7 +97,7 @@ class GoalSensor(Table):
     outage_mean_s: float = number("mean duration of an outage", 0.001, 3600, "s", 1.0)
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys without use by the sensor, and a `latency_s` with a least value above the greatest value."""
+        """List keys that the sensor does not use, and a `latency_s` whose least value is above the greatest value."""
         problems = []
         kind = None if self.preset == "exact" else goal_sensor_presets()[self.preset]["kind"]
         for key in sorted(self.model_fields_set - {"preset"}):
@@ -117,7 +117,7 @@ class GoalSensor(Table):
         return problems
 
     def number(self, key: str, default: Any = None) -> Any:
-        """Return the value of a key: the table's, else the preset's, else `default`."""
+        """Return the value of a key: from the table, or else from the preset, or else `default`."""
         value = getattr(self, key, None)
         return goal_sensor_presets()[self.preset].get(key, default) if value is None else value
 
@@ -153,7 +153,7 @@ class Estimator(Table):
     )
 
 
-_MEASUREMENTS = 2000  # upper limit of the recursion; the filter has settled by then
+_MEASUREMENTS = 2000  # greatest number of measurements in the recursion; the filter has settled by then
 
 
 def goal_sigma_m(
@@ -206,9 +206,9 @@ def goal_sigma_m(
 def _predict_variances(
     position_variance: float, covariance: float, speed_variance: float, density: float, span_s: float
 ) -> tuple[float, float, float]:
-    """Predict position variance, covariance and speed variance over `span_s` seconds with white-noise acceleration.
+    """Predict position variance (m^2), covariance (m^2/s) and speed variance (m^2/s^2) over `span_s` seconds.
 
-    `density` is the acceleration's spectral density, m^2/s^3.
+    The acceleration is white noise of the spectral density `density`, m^2/s^3.
     """
     return (
         position_variance + 2.0 * span_s * covariance + span_s**2 * speed_variance + density * span_s**3 / 3.0,

@@ -15,13 +15,16 @@ DURATION_MAX_S = 7200.0
 
 
 def is_multiple(period_s: float, step_s: float) -> bool:
-    """Whether a period is a whole number of steps, within the rounding of decimal input."""
+    """Whether a period is a whole number of steps, at least one, within the rounding of decimal input."""
     steps = period_s / step_s
     return round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-9)
 
 
 def multiple_message(period_s: float, key: str, step_s: float) -> str:
-    """Return the message that a time must be a whole number of steps, with the nearest valid values."""
+    """Return the "expected" part of the message on a time that is no whole number of steps, with the nearest values.
+
+    `key` is the key of the step in the message.
+    """
     below = math.floor(period_s / step_s)
     nearest = " or ".join(format_number(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
     return f"a whole multiple of {key}, which is {format_number(step_s)} s, such as {nearest}"
@@ -32,13 +35,16 @@ _FORMS_EXPECTED = f"one of {', '.join(AIRSPEED_FORMS)}"
 
 
 class AirspeedTable(Table):
-    """Table with an airspeed in one of four forms; the scenario adds the true airspeed, which needs its air."""
+    """Table with an airspeed in one of four forms: true, calibrated or equivalent airspeed, or Mach number.
+
+    The scenario adds the true airspeed, whose computation needs the scenario's atmosphere.
+    """
 
     _airspeed_m_s: float | None = PrivateAttr(None)
 
     @property
     def airspeed_forms(self) -> tuple[AirspeedForm, ...]:
-        """Keys of the airspeed that the table has."""
+        """Keys of the airspeeds that the table has; a valid table has at most one."""
         return tuple(form for form in AIRSPEED_FORMS if getattr(self, form) is not None)
 
     @property
@@ -57,17 +63,17 @@ class AirspeedTable(Table):
 
     @property
     def airspeed_key(self) -> str:
-        """Key of the airspeed for messages."""
+        """Key of the airspeed that the table has, for messages; "speed_m_s" without one."""
         return (*self.airspeed_forms, "speed_m_s")[0]
 
     @property
     def airspeed_text(self) -> str:
-        """Airspeed for messages: the value in the table, and the true airspeed of another form."""
+        """Airspeed for messages: the value in the table, followed by the true airspeed, m/s, if the form is another."""
         value = format_number(getattr(self, self.airspeed_key))
         return value if self.airspeed_key == "speed_m_s" else f"{value} (true airspeed {self.airspeed_m_s:.1f} m/s)"
 
     def airspeed_name(self, table: str) -> str:
-        """Return the true airspeed's name in messages; `table` is the key path of the table."""
+        """Return the true airspeed's name in messages, such as "fleet.mach (true airspeed)"; `table` is a key path."""
         name = f"{table}.{self.airspeed_key}"
         return name if self.airspeed_key == "speed_m_s" else f"{name} (true airspeed)"
 
@@ -84,7 +90,7 @@ class AirspeedTable(Table):
         return table
 
     def airspeed_problems(self, *, required: bool) -> list[Problem]:
-        """List an airspeed that is missing or given twice."""
+        """Return a problem if the table has more than one airspeed, or none although one is `required`."""
         forms = self.airspeed_forms
         if len(forms) > 1:
             values = " and ".join(f"{form} = {format_number(getattr(self, form))}" for form in forms)
@@ -95,7 +101,7 @@ class AirspeedTable(Table):
 
 
 def true_airspeed_key(description: str) -> Any:
-    """Declare the key `speed_m_s` of an `AirspeedTable`."""
+    """Declare the optional key `speed_m_s` (true airspeed, m/s) of an `AirspeedTable`."""
     return number(description, 1, SPEED_MAX_M_S, "m/s", None)
 
 
@@ -119,7 +125,7 @@ class Timing(Table):
         return self.duration_s - 1.0
 
     def consistency_problems(self) -> list[Problem]:
-        """List a duration and periods that are not whole numbers of steps, and a freeze time as long as the flight."""
+        """List a duration or period that is no whole number of steps, and a freeze time not below the duration."""
         problems = []
         for key in ("duration_s", "record_period_s", "replan_period_s"):
             period_s = getattr(self, key)
@@ -155,25 +161,25 @@ class Fleet(AirspeedTable):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List an airspeed that is missing or given twice."""
+        """Return a problem if the fleet has no airspeed or more than one."""
         return self.airspeed_problems(required=True)
 
     @property
     def is_certified(self) -> bool:
-        """Whether the planner certifies its paths."""
+        """Whether the planner proves the limits and the separation of its paths (certified or decentralised)."""
         return self.planner != "published"
 
     @property
     def is_central(self) -> bool:
-        """Whether one planner plans for the whole fleet."""
+        """Whether one planner plans for the whole fleet (published or certified)."""
         return self.planner != "decentralised"
 
 
 class Limits(Table):
     """Flight envelope for plans and autopilot.
 
-    The defaults are the F-16's; other aircraft get airspeeds, bank and climb rate from their performance within them,
-    and angles of attack within their data.
+    The defaults are the F-16's. For other aircraft, the limits that the file leaves out follow from the aircraft:
+    airspeeds, bank and climb rate from its performance and data, angles of attack from its data.
     """
 
     speed_min_m_s: float = number("minimum airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
@@ -203,16 +209,17 @@ class Limits(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a minimum altitude that is not below the maximum altitude.
+        """Return a problem if the minimum altitude is not below the maximum altitude.
 
         The load factors need no check: the values allowed for minimum and maximum do not overlap.
         """
         return ordering_problems(self, "altitude_min_m", "altitude_max_m", "m")
 
     def within(self, data_range: AirframeRange) -> Self:
-        """Return one aircraft's limits; airspeeds and angles of attack left out follow from the aircraft file.
+        """Return the limits of an aircraft whose data have the ranges `data_range`.
 
-        An aircraft without a file keeps these limits.
+        Limits of airspeed and angle of attack that the scenario leaves out follow from the ranges in an aircraft file;
+        angles of attack stay within the defaults. For an aircraft without a file, the limits are unchanged.
         """
         if not data_range.is_from_file:
             return self
@@ -225,7 +232,7 @@ class Limits(Table):
 
 
 class Guidance(Table):
-    """Path-following settings."""
+    """Settings of the path following, with which an aircraft keeps to its plan."""
 
     position_gain_per_s: float = number(
         "correction of the commanded velocity per metre of error; 0 = velocity commands alone", 0, 5, "1/s", 0.3
@@ -259,7 +266,7 @@ class Requirements(Table):
 
 
 class Network(Table):
-    """Communication in a fleet without a centre (fleet.planner = "decentralised")."""
+    """Communication in a fleet without a central planner (fleet.planner = "decentralised")."""
 
     range_m: float = number(
         "greatest distance over which two aircraft hear each other", 0, 1e7, "m", 50_000.0, exclusive_minimum=True
@@ -287,7 +294,7 @@ class Network(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a clock coupling that oscillates."""
+        """Return a problem if the coupling of the clocks is above a quarter of the damping: the clocks oscillate."""
         greatest = 0.25 * self.damping_per_s
         if self.coupling_per_s <= greatest:
             return []
@@ -296,10 +303,11 @@ class Network(Table):
 
 
 def greatest_rate_range(fleet: Fleet, limits: Limits, wind_m_s: float) -> float:
-    """Return the greatest deviation of a clock rate from 1 for which a plan with the reserve keeps its limits.
+    """Return the greatest deviation of a clock rate from 1 for which a plan with `fleet.reserve` keeps its limits.
 
-    Accelerations scale with the square of the clock rate; the tangent of the bank angle grows at least in proportion to
-    the angle. The clock rate scales the velocity over the ground; the wind speed is at most `wind_m_s`.
+    The clock rate is the rate at which an aircraft runs through its planned path; the velocity over the ground scales
+    with the clock rate, accelerations with its square. The tangent of the bank angle grows at least in proportion to
+    the angle. The wind speed is at most `wind_m_s` (m/s).
     """
     reserve, speed = fleet.reserve, fleet.airspeed_m_s
     turning = math.sqrt(1.0 / (1.0 - reserve)) - 1.0

@@ -21,7 +21,7 @@ SEED_MAX = 2**32 - 1
 
 
 class ScenarioTables(Table):
-    """Tables of a scenario, each valid alone; `anser.scenario.schema.Scenario` adds the checks between them."""
+    """Tables of a scenario, each valid by itself; `anser.scenario.schema.Scenario` adds the checks between tables."""
 
     format: Literal[1, 2] = Field(description="version of the file format", json_schema_extra=expects(FORMATS_EXPECTED))
     name: str = slug("name of the scenario, also of its output")
@@ -81,12 +81,12 @@ class ScenarioTables(Table):
 
     @property
     def planned_events(self) -> tuple[Event, ...]:
-        """Events to which the planner responds: all but changes of an aircraft, which nobody knows."""
+        """Events to which the planner responds: all but changes of an aircraft, of which the planner knows nothing."""
         return tuple(event for event in self.event if event.kind != AIRCRAFT_CHANGES)
 
     @property
     def is_random(self) -> bool:
-        """Whether the flight depends on the seed."""
+        """Whether the flight depends on the seed: by turbulence, sensors with errors, or losses in the network."""
         has_exact_sensors = self.navigation.sensors == "exact" and self.goal_sensor.preset == "exact"
         network = self.network
         has_perfect_network = network is None or not (network.loss or network.outage_share)
@@ -94,7 +94,7 @@ class ScenarioTables(Table):
 
     @property
     def requires_separation(self) -> bool:
-        """Whether a flight must keep its aircraft separated to meet the requirements."""
+        """Whether the aircraft must keep a distance, by [separation] or `requirements.separation_min_m`."""
         return self.separation.required_m is not None or self.requirements.separation_min_m is not None
 
     @property
@@ -104,14 +104,14 @@ class ScenarioTables(Table):
 
     @property
     def is_gusty(self) -> bool:
-        """Whether the air is turbulent."""
+        """Whether the air is turbulent; discrete gusts do not count."""
         return self.turbulence.intensity != "none"
 
     def limits_for(self, aircraft: Aircraft) -> Limits:
-        """Return the limits of one aircraft.
+        """Return the limits of one aircraft, in the units of the file.
 
-        Airspeeds and angles of attack that the scenario leaves out follow from the range of the data in the aircraft
-        file; an aircraft without a file has the defaults.
+        Limits of airspeed and angle of attack that the scenario leaves out follow from the range of the data in the
+        aircraft file; an aircraft without a file has the defaults.
         """
         return self.limits.within(aircraft.range)
 
@@ -120,5 +120,5 @@ class ScenarioTables(Table):
         return aircraft.airspeed_m_s if aircraft.airspeed_forms else self.fleet.airspeed_m_s
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
-        """Return the goal of an aircraft of this scenario."""
+        """Return the goal of an aircraft; requires that the scenario has a goal of this name."""
         return next(goal for goal in self.goal if goal.name == aircraft.goal)

@@ -1,4 +1,4 @@
-"""Soundings: tables of measured air, CSV or the text listing of a radiosonde."""
+"""Reading of soundings, tables of the measured atmosphere: CSV files, or text listings of a radiosonde."""
 
 import csv
 import io
@@ -49,9 +49,9 @@ _LISTING_COLUMNS = {
     ("SKNT", "knot"): "wind_speed_kt",
     ("SPED", "m/s"): "wind_speed_m_s",
 }
-"""Columns of a listing by their name and unit."""
+"""Columns of a CSV file by the title and unit of a column in a listing."""
 _LISTING_WIDTH = 7
-"""Characters of a column in a listing."""
+"""Width of a column in a listing, characters."""
 _EXPECTED = (
     "a CSV file with columns altitude_m (or geopotential_m), pressure_hpa, temperature_c (or temperature_k; "
     "density_kg_m3 in the place of one of the two), and optional relative_humidity_percent (or dew_point_c), "
@@ -62,7 +62,7 @@ _WIND_ALTITUDE_MAX_M = 30_000.0
 
 @dataclass(frozen=True)
 class MeasuredAir:
-    """Levels of the air and layers of the wind (empty without wind), as tables of a scenario."""
+    """Measured air as tables of a scenario: `AirLevel` in `levels`, `WindLayer` in `winds` (empty without wind)."""
 
     levels: list[dict[str, Any]]
     winds: list[dict[str, Any]]
@@ -71,13 +71,14 @@ class MeasuredAir:
 @dataclass(frozen=True)
 class _Row:
     line: int
-    values: dict[str, float]  # by quantity
+    values: dict[str, float]  # by quantity of `_COLUMNS`; m, hPa, deg C, kg/m^3, %, m/s, deg
 
 
 def read_sounding(path: Path) -> MeasuredAir:
-    """Read a sounding.
+    """Read a sounding from a CSV file or a radiosonde's listing; the levels rise.
 
-    Raises ScenarioError, with the file and the line, if the file cannot be read or a number is missing or not valid.
+    Raises ScenarioError, with the file and the line, if the file cannot be read, a number is missing or invalid, the
+    altitudes do not rise, or there are fewer than two levels.
     """
     source = str(path)
     text = read_text(path, "sounding")
@@ -193,9 +194,10 @@ def _level(row: _Row, source: str) -> dict[str, float]:
 
 
 def _wind(row: _Row, altitude_m: float, source: str) -> dict[str, float] | None:
-    """Return the wind of a level as a wind layer of a scenario.
+    """Return the wind of a level as values of a `WindLayer`.
 
-    None if the level has no wind, or is above the greatest altitude allowed for a wind layer.
+    None if the level has no wind, or is above the greatest altitude allowed for a wind layer. Raises ScenarioError if
+    speed or direction is missing, except the direction of a calm.
     """
     speed, direction = row.values.get("wind speed"), row.values.get("wind direction")
     if (speed is None) != (direction is None) and speed != 0.0:

@@ -1,4 +1,4 @@
-"""Search for keys without effect: settings for something that the scenario does not contain."""
+"""Search for keys without effect, such as settings of turbulence in a scenario without turbulence."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -17,10 +17,11 @@ _GUST_KEYS = ("wind_time_s", "gust_time_s")
 class UnusedKeys:
     """Keys of one table that have no effect.
 
-    The message names the `keys` (if `is_whole`, the first alone) of the table at `path`, their `cause` (a continuation
-    of the value, such as ``with intensity "none"``) and the `remedy` that would give them an effect. A file is refused
-    if `is_refused`; the direction of something at rest and a goal without aircraft are only cautions, because speed and
-    aircraft may be set elsewhere. A study may vary none of these keys.
+    `path` is the key path of the table, `cause` the reason as a continuation of the value (such as ``with intensity
+    "none"``), `remedy` the setting with which the keys have an effect. If `is_whole`, the whole table has no effect,
+    and messages name the first key alone. Keys set in a file make the file invalid if `is_refused`; the direction of
+    something at rest and a goal without aircraft are only cautions, because speed and aircraft may be set elsewhere. A
+    study may vary none of the keys.
     """
 
     path: str
@@ -32,7 +33,7 @@ class UnusedKeys:
     is_refused: bool = True
 
     def contains(self, path: str) -> bool:
-        """Whether a numbered key path leads to one of the keys or below it."""
+        """Whether a key path (list items by index) leads to one of the keys, or into a table or list there."""
         keys = (f"{self.path}.{key}" for key in self.keys)
         return any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in keys)
 
@@ -46,13 +47,13 @@ class UnusedKeys:
 
 
 def unused_key_problems(scenario: Scenario, *, is_refused: bool = True) -> list[Problem]:
-    """List problems for keys without effect that make a file invalid, or for those that are only cautions."""
+    """List problems for keys without effect that make a file invalid, or (without `is_refused`) cause cautions."""
     candidates = [unused_keys for unused_keys in find_unused_keys(scenario) if unused_keys.is_refused == is_refused]
     return [problem for unused_keys in candidates for problem in unused_keys.problems()]
 
 
 def unused_key_cautions(scenario: Scenario) -> list[str]:
-    """List cautions, in sentences, for keys without effect that do not make a file invalid."""
+    """Return a sentence for each key without effect that does not make a file invalid."""
     return [
         f"{problem.path}: {problem.arrived} changes nothing; expected {problem.expected}"
         for problem in unused_key_problems(scenario, is_refused=False)
@@ -60,7 +61,7 @@ def unused_key_cautions(scenario: Scenario) -> list[str]:
 
 
 def find_unused_keys(scenario: Scenario) -> list[UnusedKeys]:
-    """List the keys without effect, set in the file or left out, as far as the tables of a scenario show this."""
+    """List the keys without effect, set in the file or left out, as far as the tables of a scenario tell."""
     return [
         *_unused_sensing_keys(scenario),
         *_unused_air_keys(scenario),

@@ -1,4 +1,4 @@
-"""Parts of the closed loop from outside the package: objects, or names MODULE:NAME, and the check before a flight."""
+"""User-defined parts of the closed loop, given as objects or names MODULE:NAME, and their check before a flight."""
 
 import importlib
 import os
@@ -40,9 +40,10 @@ _BY_NAME = 'text "my_package:MyClass", with a class without arguments or an obje
 
 @dataclass(frozen=True)
 class UserParts:
-    """Parts of a user that replace those of a scenario: one for all aircraft, or a mapping by the aircraft's name.
+    """User-defined parts that replace the parts of a scenario; None: the scenario's part stays.
 
-    A part may be given as an object, or as text MODULE:NAME. The planner is one for the fleet.
+    A part is an object, or text MODULE:NAME. The planner is for the whole fleet; every other part is for all aircraft,
+    or a mapping from the names of aircraft to their parts.
     """
 
     controller: Any = None
@@ -55,10 +56,10 @@ class UserParts:
         return any(part is not None for part in vars(self).values())
 
     def resolved(self, scenario: Scenario) -> "UserParts":
-        """Return the parts as objects.
+        """Return the parts as objects: a name is imported, and a class of this name called without arguments.
 
-        Raises ScenarioError if a name cannot be imported, an object is no such part, an aircraft is unknown, or a
-        planner meets events.
+        Raises ScenarioError if a name cannot be imported, an object does not subclass the interface of its part, an
+        aircraft is unknown, or a planner is given for a scenario with events to which planners respond.
         """
         if not self:
             return self
@@ -82,17 +83,17 @@ class UserParts:
         return UserParts(**resolved)
 
     def part_of(self, kind: str, aircraft: str) -> Any:
-        """Return an aircraft's user-defined part of a kind; None if the scenario's part stays."""
+        """Return the user-defined part of a kind ("controller" ...) of an aircraft; None if the scenario's stays."""
         part = getattr(self, kind)
         return part.get(aircraft) if isinstance(part, Mapping) else part
 
     def replace_in(self, vehicle: Vehicle, aircraft: str) -> Vehicle:
-        """Return an aircraft of the closed loop with its user-defined parts."""
+        """Return an aircraft of the closed loop with its user-defined parts in place of the scenario's."""
         changes = {kind: part for kind in _VEHICLE_PARTS if (part := self.part_of(kind, aircraft)) is not None}
         return replace(vehicle, **changes) if changes else vehicle
 
     def describe(self) -> dict[str, Any]:
-        """Return the parts by name, for the provenance of results."""
+        """Return the names MODULE:NAME of the parts by kind (and aircraft), for the provenance of results."""
         return {
             kind: {name: _name_of(item) for name, item in part.items()} if isinstance(part, Mapping) else _name_of(part)
             for kind, part in vars(self).items()
@@ -101,7 +102,7 @@ class UserParts:
 
 
 def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
-    """Return a scenario with user-defined parts beside or in place of its file's, also through `Scenario.replace`."""
+    """Return a scenario with user-defined parts, which replace the file's and are kept by `Scenario.replace`."""
     if not parts:
         return scenario
     attached = scenario.model_copy()
@@ -139,7 +140,7 @@ def _resolve_part(part: Any, kind: str, key_path: str, problems: list[Problem]) 
 
 
 def _import(module: str) -> Any:
-    """Import a module that is installed, or lies in the working folder."""
+    """Import a module that is installed or lies in the working folder; raises ModuleNotFoundError for others."""
     if sys.modules.get("dask", sys) is None:  # hidden by the command line; user code may need it
         del sys.modules["dask"]
     try:
@@ -156,17 +157,17 @@ def _import(module: str) -> Any:
 
 
 def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: UserParts) -> None:
-    """Trace one sample with user-defined parts on shapes alone.
+    """Check an aircraft's user-defined parts: trace one sample of the loop with shapes instead of values.
 
-    Raises ScenarioError, with part and method, if a method raises, or returns another structure, shape or type than its
-    interface says.
+    `own` has the user-defined parts, `vehicle` all parts of the aircraft. Raises ScenarioError, with part and method,
+    if a method raises an error, or returns another structure, shape or type than its interface says.
     """
     kinds = [kind for kind in _VEHICLE_PARTS if own.part_of(kind, aircraft) is not None]
     if not kinds:
         return
 
     def trace(kind: str, method: str, *arguments: Any, returns: str = "") -> Any:
-        """Trace a method; `returns`: the tuple that it returns, with the new state of the part as the last item."""
+        """Trace a method; return the shapes of its result, which must match the tuple `returns` (state last)."""
         part, is_own = getattr(vehicle, kind), kind in kinds
         result = trace_method(kind, part, method, *arguments, is_own=is_own)
         if is_own and returns:
@@ -211,7 +212,7 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
 
 
 def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: bool = True) -> Any:
-    """Trace a method of a part on shapes alone.
+    """Trace a method of a part with shapes instead of values; return the shapes of its result.
 
     An error in the code of a user-defined part (`is_own`) becomes a ScenarioError with part and method.
     """
@@ -225,7 +226,7 @@ def trace_method(kind: str, part: Any, method: str, *arguments: Any, is_own: boo
 
 
 def part_error(kind: str, part: Any, method: str, arrived: str, expected: str) -> ScenarioError:
-    """Return the error of a user-defined part by its kind, class and method."""
+    """Build the error of a user-defined part, with its kind, class and method as the path of the problem."""
     return problem_error(_SOURCE, arrived, expected, f"{kind} {type(part).__qualname__}.{method}")
 
 

@@ -1,4 +1,4 @@
-"""Wind fields from NetCDF files with CF conventions: pressure or altitude levels, geographic or metric axes."""
+"""Reading of wind fields from NetCDF files with CF conventions: pressure or altitude levels, axes in deg or m."""
 
 import dataclasses
 import functools
@@ -30,7 +30,7 @@ _ALIASES: dict[str, tuple[str, ...]] = {
     "north": ("north", "y", "projection_y_coordinate"),
     "east": ("east", "x", "projection_x_coordinate"),
 }
-"""Standard names and usual names of variables and coordinates."""
+"""Standard name (first) and usual names of the variables and coordinates of a file, by their role."""
 _UNITS: dict[str, dict[str, float]] = {
     "velocity": dict.fromkeys(("m s-1", "m/s", "m s^-1", "m.s-1", "meter second-1", "meters per second"), 1.0),
     "pressure_rate": dict.fromkeys(("Pa s-1", "Pa/s", "Pa s^-1", "Pa.s-1"), 1.0),
@@ -52,14 +52,13 @@ _GLOBE_DEG = 360.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WindField:
-    """Wind of a file in rising coordinates, in float64."""
+    """Wind of a file on a grid with rising coordinates, in float64."""
 
     epoch: np.datetime64 | None  #: Date and time (UTC) from which `times_s` count; None for times without a date.
     times_s: np.ndarray  #: Times of the file, s, at least one.
-    #: Latitudes and longitudes, deg (longitudes continuous, in one turn), or distances to the north and east, m.
-    north: np.ndarray
-    east: np.ndarray
-    is_geographic: bool
+    north: np.ndarray  #: Latitudes, deg, or distances to the north, m, of the nodes.
+    east: np.ndarray  #: Longitudes, deg (continuous), or distances to the east, m, of the nodes.
+    is_geographic: bool  #: Whether the coordinates are latitude and longitude, not distances.
     #: Velocity of the air (north, east, down), m/s, and altitude of each level, lowest first, m; shape (member, time,
     #: north, east, level, 4).
     columns: np.ndarray
@@ -67,12 +66,15 @@ class WindField:
 
     @property
     def altitude_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest altitude of each level over all nodes and times, m."""
+        """Least and greatest altitude of each level over all members, times and nodes, m: two arrays (level,)."""
         heights = self.columns[..., 3].reshape(-1, self.columns.shape[-2])
         return heights.min(axis=0), heights.max(axis=0)
 
     def around(self, longitude_deg: float) -> "WindField":
-        """Return a field whose longitudes go around the globe with its seam opposite a longitude, deg; others as is."""
+        """Return a field around the globe with its seam (first and last meridian) opposite a longitude, deg.
+
+        A field in metres, or a field that does not span all longitudes, is returned unchanged.
+        """
         gap_deg = _GLOBE_DEG - (self.east[-1] - self.east[0])
         if not self.is_geographic or gap_deg > 1.5 * np.max(np.diff(self.east)):
             return self
@@ -96,7 +98,7 @@ def file_digest(path: Path) -> str:
 
 
 def read_wind_field(path: str, digest: str) -> WindField:
-    """Read the wind field of a file whose SHA-256 is `digest`.
+    """Read the wind field of a NetCDF file whose SHA-256 (64 hexadecimal digits) is `digest`.
 
     Raises
     ------
@@ -128,13 +130,13 @@ def _refusal(path: Path, arrived: str, expected: str) -> ScenarioError:
 
 
 class _Reader:
-    """Reads one dataset; every irregularity raises ScenarioError."""
+    """Reader of one dataset; whatever is missing or irregular in it raises ScenarioError."""
 
     def __init__(self, path: Path, dataset: "xr.Dataset") -> None:
         self.path, self.dataset = path, dataset
 
     def field(self) -> WindField:
-        """Read velocities and altitudes, sort the axes, and check that nothing is missing."""
+        """Return the wind field: velocities and altitudes on sorted axes, without missing values."""
         eastward, northward = self._variable("eastward"), self._variable("northward")
         is_geographic = self._find("latitude", self.dataset.coords) is not None
         horizontal = ("latitude", "longitude") if is_geographic else ("north", "east")
@@ -180,7 +182,10 @@ class _Reader:
         is_geographic: bool,
         is_geopotential: bool,
     ) -> WindField:
-        """Return the field with rising axes and levels; checks that the levels rise in the same order everywhere."""
+        """Return the field with rising axes and levels; raises ScenarioError if the order differs between nodes.
+
+        `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role.
+        """
         times, epoch = axes.get("time", np.zeros(1)), None
         if np.issubdtype(times.dtype, np.datetime64):
             epoch = times[0]
@@ -218,7 +223,7 @@ class _Reader:
         values: Callable[["xr.DataArray", float], np.ndarray],
         shape: tuple[int, ...],
     ) -> tuple[np.ndarray, bool]:
-        """Return the altitude of every node, m, and whether it is geopotential."""
+        """Return the altitude of every node and level, m, as an array `shape`, and whether it is geopotential."""
         if vertical == "altitude":
             standard = str(self.dataset[name].attrs.get("standard_name", ""))
             return np.broadcast_to(axis, shape), standard == "geopotential_height"
@@ -241,7 +246,7 @@ class _Reader:
         height: np.ndarray,
         dims: list[str],
     ) -> np.ndarray | None:
-        """Return the vertical velocity of the air, m/s upwards; None if the file has none.
+        """Return the vertical velocity of the air at every node and level, m/s, up positive; None if not in the file.
 
         A pressure velocity omega (Pa/s) is converted by -omega/(rho g) with the density of the hydrostatic balance,
         rho g = -dp/dz, in which z is the geopotential altitude of the pressure levels.
@@ -291,7 +296,10 @@ class _Reader:
         return self.dataset[name]
 
     def _find(self, role: str, variables: Mapping[Any, "xr.DataArray"] | Iterable[Any]) -> str | None:
-        """Return the variable or coordinate of a role: by standard name first, then by its own name."""
+        """Return the name of the variable or coordinate of a role (key of `_ALIASES`); None if `variables` has none.
+
+        A standard name counts before the name of the variable itself.
+        """
         names = [str(name) for name in variables]
         by_standard = {str(self.dataset[name].attrs.get("standard_name")): name for name in reversed(names)}
         candidates = [by_standard.get(alias) for alias in _ALIASES[role]]

@@ -1,7 +1,7 @@
 """Performance of an aircraft in steady flight.
 
-Acceleration and deceleration along the path, airspeed range of level flight, greatest bank angle, load factor, climb
-and sink rates with a reserve.
+Acceleration and deceleration along the path with full and idle thrust; limits of steady flight with a reserve: airspeed
+range of level flight, greatest bank angle, load factor, climb rate and sink rate.
 """
 
 from typing import NamedTuple
@@ -22,21 +22,21 @@ from anser.spatial.wind_axes import air_direction_b
 from anser.steady.trim import TrimMapPoint, trim_map_point, trim_target
 
 _SPEED_RATIOS = np.array([0.55, 0.65, 0.75, 0.85, 1.0, 1.25])  # relative to the airspeed at the start
-_PUSH_OVER = 0.75  # second load factor for the drag due to lift, besides 1
-_NEWTON_STEPS = 6  # the lift curve is piecewise linear
+_PUSH_OVER = 0.75  # load factor that, with load factor 1, gives the drag due to lift
+_NEWTON_STEPS = 6  # enough for a piecewise linear lift curve
 ACCELERATION_FLOOR = 0.1
-"""Acceleration and deceleration assumed for an aircraft that can reach less, m/s^2."""
+"""Least acceleration and deceleration that plans assume for an aircraft, even if it reaches less, m/s^2."""
 
 
 def performance_at(
     airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Performance:
-    """Compute the acceleration with full thrust and the deceleration with idle thrust from steady level flight, m/s^2.
+    """Compute the acceleration with full thrust and the deceleration with idle thrust of a trimmed aircraft, m/s^2.
 
-    `condition` is the trimmed condition, `surfaces` (rad) are the control surfaces of the trim. The idle deceleration
-    at other airspeeds and load factors, relative to the trim, is tabulated for the same surfaces: for the F-16 the
-    error of drag less idle thrust is within 5 % and 0.06 m/s^2 (at load factors 0.5 to 1, from 0.6 to 1.25 times the
-    airspeed of the trim; beyond, the last value holds).
+    `condition` is the trimmed condition, `surfaces` (rad) are the deflections of the trim. The result also tabulates
+    the idle deceleration in level flight and its part due to lift at 0.55 to 1.25 times the trimmed airspeed, for the
+    same deflections, relative to the trimmed idle deceleration (at least `ACCELERATION_FLOOR`). For the F-16 the error
+    of drag less idle thrust is within 5 % and 0.06 m/s^2 (load factors 0.5 to 1, 0.6 to 1.25 times the airspeed).
     """
     data = condition.air_data
     level, pushed_over = _idle_decelerations(airframe, environment, condition, surfaces)
@@ -51,7 +51,7 @@ def performance_at(
 
 
 def path_acceleration(airframe: AbstractAirframe, condition: AirDataAndForces, power: ScalarLike) -> Scalar:
-    """Compute (thrust - drag) / mass in the trimmed condition at a power (percent), m/s^2."""
+    """Compute (thrust - drag) / mass, m/s^2, for the air data of `condition` and an engine power in percent."""
     data = condition.air_data
     propulsive = airframe.engine.propulsion(power, data)
     force_b = condition.aerodynamic.force_b + propulsive.force_b
@@ -61,9 +61,9 @@ def path_acceleration(airframe: AbstractAirframe, condition: AirDataAndForces, p
 def _idle_decelerations(
     airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Float[Array, "2 entries"]:
-    """Compute (drag - idle thrust) / mass, m/s^2, for load factors 1 and `_PUSH_OVER` (rows).
+    """Compute (drag - idle thrust) / mass, m/s^2, by load factor (rows: 1 and `_PUSH_OVER`) and airspeed (columns).
 
-    The columns are the airspeeds `_SPEED_RATIOS` times the trimmed airspeed.
+    The airspeeds are `_SPEED_RATIOS` times the trimmed airspeed; the deflections are `surfaces` (rad) throughout.
     """
     trimmed_flow = condition.air_data
     air = environment.atmosphere.at(trimmed_flow.altitude)
@@ -71,7 +71,7 @@ def _idle_decelerations(
 
     def deceleration_at(speed: Scalar, load_factor: Scalar) -> Scalar:
         def forces(alpha: Scalar) -> tuple[Scalar, Scalar]:
-            """Return the force normal to the path (upwards) and along the path (backwards), both per mass, m/s^2."""
+            """Return acceleration normal to the path (up) and deceleration along it, both without gravity, m/s^2."""
             velocity_b = speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
             data = air_data(velocity_b, trimmed_flow.altitude, air)
             force_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).force_b
@@ -80,7 +80,10 @@ def _idle_decelerations(
             return across, -force_b[0] * jnp.cos(alpha) - force_b[2] * jnp.sin(alpha)
 
         def nearer(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-            """Return the next angle of attack, and the deceleration at the present one: one copy of the forces."""
+            """Return the angle of attack (rad) after a Newton step, and the deceleration (m/s^2) before the step.
+
+            Both in one loop body, so that the compiled program contains the forces once.
+            """
             alpha = carry[0]
             (across, along), (slope, _) = jax.jvp(forces, (alpha,), (jnp.ones(()),))
             step = (across - load_factor * environment.gravity) / jnp.where(slope == 0.0, 1.0, slope)
@@ -98,16 +101,17 @@ _SPEEDS = 64
 _BANKS = np.radians(np.arange(5.0, 76.0, 5.0))
 _SLOPES = np.radians(np.concatenate([np.arange(-20.0, 0.0, 2.0), np.arange(1.0, 41.0, 1.5)]))
 RESERVE = 0.1
-"""Fraction of the power, and of the travel of every surface to its stop, kept in reserve."""
+"""Fraction of full power, and of every surface's travel from mid-range to its stop, that a limit leaves unused."""
 ALPHA_RESERVE = np.radians(2.0)
-"""Margin of the angle of attack to the end of the data, rad."""
+"""Margin of the angle of attack to the greatest of the aerodynamic data, rad."""
 
 
 class Capability(NamedTuple):
     """Limits of steady flight at one altitude in still air.
 
-    The airspeeds (m/s) of level flight are NaN if level flight is impossible. Bank (rad) and load factor are the
-    greatest of a level turn, climb and sink rates (m/s) the greatest at the chosen airspeed.
+    The airspeeds of level flight (m/s) are NaN if level flight is impossible. Greatest bank (rad) and load factor of a
+    level turn, and greatest climb and sink rates (m/s, positive) hold at one chosen airspeed; without a turn, climb or
+    descent within the reserves the values are 0, and the load factor is 1.
     """
 
     speed_min: float
@@ -125,13 +129,11 @@ def capability_points(
     speed: ScalarLike,
     speeds: tuple[ScalarLike, ScalarLike],
 ) -> TrimMapPoint:
-    """Trim the aircraft at the points from which `capability_from_points` finds its limits.
+    """Trim the aircraft at the flight conditions from which `capability_from_points` finds the performance limits.
 
-    The points are level flight at several airspeeds, then level turns, then climbs and descents; the last point is
-    level flight at the airspeed `speed`.
-
-    Turns and climbs have the airspeed `speed`, the level flights 64 airspeeds in equal logarithmic steps over the range
-    `speeds` (m/s).
+    The leading axis of the result is: level flight at 64 airspeeds in equal logarithmic steps over the range `speeds`
+    (m/s); level turns with banks of 5 to 75 deg; path angles from -20 to 40 deg; level flight. Turns, climbs, descents
+    and the last level flight have the airspeed `speed` (m/s); `altitude` (m) is geometric.
     """
     turn_rates = environment.gravity * jnp.tan(jnp.asarray(_BANKS)) / speed
     slopes = jnp.append(jnp.asarray(_SLOPES), 0.0)
@@ -150,10 +152,10 @@ def capability_points(
 def capability_from_points(
     airframe: AbstractAirframe, points: TrimMapPoint, speed: float, speeds: tuple[float, float]
 ) -> Capability:
-    """Find the performance limits among the points of `capability_points`.
+    """Find the performance limits among the `points` of `capability_points`, with the same `speed` and `speeds` (m/s).
 
-    At a limit, the reserves `RESERVE` (power, surfaces) and `ALPHA_RESERVE` (angle of attack) remain. If level
-    flight is possible in several airspeed ranges, the range around `speed` counts, or else the longest.
+    A point counts if it is trimmable and the reserves `RESERVE` (power, surfaces) and `ALPHA_RESERVE` (angle of attack)
+    remain. Of several airspeed ranges of level flight, the range around `speed` counts, or else the longest.
     """
     usable = np.asarray(points.trimmable) & _has_reserve(airframe, points)
     level, banked, sloped, _ = np.split(usable, np.cumsum([_SPEEDS, _BANKS.size, _SLOPES.size]))
@@ -178,7 +180,7 @@ def _speed_grid(low: ScalarLike, high: ScalarLike) -> jax.Array:
 
 
 def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray:
-    """Flag the points at which power, surfaces and angle of attack have the required reserve."""
+    """Return flags, shape (points,), of the points at which power, surfaces and angle of attack keep their reserves."""
     commanded = np.flatnonzero(airframe.actuators.is_commanded)
     surface_margin = np.asarray(points.surface_margin)[:, commanded].min(axis=1)
     alpha_margin = float(airframe.alpha_range[1]) - np.asarray(points.trim.alpha)
@@ -186,7 +188,10 @@ def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray
 
 
 def _true_run(flags: np.ndarray, preferred: int) -> tuple[int, int] | None:
-    """Return first and last index of the run of true flags around index `preferred`, or else of the longest, if any."""
+    """Return first and last index of the run of true flags around index `preferred`, or else of the longest run.
+
+    None if no flag is true.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     matching_runs = [run for run in runs if run[0] <= preferred <= run[1]]

@@ -29,16 +29,16 @@ from anser.spatial.wind_axes import air_direction_b, attitude_from_path
 from anser.units import DEG_RAD
 
 Unknowns = Float[Array, " unknown"]
-"""Unknowns of the trim: alpha, beta, mu (rad), surfaces (rad), power (fraction of maximum).
+"""Unknowns of the trim: alpha, beta, mu (rad), deflections of the commanded surfaces (rad), power (fraction of full).
 
-For an aircraft with more than three commanded surfaces, the surfaces are replaced by a common factor for roll, pitch
-and yaw."""
+For an aircraft with more than three commanded surfaces, three factors (rad) stand for the deflections, one each for
+roll, pitch and yaw: see `_surface_shares`."""
 
 _ALPHA_STARTS_DEG = (2.0, 8.0, 18.0, 30.0, 42.0)
-"""Several starts, because the lift and moment tables have kinks."""
+"""Angles of attack from which the solver starts, deg: several, because the lift and moment tables have kinks."""
 LIMIT_TOLERANCE = 1e-9
-"""Tolerance of the limits, rad and fraction of power: a thousand times the solver's noise."""
-_CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
+"""Excess over a limit that still counts as inside, rad or fraction of power: a thousand times the solver's noise."""
+_CONVERGED = 1e-8  # greatest residual of a solution, g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
 
 
 class TrimTarget(eqx.Module):
@@ -46,36 +46,34 @@ class TrimTarget(eqx.Module):
 
     Notes
     -----
-    With sideslip (for the F-16 due to the engine's angular momentum) the two pull-ups differ: `path_rate` turns the
-    velocity about a line beside the body y axis, so P and R are not 0 and the course is constant; with `pitch_rate` the
-    heading is constant.
+    A pull-up is commanded by `path_rate` or by `pitch_rate`. With sideslip (for the F-16 due to the engine's angular
+    momentum) the two differ: `path_rate` turns the velocity about a line beside the body y axis, so P and R are not 0
+    and the course is constant; with `pitch_rate` the heading is constant.
     """
 
     speed: Scalar  #: True airspeed, m/s.
     altitude: Scalar  #: Geometric altitude, m.
-    #: Direction of the velocity through the air, rad.
-    path_angle: Scalar
-    course: Scalar
+    path_angle: Scalar  #: Path angle of the velocity through the air, rad, up positive.
+    course: Scalar  #: Course of the velocity through the air, rad, clockwise from north.
     turn_rate: Scalar  #: Rate of the course, rad/s; positive turns right.
     #: Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the horizontal line to the
-    #: right of the course, also in a turn. If not 0, the condition is instantaneous.
+    #: right of the course, also in a turn. If not 0, the condition holds for an instant only.
     path_rate: Scalar
     #: Body rate Q of a pull-up as in [SL] section 3.6, rad/s: P = R = 0, and without side force the wings are level. If
-    #: not 0, turn and path rates must be 0, and the condition is instantaneous.
+    #: not 0, turn and path rates must be 0, and the condition holds for an instant only.
     pitch_rate: Scalar
 
 
 class TrimPoint(eqx.Module):
-    """A solution of the trim equations, inside or outside the aircraft's limits."""
+    """Result of `solve_trim`: a solution inside or outside the aircraft's limits, or the best attempt at a solution."""
 
     #: State at the required position and altitude; the velocity over ground includes the environment's wind.
     state: AircraftState
-    controls: Controls  #: Constant surfaces and throttle (0..1, saturated).
-    #: Bank about the velocity vector, angle of attack, sideslip, rad.
-    mu: Scalar
-    alpha: Scalar
-    beta: Scalar
-    power: Scalar  #: Power for balance with the drag, percent; outside 0..100 if the engine cannot deliver it.
+    controls: Controls  #: Constant deflections (rad) and throttle (0..1, saturated).
+    mu: Scalar  #: Bank about the velocity vector, rad.
+    alpha: Scalar  #: Angle of attack, rad.
+    beta: Scalar  #: Sideslip, rad.
+    power: Scalar  #: Engine power that balances the forces, percent; outside 0..100 if the engine cannot deliver it.
     converged: Flag  #: Whether the equations are solved (residual below 1e-8 g and rad/s^2).
     #: Largest remaining acceleration, g and rad/s^2; infinite if the target has a pitch rate together with a turn or
     #: path rate, which defines no flight.
@@ -93,10 +91,10 @@ def trim_target(
     path_rate: ScalarLike = 0.0,
     pitch_rate: ScalarLike = 0.0,
 ) -> TrimTarget:
-    """Build a target from numbers: m/s, m, rad, rad, rad/s, rad/s, rad/s.
+    """Build a trim target from airspeed (m/s), altitude (m), angles (rad) and rates (rad/s); see `TrimTarget`.
 
-    Raises ValueError if a pitch rate is combined with a turn or path rate. (For traced rates the trim reports it: see
-    `TrimPoint`.)
+    Raises ValueError if a pitch rate is combined with a turn or path rate. Rates traced by JAX are not checked here:
+    the trim then has an infinite `TrimPoint.residual`.
     """
     if _is_known_nonzero(pitch_rate) and (_is_known_nonzero(turn_rate) or _is_known_nonzero(path_rate)):
         raise ValueError(
@@ -112,7 +110,7 @@ def _is_known_nonzero(rate: ScalarLike) -> bool:
 
 
 class _TrimCase(NamedTuple):
-    """Constants of the trim equations; `shares` is the result of `_surface_shares`."""
+    """Constants of the trim equations: aircraft, surroundings and target; `shares` comes from `_surface_shares`."""
 
     airframe: AbstractAirframe
     shares: Float[Array, "surface unknown"]
@@ -139,7 +137,10 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
-    """Return the residuals of the trim equations: accelerations in g, rad/s^2, and the side force over the weight."""
+    """Return the residuals of the trim equations, body axes: linear (g) and angular (rad/s^2) accelerations.
+
+    With yaw control, the last residual is the side force over the weight.
+    """
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)
@@ -163,7 +164,7 @@ def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
 
 
 def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
-    """Return the deflection of each surface per unknown (see `Unknowns`); 0 for surfaces without command.
+    """Return the deflection of each surface per deflection or factor in `Unknowns`; 0 for surfaces without command.
 
     With at most three commanded surfaces, each deflection is an unknown. With more, a common factor for roll, pitch or
     yaw stands for the deflections that produce the moment and are smallest relative to the ranges of the surfaces; the
@@ -183,20 +184,21 @@ def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "
 def solve_trim(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, position_n: Vector3 | None = None
 ) -> TrimPoint:
-    """Solve the trim equations for alpha, beta, mu, the surfaces and power.
+    """Trim an aircraft: solve the equations of a steady flight `target` for alpha, beta, mu, surfaces and power.
 
     Equations: body velocity and body rates are constant in a steady (helical) turn or at the instant of a pull-up, and
     the side force vanishes (coordination; [SL] section 3.6 has the same condition; in a pull-up by pitch rate it levels
     the wings). Over a round Earth "constant" refers to the travelling NED axes: Coriolis and centrifugal accelerations
     are balanced too. An aircraft without yaw control has no equation for the side force. Limits are not enforced, so a
     diagnosis can state their violation: see `trim_violations`. Levenberg-Marquardt from several angles of attack; the
-    result is the solution inside the limits with the smallest angle of attack. Differentiable by the implicit function
-    theorem, first derivatives only.
+    result is the solution inside the limits with the smallest angle of attack, or else the solution with the least
+    excess, or else the attempt with the least residual. Differentiable by the implicit function theorem, first
+    derivatives only.
 
     Parameters
     ----------
-    airframe, environment
-        Any airframe; over a flat Earth the wind sets the ground velocity of the result only.
+    environment
+        Atmosphere, wind and Earth; over a flat Earth the wind changes nothing but the ground velocity of the result.
     position_n
         Position in the Earth's chart (3,), m; the altitude is taken from the target. None: the chart's origin.
     """
@@ -248,7 +250,7 @@ def solve_trim(
 
 
 def _excess(case: _TrimCase, x: Unknowns) -> Scalar:
-    """Return the sum of the violations of all limits (rad and fraction of power); 0 inside the limits."""
+    """Return the sum of the violations of alpha, beta, surface (rad) and power (fraction) limits; 0 inside."""
     airframe, target = case.airframe, case.target
     surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))
 
@@ -264,8 +266,8 @@ def _excess(case: _TrimCase, x: Unknowns) -> Scalar:
 
 
 TRIM_OBSTACLES = ("tables", "no_balance", "thrust_max", "thrust_idle", "surfaces", "alpha", "beta")
-"""Obstacles to steady flight: altitude or Mach number outside the data; unbalanced forces or moments; power above 100
-or below 0 percent; a surface beyond its stop; alpha or beta outside the data."""
+"""Obstacles to steady flight: airspeed, altitude or Mach number outside the data; unbalanced forces or moments; power
+above 100 percent; power below 0; a surface beyond its stop; alpha outside the data; beta outside the data."""
 
 
 class TrimMapPoint(eqx.Module):
@@ -274,11 +276,11 @@ class TrimMapPoint(eqx.Module):
     trim: TrimPoint  # solution of the trim equations, even if it cannot be flown
     obstacles: Bool[Array, "7"]  # flags of the `TRIM_OBSTACLES`; all false if the point can be flown
     mach: Scalar  # Mach number
-    load_factor: Scalar  # minus body z force over weight
-    # distance to 100 and to 0 percent of power, as fractions
+    load_factor: Scalar  # aerodynamic and propulsive force along -z of the body, over weight
+    # distance of the power from 100 percent and from 0, as a fraction of full power; negative beyond
     power_margin: Scalar
     power_above_idle: Scalar
-    # distance of each surface from its stop, as a fraction of the travel from the middle to the stop
+    # distance of each surface from its stop, as a fraction of the travel from mid-range to the stop; negative beyond
     surface_margin: Vector
 
     @property
@@ -289,7 +291,7 @@ class TrimMapPoint(eqx.Module):
 
 
 def trim_map_point(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimMapPoint:
-    """Trim an aircraft and report the margins to its limits; see `solve_trim`."""
+    """Trim an aircraft at the chart's origin; return the trim, its obstacles and the margins to the limits."""
     point = solve_trim(airframe, environment, target)
     condition = air_data_and_forces(airframe, environment, 0.0, point.state)
     data = condition.air_data
@@ -324,6 +326,6 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
 
 
 def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
-    """Return each surface's deflection from the middle of its range, as a fraction of the travel to the stop."""
+    """Return the magnitude of each surface's deflection from mid-range over the travel to the stop (1: at the stop)."""
     lower, upper = airframe.actuators.lower, airframe.actuators.upper
     return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)

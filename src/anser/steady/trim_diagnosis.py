@@ -44,16 +44,16 @@ class NearestTrim:
     point: TrimPoint
 
     def message(self) -> str:
-        """Describe the change in one clause; the number is rounded to the side on which a trim exists."""
+        """Return a clause such as "the fastest turn is 3.2 deg/s", rounded to the side on which a trim exists."""
         return _CLAUSES[self.quantity](self.target_value, self.value)
 
 
 @dataclasses.dataclass(frozen=True)
 class TrimDiagnosis:
-    """Result of `nearest_trims`: the trim solution, the violated limits, and the nearest conditions with a trim.
+    """Result of `nearest_trims`: the target and its trim, the violated limits, and the nearest conditions with a trim.
 
     If the target has no trim, `violations` are the texts of `trim_violations`, and `nearest` has at most one condition
-    per quantity, nearest first.
+    for each changed quantity, least `distance` first; both are empty for a target with a trim.
     """
 
     target: TrimTarget
@@ -62,7 +62,7 @@ class TrimDiagnosis:
     nearest: tuple[NearestTrim, ...]
 
     def message(self) -> str:
-        """Describe limits and nearest conditions in a few lines."""
+        """Return lines of text: the condition, the violated limits, and the nearest conditions with a trim."""
         t = self.target
         condition = (
             f"{float(t.speed):.1f} m/s at {float(t.altitude):.0f} m, "
@@ -84,7 +84,10 @@ class TrimDiagnosis:
 
 
 def trim_violations(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[str, ...]:
-    """Describe each limit that a result of `solve_trim` violates, in deg and percent; empty if it can be flown."""
+    """Return a sentence for each limit that a result of `solve_trim` violates; empty if the condition can be flown.
+
+    Values are in deg and percent. If forces and moments are not balanced, the result is one sentence to say so.
+    """
     if math.isinf(float(point.residual)):
         return ("a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",)
     if not bool(point.converged):
@@ -116,9 +119,9 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
 
 
 def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
-    """Describe each validity range, as stated by the aircraft file, that the flight condition is outside of.
+    """Return a sentence for each validity range of the aircraft file (airspeed, altitude, Mach) that is violated.
 
-    Empty if the aircraft states none.
+    Empty for an aircraft without validity ranges.
     """
     validity: Validity | None = getattr(airframe, "validity", None)
     if validity is None:
@@ -137,13 +140,13 @@ def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
 
 
 def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimDiagnosis:
-    """Find the trimmable points nearest to a target by changing speed, path angle or turn rate, one at a time.
+    """Diagnose a trim target: find the nearest trimmable conditions by changing speed, path angle or turn rate alone.
 
     In a pull-up by pitch rate, the pitch rate is changed instead of the turn rate. The search uses a grid along each
     quantity, then a finer grid next to the nearest trimmable value; all points of a grid are solved in one compiled
-    call. The resolution is 0.03 percent of the speed, 0.01 deg and 0.004 deg/s.
+    call. The resolution is 0.03 percent of the speed, 0.01 deg and 0.004 deg/s (coarser for a target above 20 deg/s).
 
-    Arguments are those of `solve_trim` for one aircraft.
+    The aircraft is trimmed at the chart's origin, as by `solve_trim` without a position.
     """
     rate = _changed_rate(target)
     target_values = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
@@ -183,13 +186,16 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
 
 
 def _changed_rate(target: TrimTarget) -> str:
-    """Name of the rate that the diagnosis changes: "turn_rate", or "pitch_rate" in a pull-up."""
+    """Return the name of the rate that the diagnosis changes: "pitch_rate" if the target has one, else "turn_rate"."""
     return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 
 @compiled
 def _outside_data(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
-    """Return whether the point is outside the airframe's data other than in alpha or beta, and its air data."""
+    """Return whether airspeed, altitude or Mach number of a trim point is outside the data, and the point's air data.
+
+    Angle of attack and sideslip are not checked.
+    """
     data = air_data_and_forces(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
     within = dataclasses.replace(data, alpha=alpha, beta=beta)
@@ -209,7 +215,10 @@ def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: Tr
 def _solve_grids(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, grids: dict[str, np.ndarray]
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
-    """Trim the target for every value of every grid, one quantity changed at a time, and last the target unchanged."""
+    """Trim the target with each value of each grid in place of the quantity's own, and last the target unchanged.
+
+    Return the trim points, in the order of the grids, and for each quantity the flags of the values with a trim.
+    """
     count = len(grids) * _CANDIDATES
     fields = {f.name: np.full(count + 1, float(getattr(target, f.name))) for f in dataclasses.fields(target)}
     for quantity_index, (name, grid) in enumerate(grids.items()):
@@ -219,9 +228,9 @@ def _solve_grids(
 
 
 def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
-    """Return a finer grid between the usable value nearest to the target and the next value towards the target.
+    """Return a finer grid from the usable value nearest to the target to the next grid value towards the target.
 
-    Without a usable value, the grid is returned unchanged.
+    `usable` flags the values of `grid` with a trim. Without a usable value, the grid is returned unchanged.
     """
     if not usable.any():
         return grid
@@ -233,7 +242,7 @@ def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> 
 
 
 def _beyond(value: float, lower: float, upper: float) -> str:
-    """Format a value with as many decimals, at least one, as show that it is outside `lower` to `upper`."""
+    """Format a value outside `lower` to `upper` with the fewest decimals (one or more) that read as outside."""
     for decimals in range(1, 9):
         text = f"{value:.{decimals}f}"
         if not lower <= float(text) <= upper:
