@@ -430,7 +430,7 @@ def _first_profiles(
 
 
 def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, ...]]) -> Candidates:
-    """Return absent candidates: zeros with the cost `ABSENT`, each array in the shape that `resize` makes of `shapes`."""
+    """Return absent candidates: zeros with the cost `ABSENT`, in shapes that `resize` makes of those in `shapes`."""
     absent = jax.tree.map(lambda leaf: jnp.zeros(resize(leaf.shape), leaf.dtype), shapes)
     return eqx.tree_at(lambda c: c.cost, absent, jnp.full_like(absent.cost, ABSENT))
 
