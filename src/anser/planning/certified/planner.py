@@ -170,8 +170,9 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
         """Search for a plan with holds after the arrivals that keep separation, keep-outs and altitude limits.
 
-        Returns the outcome and the holds of its plan; without a plan, the holds of `outcome.plan_without_holds`, or None
-        if no attempt was feasible up to the arrivals. For the reason of a missing plan see `anser.missions.refusal`.
+        Returns the outcome and the holds of its plan; without a plan, the holds of `outcome.plan_without_holds`, or
+        None if no attempt was feasible up to the arrivals. For the reason of a missing plan see
+        `anser.missions.refusal`.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
         hold_tasks = tasks if hold_tasks is None else hold_tasks
@@ -224,11 +225,11 @@ class CertifiedPlanner(AbstractPlanner):
     def prepare_programs(
         self,
         tasks: AircraftTask,  # the fleet's tasks, or their shapes
-        # rough flight time of the last aircraft, s: no program if a slightly different time needs other path sizes
+        # rough flight time of the last aircraft, s: no program if a slightly other time needs other sizes of paths
         longest: float,
         end_time: float,
     ) -> Iterator[PreparedProgram]:
-        """Yield the compiled programs of a search from time 0, with holds to `end_time` (s): plans and, last, holds."""
+        """Yield the compiled programs of a search from time 0, with holds to `end_time` (s): plans, then holds."""
         intervals = choose_interval_count(longest)
         if {choose_interval_count(0.95 * longest), choose_interval_count(1.2 * longest)} == {intervals}:
             shapes: Any = None

@@ -68,9 +68,10 @@ class Profile(eqx.Module):
 
     @property
     def kinks(self) -> Float[Array, "5"]:
-        """Times, s after the start, at which higher derivatives jump: bounds of changes of climb and airspeed, and fade.
+        """Times, s after the start, at which higher derivatives jump.
 
-        The fade is the end of the initial acceleration.
+        The ends of the first changes of climb and airspeed and of the initial acceleration, then the starts of the last
+        changes of climb and airspeed.
         """
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])

@@ -400,7 +400,7 @@ def exit_path(
     gravity: ScalarLike,
     knot_count: int,
 ) -> TimedPath:
-    """Return the path, with `knot_count` knots, on which an aircraft leaves the fleet from `start_time` to `end_time` (s).
+    """Return the path of `knot_count` knots from `start_time` to `end_time` (s) on which an aircraft leaves the fleet.
 
     Velocity and acceleration continue without a jump, and the initial acceleration fades out in 4 s. The aircraft
     levels off in 12 s, turns by `turn` from its current heading at a bank angle of at most 40 deg, and keeps its

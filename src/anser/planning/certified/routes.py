@@ -231,10 +231,10 @@ def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
 def chain_turns(
     endpoints: PathEndpoints, heading: ScalarLike, angles: Float[Array, " turns"], scales: Float[Array, " turns"]
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
-    """Return displacement (north + i east, m) and length (m) of a chain of turns, and the heading (rad) after each turn.
+    """Return displacement (north + i east, m) and length (m) of a chain of turns, and the heading after each turn, rad.
 
-    The displacement and the length are sums over the turns, without legs. `heading` is the initial heading, `angles` are the turn angles (rad), `scales` the radii in units of the tightest
-    turn's (see `turn_limits`).
+    Displacement and length are sums over the turns. `heading` is the initial heading, `angles` are the turn angles
+    (rad), `scales` the radii in units of the tightest turn's (see `turn_limits`).
     """
     curvatures, sharpness = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpness)
