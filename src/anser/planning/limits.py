@@ -102,7 +102,7 @@ class Limit:
 
     @property
     def factor(self) -> float:
-        """Dataset value divided by the value in SI units or radians."""
+        """Factor that converts the value from SI units or radians to the unit in a dataset."""
         return UNITS[self.suffix][1]
 
     @property

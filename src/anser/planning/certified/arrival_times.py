@@ -33,7 +33,7 @@ from anser.shapes import Integer, Scalar
 
 _STEP_UP, _FIRST_STEP = 1.12, 1.06  # ratio of consecutive times, and of the first tried to the first admissible time
 RESOLUTION = 1.01
-"""Ratio of two neighbouring times at which the search stops."""
+"""Ratio of the first feasible to the last infeasible arrival time at which the bisection of `earlier_times` stops."""
 
 
 def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, int | None]:

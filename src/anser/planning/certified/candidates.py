@@ -110,7 +110,7 @@ ABSENT = 1e9
 
 
 class Routes(NamedTuple):
-    """Horizontal routes of candidates, each with the index of a profile of altitude and airspeed."""
+    """Horizontal routes of candidates, each with the index of its profile of altitude and airspeed."""
 
     endpoints: PathEndpoints  # start and end conditions of each route
     turns_and_legs: TurnsAndLegs  # turns and legs between the endpoints
@@ -118,7 +118,7 @@ class Routes(NamedTuple):
 
 
 class Candidates(eqx.Module):
-    """Candidates of a fleet, shape (aircraft, candidate), splines last; of one aircraft, shape (candidate,)."""
+    """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last."""
 
     generator: Int[Array, "*aircraft candidates"]  # generator of the candidate: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`
     valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists within its aircraft's limits

@@ -63,7 +63,7 @@ _Choice = tuple[BoundingCylinders, Array]  # cylinders and index of the candidat
 
 
 class Placement(eqx.Module):
-    """Result of `place_candidates`, one row per aircraft."""
+    """Chosen candidate of each aircraft, from `place_candidates`."""
 
     chosen: Int[Array, " aircraft"]  # index of the chosen candidate
     valid: Bool[Array, " aircraft"]  # whether the chosen candidate is within the aircraft's limits
@@ -177,7 +177,7 @@ TIMES_PER_INTERVAL = 4
 
 
 class Certificate(eqx.Module):
-    """Proven bounds of limits and distances for a fleet's paths, valid at all times of the flight."""
+    """Proven bounds of flight quantities and distances for a fleet's paths, valid between the sample times, too."""
 
     bounds: PathBounds  # bounds of each path
     # relative excess over each limit, in the order of `CERTIFIED_LIMITS`; positive: violated
@@ -190,14 +190,14 @@ class Certificate(eqx.Module):
 
     @property
     def satisfied_individually(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft keeps its limits and the keep-outs; separation is not considered."""
+        """Whether each path is proven to keep its aircraft's limits and the keep-outs; separation is not considered."""
         xp = namespace(self)
         excess, clearance = xp.asarray(self.excess), xp.asarray(self.keep_out_clearance)
         return xp.all(excess <= _ROUNDING, axis=1) & xp.all(clearance >= -_ROUNDING_M, axis=1)
 
     @property
     def satisfied(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft keeps its limits, the keep-outs and the separation."""
+        """Whether each path is proven to keep its aircraft's limits, the keep-outs and the separation."""
         xp = namespace(self)
         return self.satisfied_individually & xp.all(xp.asarray(self.clearance_ratio) >= 1.0 - _ROUNDING, axis=1)
 

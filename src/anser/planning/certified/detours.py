@@ -168,7 +168,7 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
     straight = jnp.maximum(base.straight, 1.0 / endpoints.curvature_max)
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, _Aim]) -> tuple[Scalar, Scalar, _Aim]:
-        """Evaluate the path at the angle `x`, and choose the next angle."""
+        """Evaluate the path with the straight part of `base` turned by `x` (rad), and choose the next angle."""
         previous, x, former_aim = carry
         aim = _aim(endpoints, initial, base.angles + x * angle_rates, scales)
         gap = aim.miss - former_aim.miss

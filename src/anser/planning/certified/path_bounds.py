@@ -40,7 +40,7 @@ class PathBounds(eqx.Module):
     # altitude, m
     altitude_min: Scalar
     altitude_max: Scalar
-    # bounds of V_dot + g sin(gamma) and of its negative, m/s^2
+    # upper bounds of V_dot + g sin(gamma) and of its negative, m/s^2, at least 0
     acceleration_max: Scalar
     deceleration_max: Scalar
     wind_error_max: Scalar  # greatest difference between the drift's slope and the wind at the aircraft, m/s

@@ -168,7 +168,7 @@ class CertifiedPlanner(AbstractPlanner):
         former_holds: PlannedHolds | None = None,  # holds in use; None before the flight
         candidate_sets: tuple[CandidateSet, ...] = FleetTask.candidate_sets,  # see `FleetTask`
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
-        """Search for a plan with holds after the arrivals that keep separation, keep-outs and altitude limits.
+        """Search for a plan with holds that keep separation, keep-outs, altitude limits and distance from the goals.
 
         Returns the outcome and the holds of its plan; without a plan, the holds of `outcome.plan_without_holds`, or
         None if no attempt was feasible up to the arrivals. For the reason of a missing plan see

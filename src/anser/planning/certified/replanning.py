@@ -124,7 +124,7 @@ def exceeds_uncertainty(offset: Vector3, covariance: Float[Array, "6 6"], to_go:
 
 
 def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """Return the planning problem that starts at the planned state of `path` at a time (s).
+    """Return the planning problem that starts at position, velocity and acceleration of a path at a time (s).
 
     Velocity and acceleration of a new path thus continue without a jump.
     """
@@ -150,11 +150,11 @@ def arrival_delays(
     latest_arrival: ScalarLike,  # latest allowed arrival time, s
     parts: tuple[float, ...] = DELAY_FRACTIONS,  # delays as fractions of the longest time to go
 ) -> tuple[Float[Array, " delays"], Integer]:
-    """Return the delays to try for a fleet's arrivals, s, rising from zero, and the number of allowed ones among them.
+    """Return the delays to try for a fleet's arrivals, s, rising from zero, and how many of them are allowed.
 
-    The first delays are allowed, with which the last aircraft arrives in time; only zero is allowed if an aircraft can
-    no longer be replanned, or if the arrival rule fixes the times. A delay holds for the whole fleet, so that common
-    arrivals stay common and a sequence keeps its spacing.
+    The first delays are allowed: zero, and those with which the last aircraft arrives by `latest_arrival`; zero alone
+    if an aircraft can no longer be replanned, or if the arrival rule fixes the times. A delay applies to the whole
+    fleet, so that common arrivals stay common and a sequence keeps its spacing.
     """
     last_arrival = jnp.max(arrival_times)
     delays = jnp.asarray(parts) * jnp.maximum(last_arrival - time, 0.0)
@@ -210,7 +210,7 @@ class PlanInFlight(eqx.Module):
 
     @property
     def path_limits(self) -> PathLimits:
-        """Limits of a corrected path."""
+        """Limits of a corrected path: `correction_limits`, or those of the tasks if None."""
         return self.tasks.limits if self.correction_limits is None else self.correction_limits
 
     def certified(
@@ -402,9 +402,9 @@ def exit_path(
 ) -> TimedPath:
     """Return the path of `knot_count` knots from `start_time` to `end_time` (s) on which an aircraft leaves the fleet.
 
-    Velocity and acceleration continue without a jump, and the initial acceleration fades out in 4 s. The aircraft
-    levels off in 12 s, turns by `turn` from its current heading at a bank angle of at most 40 deg, and keeps its
-    horizontal airspeed. Not checked: limits, separation and keep-outs.
+    Velocity and acceleration continue without a jump; the initial acceleration is added and fades out in 4 s. The
+    aircraft levels off in 12 s, turns by `turn` from its current heading at a bank angle of at most 40 deg, and keeps
+    its horizontal airspeed. Limits, separation and keep-outs are not checked.
     """
     position_n, velocity_n, acceleration_n = start.position_n, start.air_velocity_n, start.air_acceleration_n
     level_speed = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)

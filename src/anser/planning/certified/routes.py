@@ -45,7 +45,7 @@ class Turn(eqx.Module):
 
 
 def smooth_turn(angle: ScalarLike, curvature_max: ScalarLike, sharpness: ScalarLike) -> Turn:
-    """Return the shortest turn by an angle (rad) with limits on curvature (1/m) and sharpness (1/m^2)."""
+    """Return the shortest turn by an angle (rad) within limits of curvature (1/m) and its rate on the ramps (1/m^2)."""
     size = jnp.abs(angle)
     full = curvature_max / sharpness
     root = jnp.sqrt(jnp.where(size > 0.0, size, 1.0) / sharpness)

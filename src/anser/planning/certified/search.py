@@ -94,7 +94,7 @@ class FleetTask:
 
     @property
     def is_small(self) -> bool:
-        """Whether the fleet is small enough to try every kind of candidate."""
+        """Whether at most `SMALL_FLEET` aircraft are active: every kind of candidate is tried."""
         return self.indices.size <= SMALL_FLEET
 
     @property

@@ -413,7 +413,7 @@ def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
 
 
 def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiagonal:
-    """Return the sum of the intervals' quadratic forms, in blocks of four coefficients without the first, fixed ones."""
+    """Return the sum of the intervals' quadratic forms in blocks of `GROUP` coefficients; the first three are fixed."""
     cells, axes = cell_forms.shape[0], cell_forms.shape[3]
     phases = cell_forms.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
     # The first interval of a group reaches three coefficients back into the previous group, the last one none.

@@ -173,7 +173,7 @@ def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike,
     """Compute vertical speed and heading at the arrival after a duration (s) at an airspeed (m/s).
 
     Without a prescribed path angle, the aircraft climbs as its goal. In wind the climb rate of a prescribed path angle
-    depends on the course; unless prescribed, this course is that of the straight line over the ground to the rendezvous.
+    depends on the course; unless prescribed, this is the course of the straight line over the ground to the rendezvous.
     """
     rendezvous = task.rendezvous
     meeting = task.meeting_n(duration)
@@ -447,7 +447,7 @@ def _match_direct_length(
         return widen_direct(endpoints, aimed, nearby.width).length / table.length - 1.0
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
-        """Evaluate the mismatch at the airspeed `current`, and choose the next airspeed."""
+        """Evaluate the mismatch of length at the mean airspeed `current` (m/s), and choose the next airspeed."""
         previous, current, previous_mismatch = carry
         mismatch = mismatch_at(current)
         gap = mismatch - previous_mismatch
