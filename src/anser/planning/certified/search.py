@@ -329,7 +329,7 @@ def _preferred_first_arrival(fleet: FleetTask) -> float:
 
 
 def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
-    """Yield sets of arrival times, s, at which every aircraft alone can arrive: rising, or nearest to the preferred."""
+    """Yield sets of arrival times, s, that each aircraft can reach alone: rising; with windows, the preferred first."""
     request = fleet.request
     if request.windows_s is not None:
         yield from _window_times(fleet.preferred_times, request.windows_s, arrivals)
@@ -412,7 +412,6 @@ class FailedAttempt(str):
     attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
 
     def __new__(cls, text: str, attempt: CertifiedPlan) -> "FailedAttempt":
-        """Make a message with the text `text` and an attempt."""
         message = super().__new__(cls, text)
         message.attempt = attempt
         return message

@@ -45,7 +45,7 @@ class AircraftTask(eqx.Module):
 
 
 class KeepOuts(eqx.Module):
-    """Vertical cylinders, at rest or at a steady velocity, that no path may enter; the arrays may be empty."""
+    """Vertical cylinders, at rest or at a steady velocity, that no certified path enters; the arrays may be empty."""
 
     position_n: Float[Array, "volumes 2"]  #: Position of the axis at time 0, north and east, m.
     velocity_n: Float[Array, "volumes 2"]  #: Velocity of the axis, north and east, m/s.
