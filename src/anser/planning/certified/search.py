@@ -412,6 +412,7 @@ class FailedAttempt(str):
     attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
 
     def __new__(cls, text: str, attempt: CertifiedPlan) -> "FailedAttempt":
+        """Make the message `text` with an attempt."""
         message = super().__new__(cls, text)
         message.attempt = attempt
         return message
