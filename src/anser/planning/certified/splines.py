@@ -360,9 +360,9 @@ def _limit_violations(
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[Array, "3"]) -> Scalar:
-    """Return the depth of a position (NED, m) inside keep-outs with a margin, summed over the volumes, over 200 m.
+    """Return the depth of a position (NED, m) inside keep-outs with a margin: the sum over the keep-outs, / 200 m.
 
-    The depth is the shortest way out: radially, or vertically at three times the distance.
+    The depth is the shortest distance to the outside, with three times the distance upward or downward.
     """
     limits, volumes = problem.task.limits, problem.airspace.keep_outs
     altitude = -position[2]

@@ -161,7 +161,7 @@ class Starts(NamedTuple):
 
 
 def make_starts(count: int) -> Starts:
-    """Draw the initial values of `count` searches, the same in each call; half of them fly spare length in circles."""
+    """Draw the initial values of `count` searches, the same in each call; about half of the paths have circles."""
     rng = np.random.default_rng([11, 0])
     number = np.arange(count)
     senses = np.where(number[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
@@ -201,7 +201,7 @@ def _rotate(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 .
 
 
 def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Return the vector turned by 90 deg from north towards east: its derivative by the direction angle."""
+    """Return the vector turned by 90 deg from north towards east: the derivative by the vector's direction angle."""
     return jnp.stack([-vector[1], vector[0]])
 
 
@@ -239,10 +239,11 @@ def _evaluate_path(
     turn_data = (angles, full_turns, excess_radii, legs, senses[:, None] * squares_by[:TURNS], excess_radii_by, legs_by)
 
     def turn(parameters: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
-        """Return five numbers of a turn, m, then the same five and the turn's scale.
+        """Return five lengths of a turn, m; then these lengths again with the scale of the turn.
 
-        The numbers are the displacements to its end and to its middle, (ahead, right), and its length. `parameters` are
-        angle (rad), excess radius and length of the path before the turn (m).
+        The lengths are the displacements to the end and to the middle of the turn (ahead, right), and the length of the
+        turn. `parameters` are angle (rad), excess radius and length of the path before the turn (m); `circled` is the
+        angle flown in full circles, rad.
         """
         angle, excess_radii, length = parameters
         # The length of a turn depends on its radius, and the radius on the schedule over that length: iterate.
