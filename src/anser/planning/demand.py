@@ -78,10 +78,11 @@ def coordinated_demand(
 def demand(
     air_velocity_n: Vector3, acceleration_n: Vector3, gravity: ScalarLike, level_min: float = _SPEED_MIN
 ) -> Demand:
-    """Compute the demand of a motion with a velocity relative to the air (NED, m/s).
+    """Compute airspeed and specific force (`Demand`) from velocity and acceleration, NED.
 
-    `acceleration_n` is the acceleration over the ground (NED, m/s^2). The horizontal airspeed is replaced by
-    sqrt(horizontal^2 + level_min^2), so that vertical flight has finite derivatives.
+    `air_velocity_n` is the velocity relative to the air, m/s, `acceleration_n` the acceleration over the ground, m/s^2.
+    The horizontal airspeed is replaced by sqrt(horizontal^2 + level_min^2), `level_min` in m/s, so that vertical flight
+    has finite derivatives.
     """
     north, east, down = air_velocity_n
     level = jnp.sqrt(north**2 + east**2 + level_min**2)
@@ -91,15 +92,15 @@ def demand(
 
 
 def normal_force_max(limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Greatest specific force normal to the velocity, m/s^2, that the load factor limit allows."""
+    """Return the load factor limit times gravity: the greatest specific force normal to the velocity, m/s^2."""
     return jnp.minimum(limits.load_factor_max, _LOAD_FACTOR_UNLIMITED) * gravity
 
 
 def side_force_max(lift_min: ScalarLike, lift_max: ScalarLike, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Return the greatest `Demand.side`, m/s^2, within the limits of bank angle and load factor.
+    """Return the greatest horizontal force across the velocity (`Demand.side`), m/s^2, for turns within the limits.
 
-    The limits are kept for every `Demand.lift` from `lift_min` to `lift_max`, m/s^2. The result is positive even if the
-    limits allow no turn.
+    With this force, bank angle and load factor keep their limits for every `Demand.lift` from `lift_min` to `lift_max`,
+    m/s^2. If the limits allow no turn, the result is a small positive number.
     """
     by_bank = jnp.maximum(lift_min, _FORCE_MIN) * jnp.tan(limits.bank_max)
     side_square = normal_force_max(limits, gravity) ** 2 - lift_max**2
@@ -107,5 +108,5 @@ def side_force_max(lift_min: ScalarLike, lift_max: ScalarLike, limits: PathLimit
 
 
 def turn_radius(speed: ScalarLike, bank: ScalarLike, gravity: ScalarLike) -> Scalar:
-    """Radius, m, of a level turn at a bank angle (rad) and an airspeed (m/s)."""
+    """Return the radius, m, of a level turn at an airspeed (m/s) and a bank angle (rad); gravity in m/s^2."""
     return speed**2 / (gravity * jnp.tan(bank))

@@ -12,7 +12,7 @@ from anser.shapes import ScalarLike, Vector3
 
 
 class GoalMotion(eqx.Module):
-    """Motion of a goal: at rest, then straight from waypoint to waypoint, at last with constant velocity."""
+    """Motion of a goal: at rest at the first waypoint, straight from waypoint to waypoint, then at steady velocity."""
 
     #: Time at each waypoint, s, in ascending order; waypoints repeated for padding have equal times.
     times: Float[Array, " waypoints"]
@@ -20,7 +20,10 @@ class GoalMotion(eqx.Module):
     velocity_after_n: Vector3  #: Velocity after the last waypoint, NED, m/s.
 
     def _arrays(self, time: ScalarLike) -> tuple[ModuleType, Array, Array, Array, Array]:
-        """Return NumPy (concrete values) or `jax.numpy`, the three fields as its arrays, and the legs' velocities."""
+        """Return the array module, the three fields as its arrays, and the velocity of each leg, (leg, axis), m/s.
+
+        The array module is NumPy for concrete values, else `jax.numpy`; a leg without duration has the velocity 0.
+        """
         xp = namespace(self, time)
         times, positions_n, velocity_after_n = map(xp.asarray, (self.times, self.positions_n, self.velocity_after_n))
         spans, steps = times[1:] - times[:-1], positions_n[1:] - positions_n[:-1]
@@ -28,7 +31,7 @@ class GoalMotion(eqx.Module):
         return xp, times, positions_n, velocity_after_n, leg_velocities
 
     def position_n(self, time: ScalarLike) -> Vector3:
-        """Position at a time (s), in the chart, NED, m."""
+        """Return the position in the chart at a time (s), NED, m; before the first time, the first waypoint."""
         # Sum of the travelled parts of the legs: no search, and padded legs contribute 0.
         xp, times, positions_n, velocity_after_n, leg_velocities = self._arrays(time)
         covered = xp.clip(time - times[:-1], 0.0, times[1:] - times[:-1])
@@ -36,7 +39,7 @@ class GoalMotion(eqx.Module):
         return positions_n[0] + travelled + xp.maximum(time - times[-1], 0.0) * velocity_after_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity at a time (s), NED, m/s; at a waypoint, the velocity of the leg that starts there."""
+        """Return the velocity at a time (s), NED, m/s: 0 before the first time; at a waypoint, that of the next leg."""
         xp, times, _, velocity_after_n, leg_velocities = self._arrays(time)
         on_leg = (time >= times[:-1]) & (time < times[1:])
         on_path = xp.sum(xp.where(on_leg[:, None], leg_velocities, 0.0), axis=0)
@@ -44,7 +47,10 @@ class GoalMotion(eqx.Module):
 
 
 def straight_goal(position_n: Vector3, velocity_n: Vector3, time: ScalarLike = 0.0) -> GoalMotion:
-    """Goal at a position (NED, m) at a time (s), with constant velocity (NED, m/s) from then on."""
+    """Return the motion of a goal that rests at a position (NED, m) until a time (s), then has a constant velocity.
+
+    `velocity_n` is NED, m/s.
+    """
     xp = namespace(position_n, time)
     return GoalMotion(as_array(xp.asarray(time)[None]), as_array(xp.asarray(position_n)[None]), velocity_n)
 
@@ -54,7 +60,7 @@ def waypoint_goal(
     positions_n: Float[Array, "waypoints 3"],
     velocity_after_n: Vector3 | None = None,
 ) -> GoalMotion:
-    """Goal that passes each waypoint at its time.
+    """Return the motion of a goal that passes each waypoint at its time.
 
     Parameters
     ----------
@@ -80,7 +86,10 @@ def waypoint_goal(
 
 
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
-    """Repeat the last waypoint up to a `count`, so that goals can be stacked. Raises ValueError for more."""
+    """Repeat the last waypoint of a goal up to `count` waypoints, so that goals can be stacked.
+
+    Raises ValueError if the goal has more than `count` waypoints.
+    """
     missing = count - goal.times.shape[0]
     if missing < 0:
         raise ValueError(f"the goal has {goal.times.shape[0]} waypoints, more than the {count} to pad it to")

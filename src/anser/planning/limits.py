@@ -1,4 +1,4 @@
-"""Flight limits of a path: values, their catalogue for checks, refusals and tables, and descriptions of shapes."""
+"""Flight limits of a path, the catalogue of limits for checks, refusals and tables, and labels of paths for tables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,13 +33,16 @@ class PathLimits(eqx.Module):
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     #: How the deceleration with idle engine changes with airspeed and load factor; None: it is constant.
     idle: IdleDeceleration | None = None
-    #: Greatest bank rate, rad/s; paths are planned within it, but the certificate does not prove it. None: no limit.
+    #: Greatest bank rate, rad/s: the planner keeps this limit, but the certificate does not prove it. None: no limit.
     bank_rate_max: Scalar | None = None
-    #: Least `Demand.lift` over weight: a path does not push over further.
+    #: Least load factor in a push-over: `Demand.lift` over weight.
     load_factor_min: Scalar = eqx.field(default_factory=lambda: as_array(-np.inf))
 
     def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
-        """Return the greatest acceleration and deceleration, m/s^2, at an airspeed (m/s) and a load factor."""
+        """Return the greatest acceleration and deceleration along the path at an airspeed (m/s) and a load factor.
+
+        Both limit V_dot + g sin(gamma), m/s^2; the deceleration is returned as a positive number.
+        """
         if self.idle is None:
             return self.acceleration_max, self.deceleration_max
         rise, share = self.idle.rise(speed, load_factor), self.idle.share(speed, load_factor)
@@ -47,12 +50,12 @@ class PathLimits(eqx.Module):
 
 
 def acceleration_limits(limits: PathLimits) -> tuple[Scalar, Scalar]:
-    """Return `acceleration_max` and `deceleration_max`, the leaves that `eqx.tree_at` replaces."""
+    """Return `acceleration_max` and `deceleration_max`, m/s^2: the selection of leaves for `eqx.tree_at`."""
     return limits.acceleration_max, limits.deceleration_max
 
 
 def with_gentle_acceleration(limits: PathLimits, greatest: float) -> PathLimits:
-    """Return the limits with an acceleration along the path of at most `greatest` (m/s^2); not traceable by JAX."""
+    """Return the limits with `acceleration_max` lowered to at most `greatest`, m/s^2; not traceable by JAX."""
     limited = np.minimum(np.asarray(limits.acceleration_max), greatest)
     return eqx.tree_at(lambda fields: fields.acceleration_max, limits, as_array(limited))
 
@@ -67,9 +70,9 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limit:
-    """Catalogue entry of one limit of a path: the bounded extreme of a flight quantity, with name, unit and labels.
+    """Catalogue entry of one limit of a path: the least or greatest value of a flight quantity that is bounded.
 
-    The value of the limit is the field `field` of `PathLimits`.
+    The entry has names, unit and labels; the value of the limit is the field `field` of `PathLimits`.
     """
 
     key: str  # name of the bounded extreme: "airspeed_min"
@@ -99,7 +102,7 @@ class Limit:
 
     @property
     def factor(self) -> float:
-        """Dataset value divided by the value in SI units or radians."""
+        """Factor that converts the value from SI units or radians to the unit in a dataset."""
         return UNITS[self.suffix][1]
 
     @property
@@ -112,9 +115,10 @@ class Limit:
         value: Scalar,  # the extreme
         limit: Scalar,  # the limit; infinite: no limit
     ) -> Scalar:
-        """Relative excess of an extreme over the limit: difference / max(|limit|, 1); at most 0 within the limit.
+        """Return the relative excess over the limit: (value - limit) / max(|limit|, 1); at most 0 within the limit.
 
-        For angles, tangents are compared. An infinite limit is never exceeded; a NaN is never within the limit.
+        The sign is reversed for a lower limit; for a bank angle (rad), tangents take the place of the angles. An
+        infinite limit is never exceeded (-1); a NaN is never within the limit.
         """
         if self.suffix == "deg":
             value, limit = jnp.tan(jnp.minimum(value, _BANK_LIMIT_RAD)), jnp.tan(limit)
@@ -125,7 +129,11 @@ class Limit:
         return jnp.where(is_unlimited, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
 
     def relaxed(self, limit: Scalar, factor: ScalarLike) -> Scalar:
-        """Return the limit relaxed by a factor; the factor 1 leaves it unchanged."""
+        """Return the limit (SI units, rad) relaxed by a factor; the factor 1 leaves the limit unchanged.
+
+        An altitude moves by 1000 m x (factor - 1); the tangent of a bank angle and any other upper limit is multiplied
+        by the factor, any other lower limit is divided.
+        """
         if self.suffix == "m":
             change = _ALTITUDE_RELAXATION_M * (factor - 1.0)
             return limit - change if self.is_lower_bound else limit + change
@@ -187,7 +195,7 @@ LIMIT_MESSAGES = (
     "within all limits",
     *(f"the trajectory {limit.violation} (limits.{limit.scenario_key})" for limit in LIMITS if limit.violation),
 )
-"""Messages of `check_limits` for a trajectory of the published planner."""
+"""Messages of `anser.planning.published.planner.check_limits`: the first without violation, then one per limit."""
 
 RELAXED_TOGETHER = {
     cause: tuple(limit for limit in CERTIFIED_LIMITS if limit.field in fields)
@@ -199,23 +207,23 @@ RELAXED_TOGETHER = {
         ("floor and ceiling", ("altitude_min", "altitude_max")),
     )
 }
-"""Possible causes of an infeasible plan, each with the limits that are relaxed together to test the cause."""
+"""Possible causes of a missing plan, each with the limits that are relaxed together to test the cause."""
 
 
 NOMINAL_BEND_M = 1.0
-"""Greatest lateral bend of a nominal path of the published planner, m.
+"""Greatest lateral bend with which a path of the published planner is called nominal, m.
 
 A bend of 1 m lengthens a path of 1 km by a few millimetres; solving for a length of 10 km to 1e-6 m leaves a bend of
 this size even for a path that needs no bend."""
 
 
 def describe_bend(bend_m: float) -> str:
-    """Describe a path of the published planner by its lateral bend, m, positive to the right."""
+    """Return "nominal", "bent right" or "bent left" for the lateral bend of a published path, m, right positive."""
     if abs(bend_m) <= NOMINAL_BEND_M:
         return "nominal"
     return "bent right" if bend_m > 0.0 else "bent left"
 
 
 def describe_turns(turn_sum_deg: float) -> str:
-    """Describe a path of the certified planner by the sum of the magnitudes of its turns, deg."""
+    """Return the label of a path of the certified planner: the sum of the magnitudes of its turn angles, deg."""
     return f"turns {turn_sum_deg:.0f} deg"

@@ -15,7 +15,7 @@ class Separation(eqx.Module):
 
 
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
-    """Ratio of distance to required separation: the larger of the horizontal and the vertical ratio.
+    """Return the ratio of distance to required separation: the larger of the horizontal and the vertical ratio.
 
     At least 1 means separated; infinite if no horizontal distance is required. `level` and `height` are the horizontal
     and vertical distances, `horizontal` and `vertical` the required ones, m (see `Separation`); NumPy or JAX arrays.
@@ -28,11 +28,11 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
 
 
 def keep_out_room(distance: Any, altitude: Any, radius: Any, bottom: Any, top: Any) -> Any:
-    """Distance of a point outside an upright cylinder, m: the larger of the horizontal and the vertical distance.
+    """Return the distance of a point outside an upright cylinder: the larger of horizontal and vertical distance, m.
 
-    Negative inside. `distance` is the horizontal distance of the point from the axis, `altitude` the altitude of the
-    point; the cylinder has the radius `radius` and extends from altitude `bottom` to `top`. All in m; NumPy or JAX
-    arrays.
+    The result is negative inside. `distance` is the horizontal distance of the point from the axis, `altitude` the
+    altitude of the point; the cylinder has the radius `radius` and extends from altitude `bottom` to `top`. All in m;
+    NumPy or JAX arrays.
     """
     xp = distance.__array_namespace__()
     return xp.maximum(distance - radius, xp.maximum(bottom - altitude, altitude - top))
@@ -44,9 +44,9 @@ def closest_fraction(
     change: Any,
     square_min: float = 1e-200,  # lower bound of the squared change, m^2; keeps derivatives finite
 ) -> Any:
-    """Fraction (0 to 1) of a straight relative motion, `begin` + fraction * `change`, with the least distance.
+    """Return the fraction, 0 to 1, at which `begin` + fraction * `change` is shortest: the closest approach.
 
-    0 if the relative position is constant.
+    The result has the shape (...) without the last axis, and is 0 if the relative position is constant.
     """
     xp = begin.__array_namespace__()
     square = xp.sum(change * change, axis=-1)

@@ -22,9 +22,9 @@ def hermite_quintic(
     span: ScalarLike,  # time between the states, s, positive
     u: ScalarLike,  # fraction of the time, 0 to 1
 ) -> Float[Array, "3 3"]:
-    """Rows: value, first and second time derivative of the quintic that joins two states; columns: NED axes.
+    """Return position, velocity and acceleration of the quintic that joins two states, at a fraction of their time.
 
-    `begin` and `end` have the same rows, `span` is the time between them (s), `u` the fraction of it (0 to 1).
+    The result has the rows of `begin` and `end`: value, first and second derivative by time; columns are NED axes.
     """
     # Relative to the parabola from the first state: small differences keep their digits.
     parabola = begin[0] + span * begin[1] + 0.5 * span**2 * begin[2]
@@ -47,7 +47,7 @@ class TimedPath(AbstractReference):
     at one time may differ in the second derivatives of air path and drift, but not in the sum.
     """
 
-    #: Knot times, s, not decreasing; equal neighbours make an empty cell. The first is the start, the last the arrival.
+    #: Knot times, s, from the start to the arrival, not decreasing; two equal neighbours make an empty cell.
     times: Float[Array, " knots"]
     air_n: Knots  #: Path relative to the air: (knot, order of derivative, NED axis); m, m/s, m/s^2.
     drift_n: Knots  #: Displacement by the wind, same shape; 0 at the start.
@@ -68,7 +68,10 @@ class TimedPath(AbstractReference):
         return self.times[-1] - self.times[0]
 
     def _at(self, time: ScalarLike, knots: Knots, *added_knots: Knots) -> Float[Array, "3 3"]:
-        """Rows value, slope and second derivative of a sum of knot tables at a time (s); linear beyond the ends."""
+        """Return value, first and second derivative (rows) at a time (s) of a quintic, the sum of the knot tables.
+
+        Before the first and after the last knot the quintic continues straight, with the velocity at the knot.
+        """
         # Not jnp.clip, whose derivative at the bounds is one half.
         clipped = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
         k = jnp.clip(self._begun_count(clipped) - 1, 0, self.times.shape[0] - 2)
@@ -86,9 +89,9 @@ class TimedPath(AbstractReference):
         return jnp.where(jnp.abs(outside) <= time_rounding(clipped), inside, extrapolated)
 
     def _begun_count(self, time: ScalarLike) -> Integer:
-        """Number of knots before the arrival that are not later than a time (s).
+        """Return the number of knots that are earlier than the arrival and not later than a time (s).
 
-        The last cells may be empty: the end is that of the last non-empty cell.
+        Knots at the arrival time are not counted, because the last cells may be empty.
         """
         if not is_tracing_single_kernel():
             return count_not_above(jnp.where(self.times < self.times[-1], self.times, jnp.inf), time)
@@ -106,19 +109,19 @@ class TimedPath(AbstractReference):
         return jax.lax.fori_loop(0, count.bit_length(), halve, start)[0]
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Position, velocity and acceleration over the ground at a time (s)."""
+        """Return position, velocity and acceleration over the ground at a time (s); straight on beyond the ends."""
         return PathPoint(*self._at(time, self.air_n, self.drift_n))
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity relative to the air at a time (s), NED, m/s."""
+        """Return the velocity relative to the air at a time (s), NED, m/s."""
         return self._at(time, self.air_n)[1]
 
     def states_n(self, time: ScalarLike) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
-        """Air path and drift at a time (s): rows position, velocity, acceleration; NED, m, m/s, m/s^2."""
+        """Return air path and drift at a time (s), each with the rows position, velocity, acceleration; NED, SI."""
         return self._at(time, self.air_n), self._at(time, self.drift_n)
 
     def air_length(self, from_time: ScalarLike = -jnp.inf) -> Scalar:
-        """Three-dimensional length of the rest of the air path, m, from a time (s) to the arrival."""
+        """Return the three-dimensional length of the air path, m, from a time (s; -inf: the start) to the arrival."""
 
         def cell_length(begin: Knots, end: Knots, start: Scalar, stop: Scalar) -> Scalar:
             span = stop - start

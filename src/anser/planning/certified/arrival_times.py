@@ -1,7 +1,8 @@
-"""Which arrival times an aircraft can meet: necessary conditions, reachable intervals, search for the earliest time.
+"""Arrival times that an aircraft can meet: necessary conditions, reachable intervals, search for the earliest time.
 
-A time is admissible if it meets the necessary conditions, and reachable if the aircraft alone has a path for it.
-Durations are times from the start of the plan to the arrival.
+An arrival time is admissible if it meets the necessary conditions (distance, climb, keep-outs, separation of the
+rendezvous), and reachable if the aircraft, alone in its airspace, has a path for it. Durations are times from the start
+of the plan to the arrival.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -32,17 +33,17 @@ from anser.shapes import Integer, Scalar
 
 _STEP_UP, _FIRST_STEP = 1.12, 1.06  # ratio of consecutive times, and of the first tried to the first admissible time
 RESOLUTION = 1.01
-"""Ratio of two neighbouring times at which the search stops."""
+"""Ratio of the first feasible to the last infeasible arrival time at which the bisection of `earlier_times` stops."""
 
 
 def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, int | None]:
-    """Search for the first feasible index of `count` rising times.
+    """Search a list of `count` rising times for the first feasible time; a generator that asks its caller.
 
-    The generator yields an index and receives whether that time is feasible. The search goes index by index up to
-    `one_by_one`, then in doubled steps, and back by bisection between the last infeasible and the first feasible index.
-    Feasible times may have gaps, hence the small steps near the first time.
+    The generator yields the index of a time and receives whether this time is feasible. The search goes index by index
+    up to `one_by_one`, then in doubled steps, and back by bisection between the last infeasible and the first feasible
+    index. Feasible times may have gaps, hence the small steps near the first time.
 
-    Returns the index of the first feasible time (generator's return value); None if every time is infeasible.
+    Returns the index of the first feasible time found (generator's return value); None if no tried time is feasible.
     """
     low, index, step = -1, 0, 1
     while low < count - 1:
@@ -63,13 +64,14 @@ def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, 
 
 
 def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Generator[float, bool | None, float]:
-    """Search for an arrival time earlier than a feasible one.
+    """Search for a feasible arrival time before the feasible `latest_time` (s); a generator that asks its caller.
 
-    The generator yields a time (s) and receives whether that time is feasible. The search goes upwards in steps of an
-    eighth over the rising times that meet the necessary conditions, because feasible times may have gaps, then by
-    bisection between the last infeasible and the first feasible time, down to a ratio of `RESOLUTION`.
+    The generator yields a time (s) and receives whether this time is feasible. Only times of `admissible` are tried:
+    rising times that meet the necessary conditions, s. The search goes upward in steps of 12 percent, because feasible
+    times may have gaps, then by bisection between the last infeasible and the first feasible time, down to a ratio of
+    `RESOLUTION`.
 
-    Returns the earliest feasible time, s after the start of the plan: at most the feasible `latest_time`.
+    Returns the earliest feasible time found, s after the start of the plan: at most `latest_time`.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time
@@ -101,7 +103,10 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below the endpoints: the range of detou
 
 
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
-    """Greatest wind speed and vertical wind speed, m/s, over the altitudes of starts and rendezvous plus a margin."""
+    """Return the greatest wind speed and the greatest vertical wind speed, m/s, at the altitudes of the flight.
+
+    The altitudes range from 1000 m below the lowest to 1000 m above the highest start or rendezvous.
+    """
     down_positions = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
     low, high = np.min(down_positions) - _ALTITUDE_MARGIN_M, np.max(down_positions) + _ALTITUDE_MARGIN_M
     heights = np.linspace(low, high, _ALTITUDES)
@@ -119,9 +124,9 @@ def _greatest_wind(wind: AbstractWind, heights: Float[Array, " n"]) -> tuple[Sca
 
 
 def straight_times(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
-    """Compute the flight time, s, of the straight line to each moving rendezvous at the preferred mean airspeed.
+    """Compute each aircraft's flight time, s, straight to its moving rendezvous at the preferred mean airspeed.
 
-    The wind is that halfway along the line at the start.
+    The wind is taken halfway between the start and the initial rendezvous.
     """
     line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
     wind_n = _winds_at(airspace.wind, as_array(np.asarray(tasks.position_n) + 0.5 * line))
@@ -138,10 +143,10 @@ def _winds_at(wind: AbstractWind, positions_n: Float[Array, "n 3"]) -> Float[Arr
 
 
 def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
-    """Least time, s, in which each aircraft can change from its start altitude to the altitude of its rendezvous.
+    """Return a lower bound, s, of each aircraft's time from its start altitude to the altitude of its rendezvous.
 
-    Infinite if impossible. A lower bound for any path shape: the build-up of the climb rate is left out, because a
-    small change of altitude needs a small rate only. The bound is zero for a level rendezvous and continuous there.
+    The bound holds for any path shape: the aircraft climbs or descends at its greatest rate at once, in the strongest
+    vertical wind. Zero for a rendezvous at the start altitude; infinite if the rendezvous moves away too fast.
     """
     rate = np.asarray(tasks.limits.climb_rate_max) + _strongest_wind(tasks, airspace)[1]
     fall = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:, 2]
@@ -152,9 +157,11 @@ def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray
 def may_arrive(
     tasks: AircraftTask, airspace: Airspace, aircraft: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether each pair of aircraft and duration (s) meets the necessary conditions for an arrival.
+    """Return whether an arrival of aircraft `aircraft[k]` after `durations[k]` (s) meets the necessary conditions.
 
-    The conditions: distance, height, and a rendezvous outside the keep-outs. `aircraft` are indices into the tasks.
+    At the greatest airspeed and climb rate, in the strongest wind, the aircraft must cover horizontal distance and
+    height to the rendezvous, and the rendezvous must then be outside the keep-outs. `aircraft` are indices into the
+    tasks.
     """
     limits, t = tasks.limits, durations[:, None]
     line = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[aircraft] + t * np.asarray(
@@ -177,12 +184,14 @@ def may_arrive(
 def arrival_distances_max(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> tuple[Float[np.ndarray, "n aircraft aircraft"], Float[np.ndarray, "n aircraft aircraft"]]:
-    """Greatest possible distances (m) of each pair of aircraft when the first of the pair arrives, for any paths.
+    """Return upper bounds, m, of the distances of each pair of aircraft when the first of the pair arrives.
 
-    The aircraft with the later arrival (durations in s) can then be away from its rendezvous by at most the distance
-    that it flies until its own arrival.
+    The bounds hold for any paths: at the arrival of the first aircraft, the second is away from its rendezvous by at
+    most the distance that it flies until its own arrival. Each row of `durations` is a set of arrival times, s after
+    the start, one per aircraft.
 
-    Returns horizontal and vertical distance, m; infinite on the diagonal and for inactive aircraft.
+    Returns the horizontal and the vertical distances, (set, aircraft, aircraft); infinite on the diagonal and for
+    inactive aircraft.
     """
     limits, (wind, vertical_wind) = tasks.limits, _strongest_wind(tasks, airspace)
     rendezvous = np.asarray(tasks.rendezvous_n)
@@ -205,7 +214,11 @@ def arrival_distances_max(
 def arrival_conflicts(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> Bool[np.ndarray, "n aircraft aircraft"]:
-    """Mask of pairs that violate the separation at the first arrival, for any paths; `durations` in s."""
+    """Return the mask (set, aircraft, aircraft) of pairs that violate the separation whatever their paths are.
+
+    Each pair is compared when its first aircraft arrives. Each row of `durations` is a set of arrival times, s after
+    the start, one per aircraft.
+    """
     horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
     level, height = arrival_distances_max(tasks, airspace, durations)
     return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0
@@ -218,17 +231,18 @@ _WINDOW_SAMPLES = 12  # grid points per window
 _GRID_NEIGHBOURS = 3  # distance in grid steps from a reachable time within which costlier candidates are tried
 _GROUND_SPEED_FACTOR = 1.4  # closing speed over airspeed of the grid's first time; more with a stronger tail wind
 COARSE_INTERVALS = 128
-"""Number of intervals of the paths in the reachability test: a coarse first look, not a certificate."""
+"""Number of intervals between the knots of a path in the test of `reachable`, which is coarser than a certificate."""
 
 
 @compiled_by_older_generator(("intervals",), "arrival times")
 def direct_times(
     tasks: AircraftTask, airspace: Airspace, speeds: Float[Array, " aircraft"], intervals: int
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
-    """Compute the flight time (s) of each aircraft's shortest direct path at a mean airspeed (m/s).
+    """Compute the flight time (s) of each aircraft's shortest direct path at its mean airspeed `speeds` (m/s).
 
-    The second result tells whether the fixed-point iteration converged; it iterates because the goal moves and the air
-    drifts during the flight.
+    The flight time is found by a fixed-point iteration, because the goal moves and the air drifts during the flight.
+    The second result tells for each aircraft whether the iteration converged. If no direct path exists in a round, the
+    flight time stays as it is. `intervals`: number of intervals of the tabulated profile.
     """
 
     def solve_task(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
@@ -260,9 +274,9 @@ def _reachable_at(
     intervals: int,
     candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
-    """Whether each aircraft, flying alone, has a candidate path of exactly its duration (s); False beyond `count`.
+    """Return whether each aircraft, alone in the airspace, has a candidate path of exactly its duration (s).
 
-    A candidate path counts if it is valid and outside all keep-outs.
+    A candidate path counts if it is valid and outside all keep-outs. Rows from `count` on are padding: False.
     """
 
     def check_reachable(k: Integer, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
@@ -282,9 +296,10 @@ def reachable(
     intervals: int = COARSE_INTERVALS,
     levels: Sequence[CandidateSet] = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS),
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether each pair of aircraft and duration (s) has a path for the aircraft alone in the airspace.
+    """Return whether aircraft `aircraft[k]`, alone in the airspace, has a path that arrives after `durations[k]` (s).
 
-    `aircraft` are indices into the tasks; `levels` are the candidate sets to try, from the cheapest on.
+    `aircraft` are indices into the tasks; `levels` are the candidate sets to try, the cheapest first; `intervals` is
+    the number of equal intervals between the knots of a path.
     """
     reached = np.zeros(aircraft.size, dtype=bool)
     admissible = may_arrive(tasks, airspace, aircraft, durations)
@@ -303,7 +318,7 @@ def reachable(
 
 
 def prepare_reachable(tasks: AircraftTask, airspace: Airspace) -> Iterator[PreparedProgram]:
-    """Yield the programs of `reachable`, one at a time."""
+    """Yield the compiled programs that `reachable` calls with its default arguments, one at a time."""
     batch_tasks, times = take_rows(tasks, np.zeros(_BATCH_SIZE, dtype=int)), as_array(np.zeros(_BATCH_SIZE))
     for candidate_set in (ALONE_STANDARD, ALONE_TURN_LEG_PATHS):
         count = as_array(1, np.int32)
@@ -317,11 +332,12 @@ def _open_times(
     grid: Float[np.ndarray, "active n"],
     splines_for: Literal["none", "unreached", "all"],
 ) -> Bool[np.ndarray, "active n"]:
-    """Mask of the reachable times of a grid, (aircraft, time).
+    """Return the mask of the reachable times of `grid`, (aircraft, time), s; `fleet` has the indices of the aircraft.
 
-    The standard candidates are tried at every time. The costlier ones are tried near times that are reachable or
-    inadmissible, in growing neighbourhoods, or at every time if an aircraft has no reachable time. Splines are searched
-    for "all" aircraft, or only for "unreached" ones: aircraft without a reachable time.
+    The candidates of `ALONE_STANDARD` are tried at every time. Turn-and-leg paths, then splines, are tried only near
+    times that are reachable or inadmissible, in growing neighbourhoods, or at every time if an aircraft has no
+    reachable time. Splines are searched for "none" or "all" of the aircraft, or for "unreached" aircraft: aircraft
+    without a reachable time so far.
     """
     aircraft = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(tasks, airspace, aircraft.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
@@ -354,12 +370,15 @@ def arrival_sets(
     count: int = 40,
     rounds: int = 6,
 ) -> list[list[tuple[float, float]]]:
-    """Return each aircraft's intervals of reachable arrival times, s after the start, up to a latest time.
+    """Return each aircraft's intervals (first, last) of reachable arrival times, s after the start.
 
-    The grid of `count` times is geometric from the earliest conceivable time on, or uniform within each aircraft's
-    window. Every edge is refined by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than
-    the grid can be missed. With `with_splines`, the spline generator is also tried where the other generators fail; in
-    windows always for an aircraft without any reachable time.
+    Arrival times are tested on a grid: `count` times in geometric steps from the earliest conceivable time to
+    `latest_s`, or 12 uniform times in each aircraft's window (`windows_s`: earliest and latest time, s). Every edge of
+    an interval is refined by `rounds` bisections. Gaps and islands narrower than the grid can be missed. If `latest_s`
+    is reachable, the last interval ends at infinity; an inactive aircraft has no intervals.
+
+    With `with_splines`, splines are tried where the other generators of paths fail; in windows, splines are always
+    tried for an aircraft without any reachable time.
     """
     if windows_s is not None:
         low = windows_s[:, 0]
@@ -393,7 +412,10 @@ def arrival_sets(
 
 
 def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
-    """Intervals (s after the start) of first arrivals for which every aircraft can arrive later by its offset (s)."""
+    """Return the intervals of times T, s after the start, such that each aircraft can arrive its offset (s) after T.
+
+    `arrivals` has the reachable intervals of each aircraft.
+    """
     common: Intervals = [(0.0, float("inf"))]
     for intervals, offset in zip(arrivals, offsets_s, strict=True):
         first_arrivals = [(a - offset, b - offset) for a, b in intervals]
@@ -402,7 +424,10 @@ def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Inte
 
 
 def sample_interval(low: float, high: float) -> list[float]:
-    """Sample an interval of arrival times from `low` to `high` (s), more densely at the beginning; returns times, s."""
+    """Return 11 times, s, in an interval of arrival times from `low` to `high` (s), the denser the nearer to `low`.
+
+    Times later than 2.5 `low` + 10 s are left out; an interval without length gives `low` alone.
+    """
     if not high > low:
         return [low]
     top = min(high, 2.5 * low + 10.0)

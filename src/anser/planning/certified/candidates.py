@@ -1,7 +1,7 @@
-"""Candidates: paths by which an aircraft can be at its rendezvous at a given time.
+"""Candidates: paths on which an aircraft arrives at its rendezvous at a required time.
 
-A candidate is a route (turns and legs, horizontal) with a profile (altitude and airspeed over time), or a spline. The
-chosen candidates are delivered as timed paths.
+A candidate is a route (turns and straight legs, horizontal) with a profile (altitude and airspeed over time), or a
+spline in time. The chosen candidates are converted to timed paths (`TimedPath`).
 """
 
 import functools
@@ -51,7 +51,7 @@ _CLOSE_S = 0.02  # closer knots are merged, because accelerations from differenc
 
 
 def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> Float[Array, " knots"]:
-    """Knot times of a path, s: equal intervals and the times `marks`; times closer than `_CLOSE_S` become one."""
+    """Return knot times, s: the bounds of equal intervals and the times `marks`; times closer than `_CLOSE_S` merge."""
     even = duration * jnp.linspace(0.0, 1.0, intervals + 1)
     times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
     times = jnp.where(duration - times < _CLOSE_S, duration, times)
@@ -64,10 +64,10 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
 
 
 def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
-    """Convert a profile and a route to a timed path from a start time (s).
+    """Convert a profile and a route to a timed path that starts at a time (s).
 
-    Knots are at equal intervals and at every kink of curvature, climb or speed. The profile's length through
-    the air equals the route's to a part in a million; the airspeed absorbs the difference.
+    Knots are at equal intervals and at every kink of curvature, climb or speed. Profile and route have the same length
+    through the air to a part in a million; the airspeed is scaled by the difference.
     """
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
@@ -106,11 +106,11 @@ _RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual path
 _BANK_COST = 1.0  # per radian of the greatest bank angle
 _INVALID = 1e6
 ABSENT = 1e9
-"""Cost of an absent candidate, the highest: never chosen over a generated candidate, even an invalid one."""
+"""Cost of an absent candidate, which fills an unused place in an array: higher than that of any generated candidate."""
 
 
 class Routes(NamedTuple):
-    """Horizontal routes of candidates, each with the index of a profile of altitude and airspeed."""
+    """Horizontal routes of candidates, each with the index of its profile of altitude and airspeed."""
 
     endpoints: PathEndpoints  # start and end conditions of each route
     turns_and_legs: TurnsAndLegs  # turns and legs between the endpoints
@@ -118,24 +118,27 @@ class Routes(NamedTuple):
 
 
 class Candidates(eqx.Module):
-    """Candidates of a fleet, shape (aircraft, candidate), splines last; of one aircraft, shape (candidate,)."""
+    """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last."""
 
     generator: Int[Array, "*aircraft candidates"]  # generator of the candidate: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`
     valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists within its aircraft's limits
-    cost: Float[Array, "*aircraft candidates"]  # preference, lower is better
+    cost: Float[Array, "*aircraft candidates"]  # order of preference, dimensionless: the cheapest is preferred
     # sum of the absolute turn angles, rad, and mean airspeed, m/s
     total_turn: Float[Array, "*aircraft candidates"]
     speed: Float[Array, "*aircraft candidates"]
     tracks: Track  # positions at the sample times that are common to the fleet
     penetration: Float[Array, "*aircraft candidates"]  # depth inside keep-outs, m
-    # routes of all candidates except the splines, and altitude and airspeed over time, shape (aircraft, profile); None
-    # without such candidates
+    # routes of all candidates except the splines, and their profiles of altitude and airspeed, shape (aircraft,
+    # profile); None if all candidates are splines
     routes: Routes | None
     profiles: TabulatedProfile | None
     splines: TimedPath | None  # paths of the spline candidates, from time 0; None without a spline search
 
     def paths(self, start_time: ScalarLike, chosen: Int[Array, " aircraft"]) -> TimedPath:
-        """Paths of one chosen candidate per aircraft, from a start time (s) on."""
+        """Return the timed path of one candidate per aircraft (index `chosen`), from a start time (s) on, stacked.
+
+        Raises ValueError if all candidates are splines.
+        """
         if self.routes is None:
             raise ValueError("paths are chosen among routes and splines, not among splines alone")
         fleet, routed = jnp.arange(chosen.shape[0]), self.routes.profile.shape[1]
@@ -154,7 +157,7 @@ class Candidates(eqx.Module):
 
 
 class _Routed(NamedTuple):
-    """Candidates made of turns and legs (no splines); the fields have the meaning that they have in `Candidates`."""
+    """Candidates made of turns and legs (no splines); each field is that of the same name in `Candidates`."""
 
     generator: Integer
     valid: Flag
@@ -186,13 +189,13 @@ def routed_candidates(
     duration: ScalarLike,
     intervals: int,
     candidate_set: CandidateSet,
-    speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles; None: found here
-    numbers: Int[Array, " profiles"] | None = None,  # indices of the profiles to generate in the set; None: all
+    speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles; None: computed here
+    numbers: Int[Array, " profiles"] | None = None,  # indices in the set of the profiles to generate; None: all
 ) -> tuple[_Routed, TabulatedProfile]:
     """Generate the detours and turn-and-leg paths with which one aircraft arrives after a duration (s).
 
-    Returns the candidates, stacked, at most `candidate_set.max_candidates` and the cheapest; and the profiles of
-    airspeed and altitude that they follow, stacked. `routes.profile` of a candidate is the index of its profile in
+    Returns the candidates, stacked, only the cheapest if there are more than `candidate_set.max_candidates`; and their
+    profiles of airspeed and altitude, stacked. `routes.profile` of a candidate is the index of its profile in
     `candidate_set`, even if `numbers` selects only some profiles.
     """
     duration = jnp.asarray(duration, dtype=float)
@@ -225,7 +228,7 @@ def _profile_candidates(
     cost: Scalar,  # cost of the profile
     number: Integer,  # index of the profile in the set
 ) -> _Routed:
-    """Detours and turn-and-leg paths of one profile, stacked."""
+    """Generate the detours and turn-and-leg paths of one profile, stacked: detours first."""
     detours = functools.partial(_detours, task, airspace.gravity, candidate_set, timed, (cost, number))
     tables = candidate_set.direct_ranks, candidate_set.detour_kinds, candidate_set.sides
     candidates = jax.vmap(detours)(*map(jnp.asarray, tables))
@@ -242,9 +245,9 @@ def _candidates_within_limits(
     costs: Float[Array, " profiles"],
     numbers: Int[Array, " profiles"],
 ) -> _Routed:
-    """Candidates of the profiles within limits, one profile after another: often a fifth of all.
+    """Generate the candidates of the profiles within limits, one profile after another: often a fifth of all profiles.
 
-    The candidates of the rest are invalid, at the cost of absent ones. Shape (profile, candidate).
+    Returns candidates of shape (profile, candidate); those of a profile beyond its limits are invalid, cost `ABSENT`.
     """
     of_profile = jax.jit(of_profile)  # traced once, for its shapes and for the loop
     profiles = timed, costs, numbers
@@ -271,10 +274,10 @@ def _detours(
     kind: Integer,
     side: Integer,
 ) -> _Routed:
-    """Candidates from one direct path: detours of one `kind` to one `side` with the profile's length.
+    """Generate the detours of one `kind` to one `side` (1 right, -1 left) of a direct path, as long as the profile.
 
-    `word` is the index of the direct path in `timed.direct`. A `kind` of `RACETRACK` gives racetracks instead. Stacked:
-    with the tightest turns and, if the set asks for them, with wide turns.
+    `word` is the index of the direct path in `timed.direct`; with the `kind` `RACETRACK` the detours are racetracks.
+    Returns two candidates, stacked: with the tightest and with wide turns; without `with_wide_turns`, the first alone.
     """
     endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
@@ -297,7 +300,7 @@ def _detours(
 def _turn_leg_paths(
     task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, cost_and_profile: tuple[Scalar, Integer]
 ) -> _Routed:
-    """Turn-and-leg paths with a profile's length, stacked; to either side, hence for tasks without prescribed side."""
+    """Generate turn-and-leg paths as long as the profile, stacked; invalid if the task prescribes a side of detours."""
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
     problem = TurnLegProblem(timed.endpoints, schedule, keep_outs, timed.table.length)
@@ -316,11 +319,11 @@ def aircraft_candidates(
     intervals: int,
     times: Float[Array, " instants"],
     candidate_set: CandidateSet,
-    # as for `routed_candidates`
+    # airspeeds of the profiles, and indices in the set of the profiles to generate; None: computed here, and all
     speeds: ProfileSpeeds | None = None,
     numbers: Int[Array, " profiles"] | None = None,
 ) -> Candidates:
-    """Generate candidates of one aircraft for a duration (s), with their tracks at the sample times `times` (s)."""
+    """Generate candidates of one aircraft that arrives after a duration (s), with their tracks at `times` (s)."""
     parts: list[tuple[Any, ...]] = []
     routes = profiles = splines = None
     if candidate_set.speeds:
@@ -351,7 +354,10 @@ def _tracked(
     profiles: TabulatedProfile,
     numbers: Int[Array, " profiles"] | None,  # indices of the profiles in the candidate set; None: 0, 1, 2, ...
 ) -> tuple[Any, ...]:
-    """Return the fields that `_common_fields` lists for detours and turn-and-leg paths; tracks at sample times (s)."""
+    """Return generator, validity, cost, total turn, speed and tracks (at `times`, s) of detours and turn-and-leg paths.
+
+    A candidate is valid if its track keeps the limits at the sample times, too.
+    """
     samples = map_rows(lambda profile: sample_profile(profile, times), profiles)
 
     def track(routes: Routes, speed: Scalar) -> tuple[Track, Flag]:
@@ -370,13 +376,13 @@ def fleet_candidates(
     durations: Float[Array, " aircraft"],  # time to each rendezvous, s
     intervals: int,  # number of equal intervals of the paths, and of the sample times up to the last arrival
     candidate_set: CandidateSet,
-    speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles, leading axis aircraft; None: found here
+    speeds: ProfileSpeeds | None = None,  # airspeeds of the profiles, leading axis aircraft; None: computed here
     selected: Bool[Array, " aircraft"] | None = None,  # aircraft that get candidates; None: all
-    # number of profiles for which candidates are generated, the first of the set, one after another; candidates of the
-    # rest are absent. None: all profiles, as one batch
+    # number of profiles, from the first of the set on, for which candidates are generated, one profile after another;
+    # candidates of the other profiles are absent. None: all profiles, as one batch
     profile_count: Integer | None = None,
 ) -> Candidates:
-    """Generate the candidates of a fleet, one aircraft after another; rows of the others hold absent candidates."""
+    """Generate the candidates of a fleet, one aircraft after another; those of unselected aircraft are absent."""
     times = jnp.max(durations) / intervals * jnp.arange(intervals + 1)
 
     @jax.jit  # traced once, for its shapes and for the loop
@@ -403,7 +409,10 @@ def fleet_candidates(
 def _first_profiles(
     generate: Callable[..., Candidates], candidate_set: CandidateSet, profile_count: Integer
 ) -> Candidates:
-    """Candidates of the first profiles of a set, one profile after another; those of the rest are absent."""
+    """Generate the candidates of the first `profile_count` profiles of a set; those of later profiles are absent.
+
+    `generate` generates the candidates of one aircraft for the profiles with the indices `numbers`.
+    """
 
     @jax.jit  # traced once, for its shapes and for the loop
     def of_profile(number: Integer) -> Candidates:
@@ -421,13 +430,13 @@ def _first_profiles(
 
 
 def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, ...]]) -> Candidates:
-    """Absent candidates in shapes changed by `resize`."""
+    """Return absent candidates: zeros with the cost `ABSENT`, in shapes that `resize` makes of those in `shapes`."""
     absent = jax.tree.map(lambda leaf: jnp.zeros(resize(leaf.shape), leaf.dtype), shapes)
     return eqx.tree_at(lambda c: c.cost, absent, jnp.full_like(absent.cost, ABSENT))
 
 
 def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidates:
-    """Absent candidates in the shape of a candidate set, for the fleet of the candidates `base`; NumPy arrays."""
+    """Return absent candidates, shaped as those of a candidate set, for the fleet of `base`; NumPy arrays."""
     routed, profiles, splines = candidate_set.routed_count, len(candidate_set.speeds), candidate_set.max_splines
 
     def resize(tree: Any, count: int) -> Any:
@@ -443,18 +452,18 @@ def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidat
 
 
 def knot_count(candidates: Candidates) -> int:
-    """Number of knots of the paths of a fleet's candidates."""
+    """Return the number of knots of each timed path that `Candidates.paths` makes of a fleet's candidates."""
     return candidates.tracks.positions_n.shape[2] - 1 + PIECES + KINKS
 
 
 def _common_fields(candidates: Candidates) -> tuple[Any, ...]:
-    """Return the first fields of `Candidates`, in order: those that every candidate has, whatever its generator."""
+    """Return the first seven fields of `Candidates`, in order: those that candidates of every generator have."""
     c = candidates
     return c.generator, c.valid, c.cost, c.total_turn, c.speed, c.tracks, c.penetration
 
 
 def concatenate_candidates(base: Candidates, extra: Candidates) -> Candidates:
-    """Append a second set of candidates for every aircraft; only the second set may contain splines."""
+    """Append the candidates `extra` to those of every aircraft in `base`; only `extra` may contain splines."""
 
     def joined(first: Any, second: Any) -> Any:
         return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, second)

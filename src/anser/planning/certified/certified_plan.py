@@ -1,7 +1,7 @@
-"""Certified plans: one candidate per aircraft, chosen for separation, and a certificate of what the plan satisfies.
+"""Certified plans: one candidate path per aircraft, chosen for separation, and the certificate of these paths.
 
-Aircraft choose one after another: each takes its cheapest candidate that is clear of the earlier choices. Then aircraft
-still in conflict choose again, until no conflict is left or the rounds are used up.
+Aircraft choose one after another: each takes its cheapest candidate that is separated from the paths chosen before.
+Then aircraft still in conflict choose again, until no conflict is left or the number of rounds is reached.
 """
 
 import functools
@@ -54,7 +54,7 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike
 
 SMALL_FLEET = 12
-"""Largest fleet, in aircraft, for which every kind of candidate is tried."""
+"""Greatest number of aircraft for which turn-and-leg paths and splines are tried besides the standard candidates."""
 _CHUNK_SIZE = 4  # candidates compared with the whole fleet in one step, the cheapest first
 _ROUNDS = 6
 _INVALID_COST = 1e6
@@ -63,14 +63,18 @@ _Choice = tuple[BoundingCylinders, Array]  # cylinders and index of the candidat
 
 
 class Placement(eqx.Module):
-    """Result of `place_candidates`, one row per aircraft."""
+    """Chosen candidate of each aircraft, from `place_candidates`."""
 
     chosen: Int[Array, " aircraft"]  # index of the chosen candidate
     valid: Bool[Array, " aircraft"]  # whether the chosen candidate is within the aircraft's limits
 
 
 def place_candidates(candidates: Candidates, separation: Separation, order: Int[Array, " aircraft"]) -> Placement:
-    """Choose one candidate per aircraft, separated from each other; `order` has the aircraft indices in turn."""
+    """Choose one candidate per aircraft such that the paths are separated and cheap; conflicts may remain.
+
+    `order` has the indices of the aircraft in the order of their first choice. Invalid candidates and candidates inside
+    a keep-out are allowed at a high cost.
+    """
     cost = candidates.cost + jnp.where(candidates.valid, 0.0, _INVALID_COST)
     cost = cost + jnp.where(candidates.penetration > 0.0, _CONFLICT_COST + candidates.penetration, 0.0)
     fleet, count = cost.shape
@@ -83,7 +87,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
     def shortfall(
         aircraft: Integer, options: Int[Array, " k"], cylinders: BoundingCylinders, chosen: Array, neighbours: Array
     ) -> Float[Array, " k"]:
-        """Lack of separation of an aircraft's candidates from the neighbours' chosen candidates, as a sum of ratios."""
+        """Return the sum of 1 - clearance ratio over neighbours that are too near, for each of `options` (indices)."""
 
         def tracks_of(indices: Int[Array, " selected"]) -> Track:
             return jax.tree.map(lambda leaf: leaf[indices, chosen[indices]], candidates.tracks)
@@ -96,7 +100,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
         return jax.vmap(lack)(options)
 
     def choose(aircraft: Integer, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> Integer:
-        """Index of the candidate of least cost, including the cost of conflicts with the neighbours."""
+        """Return the index of the candidate of least cost, including the cost of conflicts with the neighbours."""
 
         def compare(carry: tuple[Integer, Integer, Scalar]) -> tuple[Integer, Integer, Scalar]:
             chunk, best, cost_min = carry
@@ -164,35 +168,36 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
 
 
 def choice_order(candidates: Candidates) -> Int[Array, " aircraft"]:
-    """Aircraft indices in the order of choice: those with the fewest valid candidates first."""
+    """Return the indices of the aircraft, those with the fewest valid candidates outside of keep-outs first."""
     return jnp.argsort(jnp.sum(candidates.valid & (candidates.penetration <= 0.0), axis=1))
 
 
 TIMES_PER_INTERVAL = 4
-"""Number of intervals, for the certificate's distances, in each interval between a path's equally spaced knots."""
+"""Number of intervals for which the certificate bounds distances, in each of a path's equal intervals between knots."""
 
 
 class Certificate(eqx.Module):
-    """Rigorous bounds on a fleet's paths, valid between the sample times too."""
+    """Proven bounds of flight quantities and distances for a fleet's paths, valid between the sample times, too."""
 
     bounds: PathBounds  # bounds of each path
     # relative excess over each limit, in the order of `CERTIFIED_LIMITS`; positive: violated
     excess: Float[Array, "aircraft limits"]
     # lower bound on each pair's ratio of distance to separation; at least 1 is required. Infinite on the diagonal. In a
-    # large fleet exact for the nearest pairs only, see `anser.planning.certified.clearance`
+    # large fleet close for the nearest pairs only, see `anser.planning.certified.clearance`
     clearance_ratio: Float[Array, "aircraft aircraft"]
-    keep_out_clearance: Float[Array, "aircraft volumes"]  # lower bound on each path's distance from each keep-out, m
+    # lower bound on each path's distance from each keep-out, m; negative inside
+    keep_out_clearance: Float[Array, "aircraft volumes"]
 
     @property
     def satisfied_individually(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft keeps its limits and the keep-outs; separation is not considered."""
+        """Whether each path is proven to keep its aircraft's limits and the keep-outs; separation is not considered."""
         xp = namespace(self)
         excess, clearance = xp.asarray(self.excess), xp.asarray(self.keep_out_clearance)
         return xp.all(excess <= _ROUNDING, axis=1) & xp.all(clearance >= -_ROUNDING_M, axis=1)
 
     @property
     def satisfied(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft keeps its limits, the keep-outs and the separation."""
+        """Whether each path is proven to keep its aircraft's limits, the keep-outs and the separation."""
         xp = namespace(self)
         return self.satisfied_individually & xp.all(xp.asarray(self.clearance_ratio) >= 1.0 - _ROUNDING, axis=1)
 
@@ -202,31 +207,31 @@ _ROUNDING_M = 1e-3
 
 
 class CertifiedPlan(eqx.Module):
-    """Paths of a fleet; leading axis aircraft.
+    """Paths of a fleet with their certificate; leading axis aircraft.
 
-    The quality of a path is stated in steps: `valid`, a path within its aircraft's limits exists, judged at samples;
-    `certificate.satisfied_individually`, limits and keep-outs are satisfied between the knots too;
-    `certificate.satisfied`, the separation from the other aircraft as well; `feasible`, the conjunction.
+    Four masks grade the paths: `valid`, within the aircraft's limits at sample times;
+    `certificate.satisfied_individually`, limits and keep-outs are proven at all times; `certificate.satisfied`, the
+    separation from the other aircraft is proven, too; `feasible`, `valid` and `certificate.satisfied`.
     """
 
     paths: TimedPath  #: Position over time.
     arrival_times: Float[Array, " aircraft"]  #: Times of arrival at each rendezvous, s.
     certificate: Certificate  #: Rigorous bounds on the paths.
-    valid: Bool[Array, " aircraft"]  #: Whether a path within the aircraft's own limits was found, judged at samples.
-    #: Three-dimensional path lengths through the air, from the latest replanning on, m.
+    valid: Bool[Array, " aircraft"]  #: Whether the path is within the aircraft's limits at sample times.
+    #: Three-dimensional path lengths through the air, from the latest replanning to the arrival, m.
     lengths: Float[Array, " aircraft"]
     total_turn: Float[Array, " aircraft"]  #: Sum of the absolute turn angles of each planned path, rad.
     speeds: Float[Array, " aircraft"]  #: Mean airspeeds, m/s.
 
     def leading(self, count: int) -> "CertifiedPlan":
-        """Plan of the first `count` aircraft; only for arrays outside of traced functions."""
+        """Return the plan of the first `count` aircraft; not traceable by JAX."""
         plan = first_rows(self, count)
         ratios = as_array(np.asarray(plan.certificate.clearance_ratio)[:, :count])
         return eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, ratios)
 
     @property
     def feasible(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft has a path that satisfies every constraint."""
+        """Whether each aircraft's path keeps limits, keep-outs and separation."""
         return namespace(self).asarray(self.valid) & self.certificate.satisfied
 
 
@@ -234,7 +239,7 @@ class FixedPaths(eqx.Module):
     """Paths that stay unchanged while the rest of a fleet is planned around them; leading axis aircraft."""
 
     selected: Bool[Array, " aircraft"]  # mask of the aircraft with a fixed path
-    # fixed paths, and arrival times, s; arbitrary for the other aircraft
+    # fixed paths, and arrival times, s; arbitrary for aircraft that are not selected
     paths: TimedPath
     arrival_times: Float[Array, " aircraft"]
 
@@ -258,10 +263,10 @@ def certify(
     from_time: ScalarLike = -jnp.inf,
     bounds: PathBounds | None = None,
 ) -> Certificate:
-    """Certify stacked paths, each with `intervals` equal intervals between its knots.
+    """Compute the certificate of a fleet's paths, each with `intervals` equal intervals between its knots.
 
-    Limits are checked over the whole paths, distances only from the time `from_time` (s) on. `bounds` are the bounds of
-    the paths if already computed.
+    Limits are checked over the whole paths; distances only from the time `from_time` (s) to the arrivals, for active
+    aircraft. `bounds` are the bounds of the paths; None: computed here.
     """
     bounds = fleet_bounds(paths, airspace) if bounds is None else bounds
     over = jax.vmap(excess)(bounds, tasks.limits)
@@ -289,7 +294,7 @@ def _candidates(
     durations: Float[Array, " aircraft"],
     intervals: int,
     candidate_set: CandidateSet,
-    # as for `fleet_candidates`
+    # airspeeds, selected aircraft and number of profiles for `fleet_candidates`
     speeds: ProfileSpeeds | None = None,
     selected: Bool[Array, " aircraft"] | None = None,
     profile_count: Integer | None = None,
@@ -305,7 +310,7 @@ def _choose_and_certify(
     durations: Float[Array, " aircraft"],
     candidates: Candidates,
     intervals: int,
-    rounds: Integer,  # greatest number of rounds
+    rounds: Integer,  # greatest number of rounds of choosing and certifying, see `_choose_best_placement`
     fixed_paths: FixedPaths | None,
     members: Bool[Array, " candidates"] | None = None,  # candidates to choose from; None: all
     extra: tuple[Candidates, ...] = (),  # further candidates, the splines last
@@ -313,7 +318,7 @@ def _choose_and_certify(
     # or 0: separation up to the arrivals only
     look_ahead: ScalarLike | None = None,
 ) -> CertifiedPlan:
-    """Choose among candidates, and certify the plan."""
+    """Choose one candidate per aircraft, keep fixed paths as they are, and certify the plan."""
     if members is not None:
         present = candidates.valid & members[None], jnp.where(members[None], candidates.cost, ABSENT)
         candidates = eqx.tree_at(lambda c: (c.valid, c.cost), candidates, present)
@@ -372,9 +377,9 @@ def standard_candidates(
     intervals: int,
     candidate_set: CandidateSet = STANDARD,
 ) -> Candidates:
-    """Generate the candidates of `STANDARD`, of which smaller sets are members, by a compiled program.
+    """Generate candidates of the set `STANDARD`, which contains smaller sets like `MINIMAL`, by a compiled program.
 
-    Only the profiles that `candidate_set` needs are generated; candidates of the rest are absent.
+    Of its profiles only those up to the last one that `candidate_set` needs are generated; later candidates are absent.
     """
     speeds = _find_speeds(tasks, airspace, durations, intervals, *_speed_flags(STANDARD, candidate_set))
     arguments = as_array(start_time), tasks, airspace, durations
@@ -394,13 +399,13 @@ def plans_at(
     # fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned
     fixed_paths: FixedPaths | None = None,
 ) -> Iterator[CertifiedPlan]:
-    """Yield two plans: candidates chosen up to the arrivals, then with regard to the time after the arrivals.
+    """Yield two certified plans: separated up to the arrivals; then separated, as far as possible, after them, too.
 
-    The second choice keeps the aircraft separated, as far as possible, also in straight flight after the arrivals; it
-    is for fleets without clear holds after the first.
+    The second plan is for fleets without separated holds after the first: candidates are chosen as if each aircraft
+    flew straight on for `_LOOK_AHEAD_S` after its arrival.
 
-    A program for each kind of extra candidates generates these; one program chooses and certifies. Absent candidates
-    and absent fixed paths stand in for those that are not requested, so that these programs serve every search.
+    One compiled program per kind of extra candidates generates the candidates; one program chooses and certifies, with
+    absent candidates and fixed paths of no aircraft as arguments that are not requested.
     """
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
@@ -423,15 +428,18 @@ def plan_at(
     durations: Float[Array, " aircraft"],
     intervals: int,
     candidate_set: CandidateSet,
-    fixed_paths: FixedPaths | None = None,  # as for `plans_at`
+    fixed_paths: FixedPaths | None = None,  # fixed paths that the planned aircraft avoid; None: every path is planned
 ) -> CertifiedPlan:
-    """Choose and certify candidates: the first plan of `plans_at`."""
+    """Generate candidates with which each aircraft arrives after its duration (s), choose among them, and certify.
+
+    The plan is separated up to the arrivals: the first plan of `plans_at`.
+    """
     arguments = start_time, tasks, airspace, durations, intervals, candidate_set
     return next(plans_at(*arguments, standard_candidates(*arguments), fixed_paths=fixed_paths))
 
 
 def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
-    """Yield the programs of `plan_at` without extra candidates, one at a time; the last program returns the plan."""
+    """Yield the compiled programs of `plan_at` without extra candidates, in order; the last one returns the plan."""
     times = as_array(0.0), jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     arguments = times[0], tasks, airspace, times[1]
     speeds = _find_speeds.prepare(*arguments[1:], intervals, *_speed_flags(STANDARD, MINIMAL))
@@ -445,7 +453,7 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
 
 
 def prepare_extra_candidates(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
-    """Yield the programs that `plan_at` needs where the standard candidates fail, one at a time."""
+    """Yield the compiled programs that generate extra candidates when the standard candidates fail, one at a time."""
     durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     selected = jax.ShapeDtypeStruct(tasks.active.shape, np.bool_)
     for kind in EXTRA_SETS:
@@ -458,23 +466,23 @@ def prepare_extra_candidates(tasks: AircraftTask, airspace: Airspace, intervals:
 
 
 def _speed_flags(candidate_set: CandidateSet, members: CandidateSet) -> tuple[Array, Array]:
-    """Flags for the airspeeds of a set: whether paths may have wide turns; whether the members need a matched speed."""
+    """Return two flags: may paths of `candidate_set` have wide turns; do `members` need the airspeed `MATCHED`."""
     return as_array(candidate_set.with_wide_turns, bool), as_array(members.with_matched, bool)
 
 
 def _profile_count(candidate_set: CandidateSet) -> Array:
-    """Number of the profiles of `STANDARD` for a candidate set."""
+    """Return how many of the first profiles of `STANDARD` contain all profiles of a candidate set."""
     return as_array(STANDARD.leading_profiles(candidate_set), np.int64)
 
 
 def _absent_extra(candidates: Candidates, extra_set: CandidateSet | None) -> dict[CandidateSet, Candidates]:
-    """Absent extra candidates of each kind; for a large fleet, which seldom needs any, only if a kind is requested."""
+    """Return absent candidates of each of `EXTRA_SETS`; none for a large fleet that requests no extra set."""
     needed = extra_set is not None or candidates.cost.shape[0] <= SMALL_FLEET
     return {kind: _shared_arrays(absent_candidates, _Shapes.of(candidates), kind) for kind in EXTRA_SETS if needed}
 
 
 class _Shapes(NamedTuple):
-    """Tree structure of candidates, and shape and type of each array; hashable."""
+    """Tree structure of candidates, and shape and data type of each array; hashable, a key for `_shared_arrays`."""
 
     structure: Any
     leaves: tuple[tuple[tuple[int, ...], np.dtype], ...]
@@ -487,7 +495,7 @@ class _Shapes(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _shared_arrays(make: Callable[..., Any], shapes: _Shapes, *arguments: Any) -> Any:
-    """Arrays of `make` for candidates of the given shapes, once on the device for every search."""
+    """Return the result of `make(candidates, *arguments)` for candidates of `shapes`: cached arrays on the device."""
     candidates = shapes.structure.unflatten([jax.ShapeDtypeStruct(*leaf) for leaf in shapes.leaves])
     return jax.tree.map(lambda leaf: as_array(leaf, None), make(candidates, *arguments))
 
@@ -499,7 +507,7 @@ def _choice_arguments(
     extra: dict[CandidateSet, Candidates],
     fixed_paths: FixedPaths | None,
 ) -> tuple[Any, ...]:
-    """Arguments of `_choose` after the durations."""
+    """Return the arguments of `_choose` that follow the durations, in order."""
     if fixed_paths is None:
         fixed_paths = _shared_arrays(_absent_fixed_paths, _Shapes.of(candidates))
     members = _members(candidate_set)
@@ -509,12 +517,12 @@ def _choice_arguments(
 
 @functools.cache
 def _members(candidate_set: CandidateSet) -> Array:
-    """Mask of the candidates of `STANDARD` that a smaller set contains too."""
+    """Return the mask of the candidates of `STANDARD` that `candidate_set` contains, too."""
     return as_array(STANDARD.members_of(candidate_set), bool)
 
 
 def _absent_fixed_paths(candidates: Candidates) -> FixedPaths:
-    """Fixed paths for no aircraft, in the shapes of the paths of the candidates; NumPy arrays."""
+    """Return fixed paths of no aircraft, with as many knots as the paths of the candidates; NumPy arrays."""
     fleet, knots, dtype = candidates.cost.shape[0], knot_count(candidates), candidates.cost.dtype
     states: Any = np.zeros((fleet, knots, 3, 3), dtype)
     times: Any = np.broadcast_to(np.arange(knots, dtype=dtype), (fleet, knots))
@@ -531,7 +539,7 @@ def _with_fixed_paths(
     durations: Float[Array, " aircraft"],
     intervals: int,
 ) -> Candidates:
-    """Replace every candidate of an aircraft that has a fixed path by this path."""
+    """Replace all candidates of each aircraft with a fixed path by this path: valid, at no cost, with proven tracks."""
     times = start_time + jnp.max(durations) / intervals * jnp.arange(intervals + 1)
     tracks = jax.lax.map(lambda path: bounded_track(path, airspace, 1.0, times), fixed_paths.paths)
     count = candidates.valid.shape[1]
@@ -560,8 +568,9 @@ def _choose_best_placement(
     """Choose candidates for the fleet and certify them, repeatedly; return the plan with the fewest failing aircraft.
 
     The choice checks limits at discrete times only; the certificate also bounds the motion in between. A chosen
-    candidate that fails the certificate of limits and keep-outs is excluded from later rounds, with all `withdrawn`
-    candidates of its aircraft. The rounds end early when no aircraft fails or no candidate is rejected.
+    candidate that fails the certificate of limits and keep-outs is excluded from later rounds, and with this candidate
+    all those of its aircraft in the mask `withdrawn`. At most `rounds` rounds; the last is the first in which no
+    aircraft fails or no candidate is rejected. `valid` is the mask of the candidates allowed in the first round.
     """
     fleet = jnp.arange(valid.shape[0])
 

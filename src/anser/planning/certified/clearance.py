@@ -1,8 +1,8 @@
-"""Clearance: distances between moving aircraft and from keep-outs, valid between the sample times.
+"""Clearance: bounds of the distances between aircraft and from keep-outs, valid between the sample times, too.
 
 Over a short interval a path stays within acceleration x interval^2 / 8 of the chord between its ends, and two straight
-motions have their least distance in closed form. In a large fleet, bounding cylinders give a lower bound first (the
-broad phase), and the bound by chords is computed for the nearest pairs only.
+motions have their least distance in closed form. In a large fleet, the cylinders that enclose parts of the paths give a
+first lower bound (the broad phase), and the bound by chords is computed for the nearest pairs only.
 
 A clearance ratio is the ratio of distance to required separation: at least 1 means separated.
 """
@@ -30,32 +30,36 @@ _ROUNDING_S = 1e-6  # tolerance of comparisons of times
 
 
 class Track(eqx.Module):
-    """A path at equally spaced times. `path_track` makes it with proven error bounds, `route_track` with estimates."""
+    """Positions of a path at equally spaced times, with an error bound for the motion in the intervals between them.
+
+    The error bounds of `path_track` are proven, those of `route_track` are estimates.
+    """
 
     positions_n: Float[Array, "*batch instants 3"]  # over the ground, (time, axis), NED, m
     # bound of the distance between the path and its chord in each interval, m
     error_bound: Float[Array, "*batch intervals"]
-    included: Float[Array, "*batch intervals"]  # 1 in intervals that begin before the arrival, else 0
+    # 1 in intervals whose distances count, up to the arrival of an active aircraft, else 0
+    included: Float[Array, "*batch intervals"]
 
 
 def _vector_length_min(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
-    """Least length (m) of a vector that changes linearly from `begin` to `end` (m)."""
+    """Return the least length, m, of a vector that changes linearly from `begin` to `end` (m)."""
     step = end - begin
     closest = begin + closest_fraction(begin, step, _TINY)[..., None] * step
     return jnp.sqrt(jnp.maximum(jnp.sum(closest * closest, axis=-1), _TINY))
 
 
 def _magnitude_min(begin: Float[Array, "*b"], end: Float[Array, "*b"]) -> Float[Array, "*b"]:
-    """Least magnitude of a number that changes linearly from `begin` to `end`."""
+    """Return the least magnitude of a number that changes linearly from `begin` to `end`."""
     return jnp.where(begin * end <= 0.0, 0.0, jnp.minimum(jnp.abs(begin), jnp.abs(end)))
 
 
 def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separation) -> Float[Array, "*batch"]:
-    """Lower bound of the ratio of distance to separation between two paths over time; at least 1 means separated.
+    """Return a lower bound of the ratio of distance to required separation between two paths over all their times.
 
-    Proven if both tracks are of `path_track`; with a track of `route_track`, an estimate that selects candidates.
-    In each interval the larger of the horizontal and the vertical ratio counts; infinite without a required separation.
-    Batches broadcast; the ranks must agree.
+    At least 1 means separated. The bound is proven if both tracks are from `path_track`, and an estimate for the choice
+    of candidates with a track from `route_track`. In each interval the larger of the horizontal and the vertical ratio
+    counts; the result is infinite without a required separation or a common interval. Batches of equal rank broadcast.
     """
     offset = neighbour.positions_n - subject.positions_n
     error_bound = subject.error_bound + neighbour.error_bound
@@ -68,7 +72,10 @@ def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separatio
 def clearance_from_keep_outs(
     track: Track, times: Float[Array, " instants"], volumes: KeepOuts
 ) -> Float[Array, " volumes"]:
-    """Lower bound of a path's distance from each keep-out, m; negative inside."""
+    """Return a lower bound of a path's distance from each keep-out over time, m; negative inside.
+
+    `times` are the sample times of the track, s; the keep-outs are in `volumes.position_n` at time 0.
+    """
 
     def volume_clearance(volume: KeepOuts) -> Scalar:
         offset = track.positions_n[:, :2] - volume.position_n[None, :] - times[:, None] * volume.velocity_n[None, :]
@@ -90,7 +97,7 @@ def continue_straight(
     seconds: ScalarLike,  # duration for which each track is included after its arrival, s
     continuing: Bool[Array, " aircraft"],  # mask of the aircraft whose tracks are continued
 ) -> Track:
-    """Continue tracks beyond the arrivals at constant velocity, as an aircraft flies before it turns into its hold."""
+    """Continue tracks straight on beyond the arrivals, in place of the motion before the turn into the hold."""
     last_s, intervals = jnp.max(arrivals), tracks.error_bound.shape[-1]
     step = last_s / intervals
     ends_n = tracks.positions_n[..., -1:, :]
@@ -108,21 +115,24 @@ def continue_straight(
 
 
 def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
-    """Greatest distance of a path from its chord, m, for a greatest acceleration (m/s^2) in intervals of `step` (s)."""
+    """Return the greatest distance of a path from its chord, m, in intervals of duration `step` (s).
+
+    `acceleration` is the greatest acceleration in each interval, m/s^2.
+    """
     return acceleration * step**2 / 8
 
 
 INTERVALS_PER_CYLINDER = 4
-"""Intervals per bounding cylinder; divides every number of intervals in use."""
+"""Number of intervals of a track that one bounding cylinder encloses; divides every number of intervals in use."""
 CHORD_BOUNDED_PAIRS = 24
-"""Number of neighbours whose distance is bounded by chords at a time, the nearest first; of others by cylinders."""
+"""Number of neighbours for which the closer bound by chords is computed at once; the cylinders show the nearest."""
 _CYLINDER_TINY = (
     1e-9  # m^2: keeps the derivatives of roots finite; added to radii as well, so that the bound stays a lower bound
 )
 
 
 class BoundingCylinders(eqx.Module):
-    """Upright cylinders that enclose a path, one per group of consecutive intervals."""
+    """Upright cylinders that enclose a path and its error bounds, one per group of consecutive intervals."""
 
     centre: Float[Array, "*batch cylinders 2"]  # position of the axis, north and east, m
     radius: Float[Array, "*batch cylinders"]  # radius, m
@@ -133,7 +143,10 @@ class BoundingCylinders(eqx.Module):
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Bounding cylinders, one for `size` intervals each. Raises ValueError if `size` does not divide their number."""
+    """Return cylinders that enclose a track, one per `size` intervals.
+
+    Raises ValueError if the number of intervals is no multiple of `size`.
+    """
     batch, count = track.error_bound.shape[:-1], track.error_bound.shape[-1]
     if count % size:
         raise ValueError(f"track: arrived {count} intervals; expected a multiple of {size}")
@@ -154,7 +167,10 @@ def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> Boun
 
 
 def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Bounding cylinders for `fleet_clearance_ratio`; empty for a small fleet, in which chords bound every pair."""
+    """Return the cylinders of `tracks`, one per `size` intervals, for `fleet_clearance_ratio`.
+
+    The result has no cylinders for a `fleet` of at most `CHORD_BOUNDED_PAIRS` aircraft: chords bound every pair there.
+    """
     if fleet > CHORD_BOUNDED_PAIRS:
         return bounding_cylinders(tracks, size)
     empty = jnp.zeros((*tracks.error_bound.shape[:-1], 0))
@@ -164,7 +180,10 @@ def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDE
 def cylinder_clearance_ratio(
     subject: BoundingCylinders, neighbour: BoundingCylinders, separation: Separation
 ) -> Float[Array, "*batch"]:
-    """Lower bound of `pair_clearance_ratio`; infinite without a required separation."""
+    """Return a lower bound of the clearance ratio of two paths, at least 0, from the cylinders that enclose the paths.
+
+    Infinite without a required separation.
+    """
     offset = neighbour.centre - subject.centre
     radius = subject.radius + neighbour.radius
     horizontal = jnp.sqrt(jnp.maximum(jnp.sum(offset * offset, axis=-1), _CYLINDER_TINY)) - radius
@@ -175,7 +194,7 @@ def cylinder_clearance_ratio(
 
 
 def fleet_clearance_ratio(
-    # a path and its cylinders
+    # track of the one path, and its cylinders
     track: Track,
     cylinders: BoundingCylinders,
     fleet: BoundingCylinders,  # bounding cylinders of the fleet's paths, stacked
@@ -184,10 +203,10 @@ def fleet_clearance_ratio(
     neighbours: Bool[Array, " aircraft"],  # mask of the aircraft to compare with; the ratio is infinite elsewhere
     separation: Separation,
 ) -> Float[Array, " aircraft"]:
-    """Lower bounds of the clearance ratio between one path and each path of a fleet, tight for near neighbours.
+    """Return lower bounds of the clearance ratio between one path and each path of a fleet, close for near neighbours.
 
-    `pair_clearance_ratio` for the `CHORD_BOUNDED_PAIRS` aircraft with the nearest cylinders, and for all others whose
-    cylinders are nearer than the separation; elsewhere, the lower bound from the cylinders.
+    The bound is that of `pair_clearance_ratio` for at least the `CHORD_BOUNDED_PAIRS` aircraft with the nearest
+    cylinders and for every aircraft whose cylinders are nearer than the separation; otherwise that of the cylinders.
     """
     count = neighbours.shape[0]
 
@@ -219,7 +238,10 @@ def fleet_clearance_ratio(
 def fleet_clearance_ratios(
     tracks: Track, separation: Separation, size: int = INTERVALS_PER_CYLINDER
 ) -> Float[Array, "aircraft aircraft"]:
-    """Clearance ratio of each pair of a fleet's paths; `size` intervals per cylinder; infinite on the diagonal."""
+    """Return a lower bound of the clearance ratio of each pair of a fleet's paths; infinite on the diagonal.
+
+    `size` is the number of intervals per bounding cylinder.
+    """
     fleet = tracks.error_bound.shape[0]
     cylinders, aircraft_indices = fleet_cylinders(tracks, fleet, size), jnp.arange(fleet)
 
@@ -238,7 +260,10 @@ _LIMIT_FRACTION = 0.995  # of the limits: a margin for the motion between the sa
 
 
 class ProfileSamples(eqx.Module):
-    """A profile at equally spaced times, shared by several candidates; after its end, at constant velocity."""
+    """Samples of one profile at equally spaced times, used by all candidates with this profile.
+
+    At times after the end of the profile, the samples hold the values at the end.
+    """
 
     since_end: Float[Array, " instants"]  # time since the end, s; 0 before it
     length: Float[Array, " instants"]  # horizontal length flown, m
@@ -246,7 +271,7 @@ class ProfileSamples(eqx.Module):
     drift_n: Float[Array, "instants 3"]
     wind_n: Float[Array, "instants 3"]
     wind_dot_n: Float[Array, "instants 3"]
-    # over the ground, m, m/s, m/s^2
+    # altitude, vertical speed over the ground, up positive, and its rate, m, m/s, m/s^2
     altitude: Float[Array, " instants"]
     climb: Float[Array, " instants"]
     climb_dot: Float[Array, " instants"]
@@ -256,7 +281,7 @@ class ProfileSamples(eqx.Module):
 
 
 def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) -> ProfileSamples:
-    """Evaluate altitude, length through the air, drift, wind and speeds of a profile at times (s after its start)."""
+    """Evaluate a profile at `times`, s after its start."""
 
     def sample(t: Scalar) -> ProfileSamples:
         inside = jnp.clip(t, 0.0, table.profile.duration)
@@ -271,9 +296,9 @@ def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) ->
 
 
 class _CandidatePoint(eqx.Module):
-    """Position (NED, m) and acceleration of a candidate at one time, and whether the candidate is within limits then.
+    """Position (NED, m) and acceleration of a candidate at one time, and whether the candidate keeps its limits then.
 
-    After the end of its path a candidate counts as within limits.
+    After the end of its path a candidate counts as within its limits.
     """
 
     position_n: Vector3
@@ -285,7 +310,10 @@ class _CandidatePoint(eqx.Module):
 def _candidate_point(
     sample: ProfileSamples, horizontal: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike
 ) -> _CandidatePoint:
-    """Evaluate a candidate at one sample of its profile; the route is `scale` times as long as the profile's path."""
+    """Evaluate a candidate at one sample of its profile.
+
+    `scale` is the length of the route over the length through the air in the profile.
+    """
     route_position, heading, curvature = horizontal.at(scale * sample.length)
     direction = cis(heading)
     horizontal_position = route_position + sample.since_end * sample.speed * direction
@@ -324,11 +352,12 @@ def route_track(
     gravity: ScalarLike,
     active: ScalarLike = 1.0,
 ) -> tuple[Track, Flag]:
-    """Return the track of a candidate made of a route and a profile at `times` (s), and whether it is within limits.
+    """Return the track of a candidate at `times` (s), and whether the candidate keeps its limits at these times.
 
-    The limits are those of bank angle, load factor and acceleration along the path, at the times up to the end of the
-    path. Limits of altitude, airspeed and climb belong to the profile and are not checked again. `speed` is the mean
-    airspeed, m/s; `active` is 0 for an ignored aircraft.
+    The candidate is made of a route (`endpoints`, `turns_and_legs`) and a profile (`table`, sampled in `samples`). The
+    limits are those of bank angle, load factor and acceleration along the path, up to the end of the path; altitude,
+    airspeed and climb were checked with the profile. `speed` is the mean airspeed, m/s; `active` is 0 for an aircraft
+    whose track is not included.
     """
     horizontal = route(endpoints, turns_and_legs)
     scale = horizontal.length / jnp.maximum(table.length, 1.0)
@@ -352,10 +381,10 @@ def path_track(
     times: Float[Array, " instants"],
     from_time: ScalarLike = -jnp.inf,
 ) -> Track:
-    """Track of a timed path at equally spaced times (s), with a rigorous acceleration bound in each interval.
+    """Return the track of a timed path at equally spaced times (s), with a proven error bound in each interval.
 
-    `accelerations` bounds the acceleration in each cell of the path, m/s^2; `active` is 0 for an ignored aircraft. The
-    time before `from_time` (s) and before the path's start is not included.
+    `accelerations` bounds the acceleration in each cell of the path, m/s^2. The track is included from `from_time` (s)
+    or the path's start, whichever is later, to the arrival; nowhere if `active` is 0.
     """
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)
@@ -374,5 +403,5 @@ def path_track(
 
 
 def bounded_track(path: TimedPath, airspace: Airspace, active: ScalarLike, times: Float[Array, " instants"]) -> Track:
-    """Track of a timed path at times (s) with proven error bounds, from the accelerations of its `path_bounds`."""
+    """Return the track of a timed path at equally spaced times (s), with error bounds from its `path_bounds`."""
     return path_track(path, path_bounds(path, airspace.wind, airspace.gravity).cell_acceleration, active, times)

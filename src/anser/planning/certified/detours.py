@@ -1,9 +1,9 @@
-"""Detours: direct paths of two turns and detours from them with a target length, with tight or with wide turns.
+"""Direct paths of two turns, and detours from direct paths with a target length, with tight or with wide turns.
 
 A direct path turns, flies straight and turns. Its word gives the senses of the two turns, as for Dubins' paths, so that
-there are four words; curvature ramps at the turns add length to Dubins' paths. A detour leaves the straight line by an
-angle: the lengths of its two groups of parallel legs follow linearly from the endpoint, and the angle follows from the
-target length. If the legs are long enough, turns are widened to reduce the bank angle.
+there are four words; curvature ramps at the turns make the path longer than Dubins' path. A detour leaves the straight
+part by an angle and returns: its leg lengths have two unknowns, which follow linearly from the endpoint, and the angle
+follows from the target length. If the legs are long enough, turns are widened to reduce the bank angle.
 """
 
 from typing import NamedTuple
@@ -32,8 +32,8 @@ from anser.shapes import Flag, Integer, Scalar, ScalarLike
 FULL_TURN = 2 * np.pi
 # Senses of the first and the last turn.
 WORDS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
-# Of the three legs: headings in units of the angle, right first; coefficients of the two unknown lengths in the leg's
-# length; fraction of the direct path's straight length added to it.
+# For each kind of detour to the right, values of the three legs: heading in units of the detour's angle; coefficients
+# of the two unknown lengths in the leg's length; fraction of the direct path's straight part added to the length.
 _DETOURS = (
     # right, then left of the line: a corner in the middle, near the start, near the end
     ((1.0, -1.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 0.0)),
@@ -60,7 +60,7 @@ _PARALLEL = 1e-9
 
 
 class DirectPath(eqx.Module):
-    """Direct path of one Dubins word: a turn, a straight line, a turn."""
+    """Direct path of one word (senses of its two turns): a turn, a straight line, a turn."""
 
     heading: Scalar  # heading of the straight part, rad
     angles: Float[Array, "2"]  # angles of the first and the last turn, rad, right positive
@@ -72,7 +72,7 @@ class DirectPath(eqx.Module):
 
 
 def _four_values(outer: Float[Array, "2"], inner: float = 0.0) -> Float[Array, "4"]:
-    """Arrange values for the four turns of a detour: `outer` for first and last turn, `inner` for the two between."""
+    """Return values for the four turns of a detour: `outer` for first and last turn, `inner` for the two between."""
     return jnp.concatenate([outer[:1], jnp.full(2, inner), outer[1:]])
 
 
@@ -87,7 +87,7 @@ def _word_angles(
 
 
 class _Aim(NamedTuple):
-    """Lengths, m, of a direct path whose turn angles are fixed."""
+    """Lengths and miss distance, m, of a direct path with prescribed turn angles."""
 
     straight: Scalar  # straight part
     miss: Scalar  # miss distance at the end; positive if the end lies to the right of the path
@@ -95,9 +95,10 @@ class _Aim(NamedTuple):
 
 
 def _aim(endpoints: PathEndpoints, initial: RollOut, angles: Float[Array, "2"], scales: Float[Array, "2"]) -> _Aim:
-    """Compute straight part, miss distance and length (m) of a direct path with given turns after the roll-out.
+    """Compute straight part, miss distance and length (m) of a direct path with prescribed turns.
 
-    `angles` are the turn angles (rad, right positive), `scales` the radius of each turn over the tightest radius.
+    The path begins with the roll-out `initial` from the initial turn. `angles` are the turn angles (rad, right
+    positive), `scales` the radius of each turn over the tightest radius.
     """
     # A direct path has two turns; the four turns of a detour would add two of zero length.
     turns, turn_length, headings = chain_turns(endpoints, initial.heading, angles, scales)
@@ -111,7 +112,11 @@ def _aim_error(angle: Scalar, data: tuple[PathEndpoints, RollOut, Float[Array, "
 
 
 def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath:
-    """Find the shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
+    """Find the shortest direct path of one word, with the tightest turns; without a path `exists` is false.
+
+    The word gives the senses of the first and of the last turn, +1 right, -1 left. If the end heading is free, there is
+    no last turn, and only the words with +1 for the last turn have a path.
+    """
     initial = roll_out(endpoints)
     start_heading = initial.heading
     width = FULL_TURN / _HEADING_COUNT
@@ -133,7 +138,10 @@ def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath
 
 
 def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
-    """Derivatives of both turn angles by the heading of the straight part; 0 for the last if the end is free."""
+    """Return the derivatives of both turn angles by the heading of the straight part.
+
+    The derivative of the last turn's angle is 0 if the end heading is free.
+    """
     return jnp.where(endpoints.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
 
 
@@ -152,12 +160,15 @@ def _make_direct(
 
 
 def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"]) -> DirectPath:
-    """Adapt a direct path to other endpoints or turn scales, by the secant method on its straight part's heading."""
+    """Adapt the direct path `base` to other endpoints or turn scales, by the secant method.
+
+    The unknown is the heading of the straight part; `exists` is false if the method misses the end.
+    """
     angle_rates, initial = _angle_rates(endpoints), roll_out(endpoints)
     straight = jnp.maximum(base.straight, 1.0 / endpoints.curvature_max)
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, _Aim]) -> tuple[Scalar, Scalar, _Aim]:
-        """Evaluate the path at the angle `x`, and choose the next angle."""
+        """Evaluate the path with the straight part of `base` turned by `x` (rad), and choose the next angle."""
         previous, x, former_aim = carry
         aim = _aim(endpoints, initial, base.angles + x * angle_rates, scales)
         gap = aim.miss - former_aim.miss
@@ -171,11 +182,11 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
 
 
 class Detour(eqx.Module):
-    """Shape of a detour as arrays, so that a batch of detours of different kinds is one computation."""
+    """Shape of a detour of three legs, as arrays: a batch of different kinds is one computation."""
 
     # heading of each leg relative to the direct path's straight part, in units of the detour's angle; right positive
     headings: Float[Array, "3"]
-    # coefficients of the two unknown lengths in each leg's length
+    # coefficients in each leg's length of the two unknown lengths, which follow from the end position
     first_parts: Float[Array, "3"]
     second_parts: Float[Array, "3"]
     fixed_parts: Float[Array, "3"]  # fraction of the straight part's length that is added to each leg
@@ -204,7 +215,10 @@ def _legs(
     scales: Float[Array, "4"],
     angle: ScalarLike,
 ) -> tuple[Float[Array, "3"], Scalar]:
-    """Compute the lengths of a detour's three legs and of the whole path, m; a negative leg length is invalid."""
+    """Compute the lengths of a detour's three legs and of the whole path, m, for a detour angle (rad).
+
+    A negative leg length means that the detour does not exist.
+    """
     angles = _turn_angles(base, detour, angle, endpoints.end_free)
     turns, turn_length, headings = chain_turns(endpoints, initial.heading, angles, scales)
     along = cis(headings[:3])
@@ -233,8 +247,8 @@ def solve_detour(
 ) -> TurnsAndLegs:
     """Find the detour of least angle that has a target length (m), to a part in a million.
 
-    `base` is the direct path from which it departs; `scales` are the turn radii in units of the tightest turn's (None:
-    the tightest turns).
+    `base` is the direct path from which the detour departs, and the result if its length is the target. `scales` are
+    the turn radii in units of the tightest turn's (None: the tightest turns). Without a solution `exists` is false.
     """
     target_length = jnp.asarray(target_length, dtype=float)
     scales = jnp.ones(4) if scales is None else scales
@@ -271,10 +285,10 @@ _LEG_M = 4000.0  # greatest leg of a racetrack: a longer target length adds laps
 def solve_racetrack(
     endpoints: PathEndpoints, base: DirectPath, side: Scalar, target_length: ScalarLike, scale: ScalarLike = 1.0
 ) -> TurnsAndLegs:
-    """Path of a target length (m): laps of a racetrack to a side (+1 right), then a direct path.
+    """Return a path of a target length (m): a racetrack to a side (+1 right, -1 left), then the direct path `base`.
 
-    Exists for any target length that leaves at least one lap. `scale` is the turn radius in units of the tightest
-    turn's. Laps after the first are full turns, so that the legs stay short.
+    The path exists if the target length leaves room for one lap. `scale` is the turn radius of the racetrack in units
+    of the tightest turn's. For a longer target, full turns are added, so that the legs stay short.
     """
     target_length = jnp.asarray(target_length, dtype=float)
     curvature, sharpness = turn_limits(endpoints, scale)
@@ -294,7 +308,7 @@ def solve_racetrack(
 GENTLE_BANK = 0.0873
 """Bank angle of the widest turn, rad (5 deg): an even wider turn takes longer without a noticeable benefit."""
 WIDTHS = (1.0, 0.6, 0.3)
-"""Exponents of the widest possible scales that are tried for the turns, the widest turns first."""
+"""Widths of turns that are tried, the widest first: exponents of the greatest scale for which the legs have room."""
 _PART_OF_LEG, _PART_OF_STRAIGHT = (
     0.4,
     0.2,
@@ -306,7 +320,7 @@ _CORNER_MAX = 2.4  # rad: the corner of a greater turn is far away or does not e
 def _widest_scales(
     endpoints: PathEndpoints, angles: Float[Array, " turns"], lengths: Float[Array, " turns"]
 ) -> Float[Array, " turns"]:
-    """Scales of the widest turns by `angles` (rad) for which the legs have room.
+    """Return the scales (radius over tightest radius) of the widest turns by `angles` (rad) that the legs allow.
 
     A turn may start and end farther from its corner than the tightest turn by `lengths`, m.
     """
@@ -317,21 +331,21 @@ def _widest_scales(
 
 
 def widen_direct(endpoints: PathEndpoints, base: DirectPath, width: ScalarLike) -> DirectPath:
-    """Direct path of the same word, with turns as wide as the length of the straight part allows.
+    """Return a direct path with the word of `base` and wider turns, which shorten the straight part.
 
-    `width` is an exponent of the widest possible scales: 1 for the widest turns, 0 for the tightest.
+    `width` is an exponent of the greatest possible scales: 1 for the widest turns, 0 for the tightest.
     """
     widest = _widest_scales(endpoints, base.angles, _PART_OF_STRAIGHT * jnp.broadcast_to(base.straight, (2,)))
     return reaim(endpoints, base, widest**width)
 
 
 def widen_directs(endpoints: PathEndpoints, base: DirectPath) -> DirectPath:
-    """Return the direct path with turns of each of the `WIDTHS`, stacked."""
+    """Return direct paths with the word of `base` and turns of each of the `WIDTHS`, stacked."""
     return jax.vmap(lambda width: widen_direct(endpoints, base, width))(jnp.array(WIDTHS))
 
 
 def _first_existing(options: TurnsAndLegs, fallback: TurnsAndLegs) -> TurnsAndLegs:
-    """Return the first valid path of the stack `options`, or `fallback` if no path is valid."""
+    """Return the first existing path of the stack `options`, or `fallback` if none exists."""
     picked = jax.tree.map(lambda leaf: leaf[jnp.argmax(options.exists)], options)
     return jax.tree.map(lambda a, b: jnp.where(jnp.any(options.exists), a, b), picked, fallback)
 
@@ -339,10 +353,10 @@ def _first_existing(options: TurnsAndLegs, fallback: TurnsAndLegs) -> TurnsAndLe
 def widen_detour(
     endpoints: PathEndpoints, wide: DirectPath, detour: Detour, target_length: ScalarLike, tight: TurnsAndLegs
 ) -> TurnsAndLegs:
-    """Widen a detour of a target length (m) as far as its legs allow; return `tight` if wider turns do not fit.
+    """Return the detour of a target length (m) with turns as wide as its legs allow.
 
-    `wide` is the direct path with turns of all widths, see `widen_directs`; `tight` is the detour with the tightest
-    turns.
+    `wide` is the direct path with turns of each of the `WIDTHS`, stacked; `tight` is the detour with the tightest
+    turns, and the result if no wider turns fit.
     """
     legs_before, legs_after = jnp.append(tight.legs[:1], tight.legs), jnp.append(tight.legs, tight.legs[-1:])
     widest = _widest_scales(endpoints, tight.angles, _PART_OF_LEG * jnp.minimum(legs_before, legs_after))
@@ -360,7 +374,11 @@ def widen_detour(
 def widen_racetrack(
     endpoints: PathEndpoints, wide: DirectPath, side: Scalar, target_length: ScalarLike, tight: TurnsAndLegs
 ) -> TurnsAndLegs:
-    """Widen a racetrack of a target length (m) as far as one lap allows; arguments as for `widen_detour`."""
+    """Return the racetrack of a target length (m) with turns as wide as one lap allows.
+
+    `wide` is the direct path with turns of each of the `WIDTHS`, stacked; `tight` is the racetrack with the tightest
+    turns, and the result if no wider turns fit. `side` is +1 for a racetrack to the right, -1 to the left.
+    """
 
     def solve_width(base: DirectPath) -> TurnsAndLegs:
         ramps = 2.0 * smooth_turn(jnp.pi, *turn_limits(endpoints, 1.0)).ramp
@@ -372,7 +390,7 @@ def widen_racetrack(
 
 
 def greatest_curvature(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Scalar:
-    """Greatest curvature, 1/m, among the turns of a path."""
+    """Return the greatest curvature, 1/m, among the turns of a path."""
     tight = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, solved.scales)
     turns: Array = jax.vmap(lambda angle, *turn_tightness: jnp.abs(smooth_turn(angle, *turn_tightness).peak))(
         solved.angles, *tight
@@ -381,7 +399,7 @@ def greatest_curvature(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Scalar
 
 
 def greatest_bank_rate(path: TimedPath, gravity: ScalarLike) -> Scalar:
-    """Greatest bank rate, rad/s, along a path in coordinated flight, from eight samples per cell."""
+    """Return the greatest bank rate, rad/s, along a path in coordinated flight, from eight samples per cell."""
 
     def bank(time: Scalar) -> Scalar:
         return demand(path.air_velocity_n(time), path.at(time).acceleration_n, gravity).bank

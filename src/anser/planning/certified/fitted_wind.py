@@ -20,8 +20,8 @@ from anser.numerics.arrays import as_array
 from anser.shapes import ScalarLike, Vector3
 
 BEYOND_FIELD_M_S = 1e3
-"""Bound of the difference outside of the blocks: no path satisfies its limits there."""
-_BLOCKS = 8  # blocks along each axis of the way; one more on each side reaches to the ends
+"""Bound of the difference outside of the blocks: so great that no path there satisfies its limits."""
+_BLOCKS = 8  # blocks along each axis of the box `Way`; one more on each side reaches to the ends
 _LAYERS = 8  # number of layers, with the padding: one shape, so that another field does not compile again
 _MISSED_M_S = 1e-6  # deviation of a level from the chosen layers below which it is left out
 _PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
@@ -30,9 +30,9 @@ _FAR_M = 1e5  # distance of the levels that hold the boundary values
 
 
 class FittedWind(AbstractWind):
-    """Layers of wind, and the greatest difference of a wind field from them in blocks of the airspace.
+    """Layers of wind, and bounds of the difference between a wind field and the layers in blocks of the airspace.
 
-    The differences are those of the whole flight, at every time.
+    The bounds hold at every time of the flight.
     """
 
     layers: LayeredWind  #: Wind with which the planner computes.
@@ -42,15 +42,16 @@ class FittedWind(AbstractWind):
     altitude_edges: Float[Array, " altitude_edges"]  #: Edges of the blocks, geometric altitude, m, rising.
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Return the velocity of the air of the layers (3,), NED, m/s; the time has no effect."""
+        """Return the wind of the layers, NED, m/s: the altitude of the position counts, the time has no effect."""
         return self.layers.at(position_n, time)
 
     def residual_max(
         self, least_n: Float[Array, "cells 3"], greatest_n: Float[Array, "cells 3"]
     ) -> Float[Array, " cells"]:
-        """Return an upper bound of |wind of the field - wind of the layers|, m/s, in boxes between two NED positions.
+        """Return an upper bound of |wind of the field - wind of the layers|, m/s, in boxes of the airspace.
 
-        For a box that extends beyond the blocks, the bound is `BEYOND_FIELD_M_S`.
+        Row k of `least_n` and of `greatest_n` has two opposite corners of box k, NED, m. For a box that extends beyond
+        the blocks, the bound is `BEYOND_FIELD_M_S`.
         """
         ranges = (
             (self.north_edges, least_n[:, 0], greatest_n[:, 0]),
@@ -69,35 +70,35 @@ class FittedWind(AbstractWind):
 
 
 class FieldSamples(NamedTuple):
-    """One member of a wind field at its nodes."""
+    """Wind field (one member of an ensemble) at its nodes in time, horizontal coordinates and levels."""
 
     times: Float[np.ndarray, " time"]  #: Times, s after the start of the flight, at least one.
     north: Float[np.ndarray, " north"]  #: Northward coordinates: m on the chart, or rad from its origin.
-    east: Float[np.ndarray, " east"]  #: Eastward coordinates.
+    east: Float[np.ndarray, " east"]  #: Eastward coordinates, in the unit of `north`.
     #: Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first.
     columns: Float[np.ndarray, "time north east level 4"]
     #: Radii (m) with which the chart maps latitude and longitude; None for axes in m.
     radii_m: Float[np.ndarray, "2"] | None
     is_geopotential: bool  #: Whether the altitudes are geopotential.
-    is_held: bool  #: Whether the values of the boundary hold beyond it.
+    is_held: bool  #: Whether the values at the boundary of the field hold beyond the boundary, too.
 
 
 class Way(NamedTuple):
-    """Box of airspace around starts, goals and rendezvous of a flight, and the larger box that the flight can reach."""
+    """Box around starts, goals and rendezvous of a flight, and how far the flight can go beyond it."""
 
     least_m: Float[np.ndarray, "3"]  #: Least northward and eastward position and altitude, m.
     greatest_m: Float[np.ndarray, "3"]  #: Greatest northward and eastward position and altitude, m.
-    reach_m: float  #: Horizontal distance from the box that no path exceeds, m.
+    reach_m: float  #: Greatest horizontal distance of any path from the box, m.
     end_s: float  #: End of the flight, s.
 
 
 def wind_layers(wind: AbstractWind) -> AbstractWind:
-    """Return the layers of a fitted wind, and every other wind itself."""
+    """Return the layers of a fitted wind; any other wind is returned as it is."""
     return wind.layers if isinstance(wind, FittedWind) else wind
 
 
 def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
-    """Fit layers of wind to a wind field, and bound their difference from the field in blocks of the airspace.
+    """Fit layers of wind to a wind field, and bound the difference of field and layers in blocks of the airspace.
 
     The layers are the field's mean over the flight's time and the horizontal extent of the box `way`, at the mean
     altitudes of up to eight levels. The bounds hold wherever the flight can go within the field, to rounding.
@@ -156,9 +157,10 @@ def _field_altitude(field: FieldSamples, altitude: np.ndarray) -> np.ndarray:
 
 
 def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east: np.ndarray) -> np.ndarray:
-    """Interpolate the columns at other times and horizontal coordinates; the boundary values hold beyond the nodes.
+    """Interpolate the columns of a field at times (s) and horizontal coordinates.
 
-    A held field gets a level far below and one far above, with the winds of the lowest and the highest level.
+    Boundary values hold beyond the nodes. Returns the shape (time, north, east, level, 4). A field with `is_held` gets
+    a level far below and a level far above, with the winds of its lowest and highest level.
     """
     columns = field.columns
     for axis, (nodes, at) in enumerate(((field.times, times), (field.north, north), (field.east, east))):
@@ -177,10 +179,10 @@ def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east:
 
 
 def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np.ndarray, np.ndarray]:
-    """Return altitudes (geometric, m) and velocities (NED, m/s) of layers: the mean profile of columns.
+    """Return altitudes (geometric, m) and velocities (NED, m/s) of `_LAYERS` layers: the mean profile of `columns`.
 
-    The layers lie at the levels, next to the way's altitudes and between them, at which linear interpolation between
-    the layers chosen before has the greatest error.
+    The layers lie at levels of the field: first the levels that enclose the altitudes of `way`, then one by one the
+    level at which linear interpolation between the layers so far has the greatest error. The last layer is repeated.
     """
     columns = columns.reshape(-1, *columns.shape[-2:])
     heights = _geometric(field, columns[..., 3])
@@ -208,8 +210,8 @@ def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np
 def _divide_levels(columns: np.ndarray) -> np.ndarray:
     """Insert levels between those of the field by linear interpolation, so that the bounds of the cells are tight.
 
-    Every interval between two levels is divided into the same number of parts, at most `_PARTS_MAX`; they are at most
-    `_PART_M` (m) thick in an interval of median thickness, if this number suffices.
+    Every interval between two levels is divided into the same number of parts, at most `_PARTS_MAX`, so that the parts
+    are at most `_PART_M` (m) thick in an interval of median thickness.
     """
     parts = int(np.clip(np.ceil(np.median(np.diff(columns[..., 3], axis=-1)) / _PART_M), 1, _PARTS_MAX))
     steps = np.arange(parts)[:, None] / parts
@@ -223,6 +225,7 @@ def _cell_bounds(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bound |wind of the field - wind of the layers| in the cells between two northward nodes, at every time.
 
+    `columns` is the field at both nodes; `altitudes` (geometric, m) and `velocities_n` (NED, m/s) are the layers.
     Returns the bounds (m/s) and the least and greatest geometric altitude (m) of each cell, (east, level).
     """
 

@@ -27,7 +27,7 @@ _EDGE_M = 1e-6
 
 
 class PathBounds(eqx.Module):
-    """Rigorous bounds of the flight quantities along one path."""
+    """Proven bounds of the flight quantities along one path in coordinated flight, from start to arrival."""
 
     # airspeed, m/s
     speed_min: Scalar
@@ -40,7 +40,7 @@ class PathBounds(eqx.Module):
     # altitude, m
     altitude_min: Scalar
     altitude_max: Scalar
-    # bounds of V_dot + g sin(gamma), m/s^2
+    # upper bounds of V_dot + g sin(gamma) and of its negative, m/s^2, at least 0
     acceleration_max: Scalar
     deceleration_max: Scalar
     wind_error_max: Scalar  # greatest difference between the drift's slope and the wind at the aircraft, m/s
@@ -52,10 +52,11 @@ class PathBounds(eqx.Module):
     cell_load_factors: Float[Array, "cells 2"]
 
     def along_at_start(self, limits: PathLimits) -> tuple[Any, Any]:
-        """Convert the greatest acceleration and deceleration to equal demands in level flight at the start, m/s^2.
+        """Return the greatest acceleration and deceleration, m/s^2, as for level flight at the start airspeed.
 
-        The limits depend on airspeed and load factor. The converted values satisfy the limits at the start if and only
-        if the path satisfies the limits at every airspeed and load factor.
+        The limits depend on airspeed and load factor. The returned values, each cell's demand converted to level flight
+        at the start airspeed, are within `acceleration_max` and `deceleration_max` of `limits` if and only if the path
+        keeps the limits at the airspeeds and load factors of each cell.
         """
         idle, xp = limits.idle, namespace(self, limits)
         if idle is None:
@@ -69,7 +70,7 @@ class PathBounds(eqx.Module):
 def bernstein_coefficients(
     knots: Float[Array, "knots 3 3"], spans: Float[Array, " cells"]
 ) -> tuple[Float[Array, "cells 3 6"], Float[Array, "cells 3 5"], Float[Array, "cells 3 4"]]:
-    """Bernstein coefficients of position, velocity and acceleration over time, each (cell, axis, coefficient).
+    """Return Bernstein coefficients of position, velocity and acceleration in each cell: (cell, axis, coefficient).
 
     `knots` has (knot, order of derivative, axis); `spans` the durations of the cells, s.
     """
@@ -103,7 +104,11 @@ def _square(a: Float[Array, "cells axes n"]) -> Cells:
 def _wind_error(
     wind: AbstractWind, ground: Float[Array, "cells 3 6"], slope: Float[Array, "cells 3 5"], drifting: Array
 ) -> Float[Array, " cells"]:
-    """Upper bound of |slope of the drift - wind|, m/s, in each cell."""
+    """Return an upper bound, in each cell, of the difference between the slope of the drift and the wind, m/s.
+
+    `ground` has the Bernstein coefficients of the position over the ground, `slope` those of the drift's slope. The
+    bound is 0 in cells outside the mask `drifting`. Raises TypeError for a wind that is not steady, layered or fitted.
+    """
     if isinstance(wind, FittedWind):
         residual = wind.residual_max(jnp.min(ground, axis=2), jnp.max(ground, axis=2))
         return _wind_error(wind.layers, ground, slope, drifting) + jnp.where(drifting, residual, 0.0)
@@ -147,11 +152,12 @@ def _bank_and_load(
     error: Float[Array, " cells"],
     gravity: ScalarLike,
 ) -> tuple[Float[Array, " cells"], Float[Array, " cells"], Float[Array, " cells"]]:
-    """Bounds of the bank angle, rad, and of the load factor in coordinated flight from above and below, per cell.
+    """Return bounds per cell in coordinated flight: greatest bank angle (rad), greatest and least load factor.
 
-    With L the horizontal and V the three-dimensional airspeed, both are ratios of polynomials: of the acceleration
-    across, A / L, and of the lift, D / (V L), A = v x a and D = L^2 up - climb (v . a). A ratio of two polynomials in
-    Bernstein form is a weighted mean of the coefficients' ratios if the denominator's coefficients are positive.
+    With L the horizontal and V the three-dimensional airspeed, the force across the velocity is A / L and the lift is
+    D / (V L) per mass, with A = v x a, D = L^2 up - climb (v . a), horizontal v and a, and up = gravity plus upward
+    acceleration. A ratio of two polynomials in Bernstein form is a weighted mean of the coefficients' ratios if the
+    denominator's coefficients are positive. The bound of the bank angle is pi/2 where the lift may be negative.
 
     The arguments are Bernstein coefficients of the velocity through the air, of the acceleration over the ground, and
     of V^2 and L^2; `error` is the error bound of the velocity, m/s.
@@ -201,9 +207,9 @@ def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Floa
 
 
 def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> PathBounds:
-    """Compute proven bounds of the flight quantities along a path in a wind; gravity in m/s^2.
+    """Compute proven bounds of the flight quantities along a path in a steady, layered or fitted wind.
 
-    The wind is steady, layered or fitted to a field.
+    `gravity` in m/s^2. Raises TypeError for another type of wind.
 
     Notes
     -----
@@ -265,10 +271,10 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Upper bound, per cell, of the polynomial `upper` divided by the root of `square`; 0 if the ratio is negative.
+    """Return an upper bound, per cell, of `upper` divided by the root of `square`; 0 if the ratio is negative.
 
-    The root is between `slow` and `fast`. For any m the root of s is at least 2 m s / (m^2 + s), a close bound if m is
-    close to the root.
+    Both are Bernstein coefficients of polynomials; the root is between `slow` and `fast`. For any m the root of s is at
+    least 2 m s / (m^2 + s), a close bound if m is close to the root.
     """
     middle = 0.5 * (slow + fast)
     scaled = square / (middle**2)[:, None]
@@ -279,7 +285,10 @@ def _ratio_to_root_max(
 
 
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:
-    """Lower and upper bound of a vector's length per cell, from the coefficients of its square, widened by `error`."""
+    """Return lower and upper bound of a vector's length per cell, widened by `error`.
+
+    `square` has the Bernstein coefficients of the squared length.
+    """
     low, high = bernstein.bounds(square)
     return jnp.maximum(safe_sqrt(low) - error, 0.0), safe_sqrt(high) + error
 
@@ -287,7 +296,10 @@ def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, A
 def excess(
     bounds: PathBounds, limits: PathLimits, limits_checked: tuple[Limit, ...] = CERTIFIED_LIMITS
 ) -> Float[Array, " limits"]:
-    """How far the bounds of a path exceed each limit, relative to the limit; at most 0 if the limit is satisfied."""
+    """Return the relative excess of a path's bounds over each of `limits_checked`; at most 0 within the limit.
+
+    The excess is that of `Limit.excess`.
+    """
     along: dict[str, Any] = dict(
         zip(("acceleration_max", "deceleration_max"), bounds.along_at_start(limits), strict=True)
     )

@@ -48,8 +48,8 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.steady.performance import ACCELERATION_FLOOR
 
-# Greatest acceleration, m/s^2, along the paths searched in flight for want of holds: with more, an aircraft with a
-# longer path accelerates first and then decelerates with an idling engine, so that it has no reserve for corrections.
+# Greatest acceleration, m/s^2, along the paths of a search in flight after no separated holds were found: with more, an
+# aircraft with a longer path first accelerates and then decelerates with idle thrust, without reserve for corrections.
 _ACCELERATION_M_S2 = 1.0
 _WITHOUT_SPLINES = STANDARD, WITH_TURN_LEG_PATHS
 
@@ -65,13 +65,13 @@ def _assign_holds(
     cells: int,
     former: PlannedHolds | None,
 ) -> PlannedHolds:
-    """Assign a hold to each aircraft until `end_time` (s); holds in use (`former`) move with their goals."""
+    """Assign a hold from arrival to `end_time` (s) to each aircraft; the holds in use, `former`, follow the goals."""
     moved = None if former is None else move_with_goals(former, tasks, time)
     return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved, one_kernel=True)
 
 
 class CertifiedPlanState(eqx.Module):
-    """State of the certified planner."""
+    """State of the certified planner: plan in force, its origin, holds, limits."""
 
     plan: CertifiedPlan  # current plan
     # origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`
@@ -79,23 +79,23 @@ class CertifiedPlanState(eqx.Module):
     holds: PlannedHolds | None  # planned holds after the arrivals; None: each aircraft's default hold
     # flight limits of each path, including the accelerations available from the engine; leading axis aircraft
     limits: PathLimits
-    # whether a new plan was needed, which is made between two steps
+    # whether the plan must be replaced between two steps, because no correction was feasible or the holds are outdated
     replan_needed: Flag = eqx.field(default_factory=lambda: as_array(False, bool))
 
 
 class CertifiedPlanner(AbstractPlanner):
-    """Planner whose paths are proven to keep flight limits, separation and keep-outs; finds first plans and replans."""
+    """Planner whose paths are proven to keep flight limits, separation and keep-outs, before and during the flight."""
 
     sides: Int[Array, " aircraft"]  #: Side of each aircraft's detour: +1 right, -1 left, 0 either.
     speed: Float[Array, " aircraft"]  #: Preferred mean airspeed per aircraft, m/s.
     limits: PathLimits  #: Flight limits of the paths; leading axis aircraft.
     roll_rates_max: Float[Array, " aircraft"]  #: Greatest rate of the bank angle along a path, rad/s.
     airspace: Airspace  #: Wind, required distances, keep-outs.
-    guidance: GuidanceSettings  #: Settings of the holds' guidance.
-    latest_arrival: Scalar  #: Latest allowed arrival time, s.
+    guidance: GuidanceSettings  #: Settings of the guidance, among them radius and sense of the holds.
+    latest_arrival: Scalar  #: Latest allowed arrival time, s after the start of the flight.
     freeze: Scalar  #: Duration before the arrival in which a path is frozen, s.
-    #: Fraction of the accelerations along the path reserved for the autopilot, mainly for the engine's spool-down, and
-    #: for corrections of the path.
+    #: Fraction of the acceleration and deceleration along the path that a new path leaves to the autopilot, mainly for
+    #: the engine's spool-down, and to corrections of the path.
     acceleration_reserve: Scalar = eqx.field(default_factory=lambda: as_array(0.0))
 
     @property
@@ -104,10 +104,10 @@ class CertifiedPlanner(AbstractPlanner):
         return self
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
-        """Search for a plan with a common arrival time, and holds up to `latest_arrival`; not traceable by JAX.
+        """Search for a plan with a common arrival time, and for holds that last until `latest_arrival`.
 
-        `anser.missions` calls `search_plan` instead, which takes any arrival rule; `anser.missions.refusal` finds the
-        reason for a missing plan.
+        Not traceable by JAX. `anser.missions` calls `search_plan` instead, which takes any arrival rule;
+        `anser.missions.refusal` finds the reason for a missing plan.
 
         Raises ValueError if no plan is found.
         """
@@ -119,9 +119,11 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST_PLAN), holds, tasks.limits)
 
     def resolve_limits(self, performance: Performance) -> PathLimits:
-        """Replace unprescribed acceleration limits by those that the engine allows, and reduce them all by the reserve.
+        """Return the limits with the engine's performance in place of infinite (not prescribed) acceleration limits.
 
-        At full thrust this is the acceleration at the start; at idle it depends on airspeed and load factor.
+        The performance, at least `ACCELERATION_FLOOR`, is the acceleration at the start with full thrust, and the
+        deceleration with idle thrust by airspeed and load factor. All acceleration limits are then reduced by the
+        `acceleration_reserve`.
         """
 
         def resolve(prescribed: Array, available: Array) -> Array:
@@ -141,9 +143,10 @@ class CertifiedPlanner(AbstractPlanner):
         return eqx.tree_at(lambda resolve: resolve.idle, limits, idle, is_leaf=lambda leaf: leaf is None)
 
     def correction_limits(self, limits: PathLimits) -> PathLimits:
-        """Return the limits of a path corrected in flight: the limits of a new path plus the `acceleration_reserve`.
+        """Return the limits of a path corrected in flight: the `limits` of a new path plus the `acceleration_reserve`.
 
-        An aircraft whose remaining thrust lets it decelerate only has a negative limit: the reserve counts upward.
+        The acceleration limit may be negative, for an aircraft that decelerates even at its remaining full thrust; the
+        reserve raises this limit, too.
         """
 
         def with_reserve(limit: Array) -> Array:
@@ -155,20 +158,21 @@ class CertifiedPlanner(AbstractPlanner):
         self,
         time: float,  # start of the search, s
         tasks: AircraftTask,  # tasks from `aircraft_tasks`
-        request: ArrivalRequest,  # arrival rule
+        request: ArrivalRequest,  # arrival rule, with times after the start of the search
         end_time: float,  # end of the flight, s, up to which the holds keep the separation
         on_progress: Callable[[str], None] = lambda message: None,  # callback for progress messages
         *,
-        fixed_paths: FixedPaths | None = None,  # paths of other aircraft that stay
-        intervals: int | None = None,  # number of intervals of the paths; None: by their duration
+        fixed_paths: FixedPaths | None = None,  # paths of aircraft that are avoided, but not planned
+        intervals: int | None = None,  # number of equal intervals between the knots of a path; None: by the duration
         hold_tasks: AircraftTask | None = None,  # tasks of all flying aircraft, which all need holds; None: `tasks`
         former_holds: PlannedHolds | None = None,  # holds in use; None before the flight
         candidate_sets: tuple[CandidateSet, ...] = FleetTask.candidate_sets,  # see `FleetTask`
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
-        """Search for a plan and its holds.
+        """Search for a plan with holds that keep separation, keep-outs, altitude limits and distance from the goals.
 
-        Returns the outcome, and the holds. Without a plan: the holds of the closest attempt, None if no attempt was
-        feasible up to the arrivals. For the reasons of a missing plan, see `anser.missions.refusal`.
+        Returns the outcome and the holds of its plan; without a plan, the holds of `outcome.plan_without_holds`, or
+        None if no attempt was feasible up to the arrivals. For the reason of a missing plan see
+        `anser.missions.refusal`.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
         hold_tasks = tasks if hold_tasks is None else hold_tasks
@@ -201,9 +205,10 @@ class CertifiedPlanner(AbstractPlanner):
         end_time: float,  # end of the flight, s, up to which the holds keep the separation
         former: PlannedHolds | None = None,  # holds in use
     ) -> PlannedHolds:
-        """Assign holds to the paths of a plan made at a time (s), by a compiled program.
+        """Assign a hold to each path of a plan made at a time (s), by a compiled program.
 
-        Aircraft that have arrived keep their holds; without such, the program is that of the first plan.
+        Aircraft that have arrived keep their holds of `former`, which follow the goals. If no active aircraft has
+        arrived, `former` is ignored, and the program is that of the first plan.
         """
         return _assign_holds(*self._hold_arguments(paths, tasks, time, end_time, former))
 
@@ -220,11 +225,11 @@ class CertifiedPlanner(AbstractPlanner):
     def prepare_programs(
         self,
         tasks: AircraftTask,  # the fleet's tasks, or their shapes
-        # rough flight time of the last aircraft, s: if this leaves the size of the paths open, no program is prepared
+        # rough flight time of the last aircraft, s: no program if a slightly other time needs other sizes of paths
         longest: float,
         end_time: float,
     ) -> Iterator[PreparedProgram]:
-        """Yield the programs of a search from time 0 to `end_time` (s), one at a time: plans and, last, holds."""
+        """Yield the compiled programs of a search from time 0, with holds to `end_time` (s): plans, then holds."""
         intervals = choose_interval_count(longest)
         if {choose_interval_count(0.95 * longest), choose_interval_count(1.2 * longest)} == {intervals}:
             shapes: Any = None
@@ -236,9 +241,10 @@ class CertifiedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: CertifiedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> CertifiedPlanState:
-        """Correct the plan so that it leads to the goals measured now.
+        """Correct the plan so that it leads to the currently measured goals; return the new planner state.
 
-        Where no correction satisfies the certificate, or the holds no longer suit the goals, a new plan is needed.
+        `replan_needed` is set if the corrected plan violates its certificate, or if goals have shifted too far for the
+        holds; once set, the flag stays.
         """
         in_flight = self._plan_in_flight(planner_state, time, reports)
         plan, status, is_feasible = correct_plan(in_flight)
@@ -263,7 +269,10 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def _holds_are_outdated(self, holds: PlannedHolds | None, in_flight: PlanInFlight) -> Flag:
-        """Whether goals have shifted too far for the holds in use, and an aircraft can still change its hold."""
+        """Return whether a goal has shifted too far for the holds in use, and an aircraft can still change its hold.
+
+        An active aircraft can change its hold until its path is frozen.
+        """
         if holds is None:
             return jnp.asarray(False)
         tasks, arrivals, time = in_flight.tasks, in_flight.plan.arrival_times, in_flight.time
@@ -278,9 +287,10 @@ class CertifiedPlanner(AbstractPlanner):
         time: float,
         reports: AircraftReport,
     ) -> CertifiedPlanState:
-        """Correct, replace or keep the plan, in the order of `correct_or_replace_plan`; a new plan gets new holds.
+        """Correct, replace or keep the plan, in the order of `correct_or_replace_plan`; return the new planner state.
 
-        Where no holds are clear, a plan with other paths is searched (`_search_in_flight`).
+        A new plan, or a plan with outdated holds, gets new holds. If a hold violates separation, keep-outs or altitude
+        limits, a plan with other paths is searched (`_search_in_flight`), unless an arrival is too near.
         """
         former, has_left = planner_state.holds, np.asarray(reports.has_left)
         in_flight, planned_tasks, is_outdated = _replanning_inputs(self, planner_state, as_array(time), reports)
@@ -308,15 +318,16 @@ class CertifiedPlanner(AbstractPlanner):
     def _search_in_flight(
         self,
         time: float,  # current time, s
-        tasks: AircraftTask,  # tasks from the planned states on, see `tasks_from_plan`
-        times_to_go: Float[np.ndarray, " aircraft"],  # times to the arrivals in force, s
-        end_time: float,  # end of the flight, s
-        intervals: int,  # number of intervals of the paths
+        tasks: AircraftTask,  # planning problems that start at the planned states, see `tasks_from_plan`
+        times_to_go: Float[np.ndarray, " aircraft"],  # times to the planned arrivals, s
+        end_time: float,  # end of the holds, s
+        intervals: int,  # number of equal intervals between the knots of a path
         fixed_paths: FixedPaths | None,  # exit paths of the aircraft that have left the fleet
     ) -> tuple[CertifiedPlan, PlannedHolds] | None:
-        """Search for a plan with clear holds, later than planned where the rule allows it; None if none is found.
+        """Search for a plan with other paths and with holds that keep all limits; None if the search fails.
 
-        The acceleration is limited to `_ACCELERATION_M_S2`; splines, which take the most time, are tried last.
+        The planned arrival times are tried first, then later ones if the arrival rule allows a delay; splines, which
+        take the most time, last. The acceleration along the paths is limited to `_ACCELERATION_M_S2`.
         """
         latest_to_go = float(self.latest_arrival) - time
         all_aircraft = as_array(np.ones(times_to_go.shape), bool)
@@ -342,13 +353,13 @@ class CertifiedPlanner(AbstractPlanner):
         return None
 
     def replan_needed(self, planner_state: CertifiedPlanState) -> Flag:
-        """Whether the plan must be replaced, or needs other holds: the flight then stops for it."""
+        """Return whether the plan or its holds must be replaced, for which the flight stops between two steps."""
         return planner_state.replan_needed
 
     def plans(self, planner_state: CertifiedPlanState) -> AircraftPlan:
-        """Present the plan to the closed loop: path, arrival time (s) and hold of each aircraft.
+        """Return the plan in force for the closed loop: path, arrival time (s) and hold of each aircraft.
 
-        The status is always "planned": a fleet without a plan is refused before take-off.
+        The status is always 0 (success): a fleet without a plan is refused before the flight.
         """
         plan = planner_state.plan
         planned = jnp.zeros(plan.lengths.shape, dtype=jnp.int32)
@@ -363,7 +374,7 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def aircraft_tasks(self, reports: AircraftReport, limits: PathLimits) -> AircraftTask:
-        """Return the planning problem of each aircraft from its report, assumed in steady straight flight."""
+        """Return the planning problem of each aircraft from its report; the initial acceleration is taken as 0."""
         return AircraftTask(
             position_n=reports.position_n,
             air_velocity_n=reports.air_velocity_n,
@@ -380,7 +391,7 @@ class CertifiedPlanner(AbstractPlanner):
 
 
 def _end_of_holds(holds: PlannedHolds) -> float:
-    """Time of the end of the holds, s, at most the greatest with which new holds have the same number of cells."""
+    """Return the end of the holds, s, at most the latest end for which new holds have as many cells."""
     times = np.asarray(holds.paths.times)
     cells = times.shape[1] - 1
     return min(float(np.max(times)), CELL_S * cells)
@@ -390,10 +401,10 @@ def _end_of_holds(holds: PlannedHolds) -> float:
 def _replanning_inputs(
     planner: CertifiedPlanner, planner_state: CertifiedPlanState, time: Scalar, reports: AircraftReport
 ) -> tuple[PlanInFlight, AircraftTask, Flag]:
-    """Compute the inputs of `CertifiedPlanner.replan_between_steps`.
+    """Return the inputs of `CertifiedPlanner.replan_between_steps`.
 
-    These are the plan in flight, its tasks from the planned states on, and whether the holds are outdated
-    (`_holds_are_outdated`).
+    These are the plan in flight, the planning problems that start at its planned states at `time` (s), and whether the
+    holds are outdated (`_holds_are_outdated`).
     """
     in_flight = planner._plan_in_flight(planner_state, time, reports)
     is_outdated = planner._holds_are_outdated(planner_state.holds, in_flight)

@@ -1,7 +1,8 @@
-"""Profiles: altitude and airspeed over time, chosen before the route, and the resulting motion of the air.
+"""Profiles: altitude and airspeed over time, chosen before the horizontal route, and the drift of the air on the way.
 
-Altitude and airspeed change by smoothsteps, so that acceleration is continuous; the aircraft's initial acceleration
-fades out. The length of the horizontal path and the drift of the air follow by quadrature on a uniform grid.
+Vertical speed and airspeed change by smoothsteps, so that the acceleration is continuous; the aircraft's initial
+acceleration fades out. The length of the horizontal path and the drift of the air follow by quadrature on a uniform
+grid of times.
 """
 
 import equinox as eqx
@@ -16,7 +17,9 @@ from anser.planning.limits import PathLimits
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 CURVATURE_FRACTION = 0.98
-"""Fraction of the curvature allowed by bank and load factor that profiles use; certificate and fit need the rest."""
+"""Fraction, used by the paths, of the greatest curvature that bank angle and load factor allow.
+
+The remaining part is a margin for the bounds of the certificate and for the conversion to timed paths."""
 _RULE = gauss_legendre(4)
 _FADE_S = 3.0  # duration in which the initial acceleration fades out
 CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, with little effect on the bank angle
@@ -27,7 +30,7 @@ _LEVEL_OFF_ROUNDS = 3
 _DETOUR_RATE, _DETOUR_ACCELERATION = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
 _FADING_RATE = 0.053  # greatest slope of t^2/2 (1 - t)^4
 KINKS = 5
-"""Number of times at which a third derivative of a profile jumps."""
+"""Number of `Profile.kinks`: times at which higher derivatives of a profile jump."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
 
 
@@ -42,7 +45,7 @@ class ProfileState(eqx.Module):
 
 
 class Profile(eqx.Module):
-    """Altitude and airspeed over time, from the start to `duration`."""
+    """Altitude and airspeed as functions of time: parameters from which `at` computes both, 0 to `duration`."""
 
     duration: Scalar  # s
     # initial altitude, m; initial and final vertical speed over the ground, m/s, and its initial rate, m/s^2
@@ -65,7 +68,11 @@ class Profile(eqx.Module):
 
     @property
     def kinks(self) -> Float[Array, "5"]:
-        """Times at which a third derivative jumps, s after the start."""
+        """Times, s after the start, at which higher derivatives jump.
+
+        The ends of the first changes of climb and airspeed and of the initial acceleration, then the starts of the last
+        changes of climb and airspeed.
+        """
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])
         return jnp.concatenate([jnp.stack([self.climb_ramp, self.speed_ramp, fade]), late])
@@ -91,7 +98,7 @@ class Profile(eqx.Module):
 
     @property
     def climb_bounds(self) -> tuple[Scalar, Scalar]:
-        """Upper bounds of the magnitudes of the vertical speed over the ground, m/s, and of its rate, m/s^2."""
+        """Upper bounds of the magnitude of the vertical speed over the ground, m/s, and of its rate, m/s^2."""
         end_speed_max = jnp.maximum(jnp.abs(self.climb_0), jnp.abs(self.climb_1))
         change = jnp.maximum(jnp.abs(self.plateau - self.climb_0), jnp.abs(self.climb_1 - self.plateau))
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
@@ -103,7 +110,7 @@ class Profile(eqx.Module):
         return climb, rate
 
     def at(self, t: ScalarLike) -> ProfileState:
-        """Altitude (m), airspeed (m/s) and their rates `t` seconds after the start."""
+        """Return altitude, vertical speed, airspeed and the rates of both speeds `t` seconds after the start."""
         ramp, total = self.climb_ramp, self.duration
         rise, rise_dot, risen = _smoothstep(t / ramp)
         fall, fall_dot, fallen = _smoothstep((t - total + ramp) / ramp)
@@ -134,7 +141,7 @@ class Profile(eqx.Module):
 
 
 def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """Value, slope and integral from 0 of the smoothstep, which rises from 0 at u = 0 to 1 at u = 1."""
+    """Return value, slope and integral from 0 of the smoothstep, which rises from 0 at u = 0 to 1 at u = 1."""
     v = jnp.clip(u, 0.0, 1.0)
     return v * v * (3 - 2 * v), 6 * v * (1 - v), v**3 * (1 - 0.5 * v) + jnp.maximum(u - 1.0, 0.0)
 
@@ -163,7 +170,10 @@ Rates = tuple[ScalarLike, ScalarLike]
 
 
 def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES) -> Scalar:
-    """Duration, s, of a change of airspeed (m/s) at the greatest rates of gain and loss (`rates`, m/s^2)."""
+    """Return the duration, s, of a change of airspeed from `begin` to `end` (m/s) within rates of gain and loss.
+
+    `rates` are the greatest gain and loss, m/s^2. The duration is at least 2 s and at most 0.8 times the flight's.
+    """
     rate = jnp.where(jnp.asarray(end) > begin, rates[0], rates[1])
     return jnp.clip(1.5 * jnp.abs(end - begin) / rate, _SHORTEST_RAMP_S, 0.8 * duration)
 
@@ -171,10 +181,11 @@ def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: 
 def mean_to_last_speed(
     mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
 ) -> Scalar:
-    """Final airspeed, m/s, with which a profile with one change of airspeed has the mean airspeed `mean` (m/s).
+    """Return the final airspeed, m/s, of a profile with one change of airspeed whose mean airspeed is `mean` (m/s).
 
-    The final change is d / (1 - ramp / (2 duration)), with d the change of the mean; the ramp is proportional to the
-    final change, which gives a quadratic equation.
+    The change begins at the start, with the airspeed `speed_0`. The final change is d / (1 - ramp / (2 duration)), with
+    d = mean - speed_0 and `ramp` the duration of the change, which is proportional to the final change: a quadratic
+    equation. `rates` are the greatest gain and loss of airspeed, m/s^2.
     """
     change = jnp.asarray(mean - speed_0, dtype=float)
     size = jnp.abs(change)
@@ -188,7 +199,10 @@ def mean_to_last_speed(
 def last_to_mean_speed(
     final_speed: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
 ) -> Scalar:
-    """Mean airspeed, m/s, of a profile with one change of airspeed that ends at `final_speed` (m/s)."""
+    """Return the mean airspeed, m/s, of a profile with one change of airspeed from `speed_0` to `final_speed` (m/s).
+
+    The change begins at the start of `duration` (s); `rates` are the greatest gain and loss of airspeed, m/s^2.
+    """
     return final_speed + 0.5 * speed_ramp(speed_0, final_speed, duration, rates) / duration * (speed_0 - final_speed)
 
 
@@ -204,7 +218,7 @@ def make_profile(
     speed_dot_0: ScalarLike,
     rates: Rates = _SPEED_RATES,
 ) -> Profile:
-    """Make the profile between two altitudes (m) and two vertical speeds over the ground (m/s, up positive)."""
+    """Make the profile from an initial to a final altitude and vertical speed, with two changes of airspeed."""
     duration = jnp.asarray(duration, dtype=float)
     rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)
     shortest = jnp.clip(duration / 8, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), _GENTLE_RAMP_S)
@@ -232,7 +246,7 @@ def make_profile(
 
 
 class TabulatedProfile(eqx.Module):
-    """A profile in a wind, tabulated at equally spaced times from the start to the end, intervals + 1 rows."""
+    """Profile in a wind, with length and drift tabulated at equally spaced times from the start to the end."""
 
     profile: Profile  # the tabulated profile
     wind: AbstractWind  # motion of the air over the ground
@@ -250,11 +264,11 @@ class TabulatedProfile(eqx.Module):
         return self.drifts_n[..., -1, :]
 
     def rates(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
-        """Horizontal airspeed, m/s, and wind, NED, m/s, `t` seconds after the start."""
+        """Return horizontal airspeed, m/s, and wind, NED, m/s, `t` seconds after the start."""
         return horizontal_speed(self.profile, self.wind, t)
 
     def flown_at(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
-        """Horizontal length flown through the air, m, and displacement of the air, NED, m, after `t` seconds."""
+        """Return the horizontal length flown through the air, m, and the drift of the air, NED, m, at `t` (s)."""
         count = self.lengths.shape[0] - 1
         step = self.profile.duration / count
         k = jnp.clip(jnp.floor(t / step).astype(jnp.int32), 0, count - 1)
@@ -262,7 +276,7 @@ class TabulatedProfile(eqx.Module):
         return self.lengths[k] + length, self.drifts_n[k] + drift
 
     def time_at(self, length: ScalarLike) -> Scalar:
-        """Time, s after the start, at which a horizontal length (m) has been flown through the air."""
+        """Return the time, s after the start, at which a horizontal length (m) has been flown through the air."""
         count = self.lengths.shape[0] - 1
         step = self.profile.duration / count
         k = jnp.clip(jnp.searchsorted(self.lengths, length, side="right") - 1, 0, count - 1)
@@ -275,7 +289,7 @@ class TabulatedProfile(eqx.Module):
 
 
 def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tuple[Scalar, Vector3]:
-    """Horizontal airspeed, m/s, and wind, NED, m/s, `t` seconds after the start."""
+    """Return horizontal airspeed, m/s, and wind at the profile's altitude, NED, m/s, `t` seconds after the start."""
     state = profile.at(t)
     wind_n = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), -state.altitude]), t)
     air_climb = state.climb + wind_n[2]
@@ -283,9 +297,10 @@ def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tup
 
 
 def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
-    """Horizontal length flown through the air, m, and displacement of the air, NED, m, in `span` s from `begin` s on.
+    """Return the horizontal length flown through the air, m, and the displacement of the air, NED, m, in a time span.
 
-    The quadrature is accurate if the profile has no kink within the span.
+    The span begins `begin` seconds after the start and lasts `span` seconds. The quadrature is accurate if the profile
+    has no kink within the span.
     """
     speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
     weights = span * jnp.asarray(_RULE.weights)
@@ -293,7 +308,7 @@ def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span:
 
 
 def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedProfile:
-    """Tabulate length through the air and air drift of a profile at the bounds of `intervals` equal intervals."""
+    """Tabulate length through the air and drift of the air at the `intervals` + 1 bounds of equal time intervals."""
     step = profile.duration / intervals
     lengths, drifts = jax.vmap(lambda k: flown_between(profile, wind, k * step, step))(
         jnp.asarray(np.arange(intervals) * 1.0)
@@ -307,10 +322,10 @@ def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedP
 
 
 def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
-    """How far a profile exceeds its limits at the grid times: six greatest excesses, negative within the limit.
+    """Return the six greatest excesses over the limits at the times of the table; negative within the limit.
 
-    In order: airspeed below and above its limits (m/s), climb rate (m/s), altitude below and above its limits (m),
-    acceleration along the path (m/s^2).
+    In order: least and greatest airspeed (m/s), climb rate through the air (m/s), least and greatest altitude (m),
+    acceleration or deceleration along the path (m/s^2).
     """
     profile = table.profile
     times = profile.duration * jnp.linspace(0.0, 1.0, table.lengths.shape[0])
@@ -335,5 +350,5 @@ def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarL
 
 
 def within_profile_limits(excess: Float[Array, "6"]) -> Flag:
-    """Whether all six excesses of `profile_excess` are at most 0, to rounding."""
+    """Return whether all six excesses of `profile_excess` are at most 0, to rounding."""
     return jnp.all(excess <= 1e-9)

@@ -1,7 +1,7 @@
 """Replanning in flight: correction or replacement of a certified plan, and the exit path of a departing aircraft.
 
 The compiled loop corrects plans by `correct_plan`; new plans are made between two steps by `correct_or_replace_plan`,
-after an event by `anser.missions.event_replanning`. Velocity and acceleration stay continuous throughout.
+and after an event by `anser.missions.event_replanning`. Planned velocity and acceleration continue without a jump.
 """
 
 import dataclasses
@@ -35,25 +35,26 @@ from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
 FIRST_PLAN, CORRECTED, REPLANNED, UNCHANGED, AWAITING_GOAL, PARTLY_CORRECTED = range(6)
-"""Origins of a plan: first plan; plan in force, corrected to the expected rendezvous; new plan from the planned state;
-last feasible plan, unchanged because no new plan satisfies every limit; the same until the goal's estimate is accurate
-enough for a new plan; last feasible plan, corrected as far as the limits allow."""
+"""Origins of a plan, in order: first plan; plan in force, corrected to the expected rendezvous; new plan from the
+planned state; plan in force, unchanged because no correction and no new plan satisfies every limit; plan in force, with
+uncorrected paths to goals whose estimates are not accurate enough to justify a new plan; plan in force, corrected as
+far as the limits allow."""
 COMMITTED_S = 15.0
-"""Time to go, s, below which an aircraft's path is corrected, but not replaced."""
+"""Time to the arrival, s, below which an aircraft's path may be corrected, but not replaced."""
 _SAME_POSITION_M = 1e-6
 SIGNIFICANT_DEVIATIONS = 3.0
-"""Shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan. A smaller shift may
-well be reversed by the next measurements."""
+"""Least shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan: the next
+measurements may well reverse a smaller shift."""
 _INHERITED_SHARE = 0.98
-"""Least part of a clearance ratio from an exit path, below 1, that one correction of the other path must leave."""
+"""Least ratio of the new to the present clearance ratio between a path and an exit path that are too near already."""
 CORRECTION_FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-"""Fractions of a correction that are tried if the whole correction is infeasible and no new plan is found."""
+"""Fractions of a path's correction that are tried if the whole correction is infeasible and no new plan is found."""
 DELAY_FRACTIONS = (0.0, 0.03, 0.08, 0.15)
-"""Delays that are tried if arrival times are free, as fractions of the longest time to go."""
+"""Delays that are tried if the arrival rule leaves the times open, as fractions of the longest time to the arrival."""
 
 
 def interval_count(paths: TimedPath) -> int:
-    """Number of equal intervals into which the knots divide the duration of a path (kinks not counted)."""
+    """Return the number of equal intervals of a planned path: knots at kinks of the path are not counted."""
     return paths.times.shape[-1] - 1 - (PIECES - 1) - KINKS
 
 
@@ -64,10 +65,11 @@ def correct_path(
     to_go: ScalarLike | None = None,  # time to the end of the path, s; None: by the path's clock
     lead: ScalarLike = 0.0,  # duration in which the path stays unchanged, s
 ) -> TimedPath:
-    """Bend a path smoothly, from a knot on, so that it ends at the rendezvous expected now; C2 everywhere.
+    """Return the path with its end moved to the rendezvous expected from the goal measured now (in `task`).
 
-    The correction is d (10 u^3 - 15 u^4 + 6 u^5), a quintic, so each cell's quintic represents it exactly. The task has
-    the currently measured goal; `time` (s) is on the path's clock.
+    From the first knot after `time` + `lead` on (s, on the path's clock) to the end, the displacement d of the end is
+    blended in by d (10 u^3 - 15 u^4 + 6 u^5), u from 0 to 1 in proportion to the time. Position, velocity and
+    acceleration stay continuous; each cell's quintic represents the correction exactly.
     """
     end = path.times[-1]
     to_go = end - time if to_go is None else to_go
@@ -89,14 +91,14 @@ def correct_path(
 
 
 def rendezvous_offset_n(path: TimedPath, task: AircraftTask, to_go: ScalarLike) -> Vector3:
-    """Offset from the end of a path to the rendezvous expected `to_go` seconds from now, NED, m."""
+    """Return the offset from the end of a path to the rendezvous expected `to_go` seconds from now, NED, m."""
     return task.meeting_n(to_go) - path.air_n[-1, 0] - path.drift_n[-1, 0]
 
 
 def rendezvous_has_moved(
     path: TimedPath, task: AircraftTask, covariance: Float[Array, "6 6"], to_go: ScalarLike
 ) -> Flag:
-    """Whether the rendezvous is farther from the end of the path than the uncertainty of its goal explains.
+    """Return whether the rendezvous is farther from the end of the path than the uncertainty of its goal explains.
 
     The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations of the goal's position at the arrival, along the
     offset. The task has the currently measured goal; `to_go` is the time to the arrival, s.
@@ -110,10 +112,10 @@ def rendezvous_has_moved(
 
 
 def exceeds_uncertainty(offset: Vector3, covariance: Float[Array, "6 6"], to_go: ScalarLike) -> Flag:
-    """Whether a position expected in `to_go` seconds is farther off than its uncertainty explains.
+    """Return whether the offset of a position expected in `to_go` seconds is greater than its uncertainty explains.
 
-    The threshold for the offset (NED, m) is `SIGNIFICANT_DEVIATIONS` standard deviations along it; `covariance` is that
-    of the current position and velocity, NED, m and m/s, extrapolated at steady velocity.
+    The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations along the offset (NED, m). `covariance` is the
+    covariance of the current position and velocity, NED, m and m/s; the velocity is taken as steady.
     """
     weights = jnp.concatenate([offset, to_go * offset])
     # variance along the offset, times the offset's square
@@ -122,7 +124,7 @@ def exceeds_uncertainty(offset: Vector3, covariance: Float[Array, "6 6"], to_go:
 
 
 def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """Return the planning problem that starts at the planned state of `path` at a time (s).
+    """Return the planning problem that starts at position, velocity and acceleration of a path at a time (s).
 
     Velocity and acceleration of a new path thus continue without a jump.
     """
@@ -131,10 +133,10 @@ def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> Air
 
 
 def tasks_from_plan(plan: CertifiedPlan, tasks: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """Return the planning problems of a fleet that start at its planned states at a time (s).
+    """Return the planning problems of a fleet that start at the planned states at a time (s).
 
-    The preferred airspeeds are the planned mean ones: an idle engine may be unable to decelerate an aircraft in a
-    descent.
+    The preferred airspeeds are the mean airspeeds of the plan, because idle thrust may not suffice for a deceleration
+    in a descent.
     """
     planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
     return eqx.tree_at(lambda t: t.speed, planned_tasks, jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed))
@@ -148,10 +150,11 @@ def arrival_delays(
     latest_arrival: ScalarLike,  # latest allowed arrival time, s
     parts: tuple[float, ...] = DELAY_FRACTIONS,  # delays as fractions of the longest time to go
 ) -> tuple[Float[Array, " delays"], Integer]:
-    """Return the delays to try for a fleet's arrivals, s, from zero on, and how many, from the first on, are allowed.
+    """Return the delays to try for a fleet's arrivals, s, rising from zero, and how many of them are allowed.
 
-    The delay is the same for the whole fleet, so that common arrivals stay common and the spacing of a sequence stays.
-    Zero alone is allowed if an aircraft can no longer be replanned, or if the arrival rule fixes the times.
+    The first delays are allowed: zero, and those with which the last aircraft arrives by `latest_arrival`; zero alone
+    if an aircraft can no longer be replanned, or if the arrival rule fixes the times. A delay applies to the whole
+    fleet, so that common arrivals stay common and a sequence keeps its spacing.
     """
     last_arrival = jnp.max(arrival_times)
     delays = jnp.asarray(parts) * jnp.maximum(last_arrival - time, 0.0)
@@ -160,12 +163,12 @@ def arrival_delays(
 
 
 class AttemptLadder(eqx.Module):
-    """Order of the attempts at a new plan in flight: every delay with the limits of a new path, then wider ones."""
+    """Order of the attempts at a new plan in flight: all delays with the limits of a new path, then with wider ones."""
 
     delays: Float[Array, " tries"]  # delays of the arrivals, s
     delay_count: Integer  # number of allowed delays, see `arrival_delays`
     limits: PathLimits  # limits of a new path
-    relaxed_limits: PathLimits | None  # limits of a corrected path; None: the second round is omitted
+    relaxed_limits: PathLimits | None  # wider limits, those of a corrected path; None: only the limits of a new path
 
     def attempts(self) -> Iterator[tuple[float, PathLimits]]:
         """Yield the delay of the arrivals (s) and the path limits of each attempt; not traceable by JAX."""
@@ -181,13 +184,13 @@ class PlanInFlight(eqx.Module):
     plan: CertifiedPlan  # plan in force
     time: ScalarLike  # current time, s
     # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
-    # its last path and arrival time; the others do not wait for it, and avoid it only if it has left the fleet
+    # its last path and arrival time; active aircraft avoid this path only if the aircraft has left the fleet
     tasks: AircraftTask
     airspace: Airspace
     freeze: ScalarLike  # duration before the arrival in which a path is frozen, s
     # covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
-    # (`rendezvous_has_moved`) causes no new plan, and its path is retained if a correction is not feasible. None: the
-    # goals are known exactly
+    # (`rendezvous_has_moved`) causes no new plan, and the path to the goal stays if a correction is not feasible. None:
+    # the goals are exact
     covariances: Float[Array, "aircraft 6 6"] | None
     correction_limits: PathLimits | None  # limits of a corrected path; None: those of the tasks
     has_left: Bool[Array, " aircraft"]  # mask of the inactive aircraft that fly exit paths, which the others avoid
@@ -196,18 +199,18 @@ class PlanInFlight(eqx.Module):
 
     @property
     def under_way(self) -> Bool[Array, " aircraft"]:
-        """Mask of the aircraft that have not arrived."""
+        """Mask of the active aircraft that have not arrived."""
         return (self.tasks.active > 0.0) & (self.plan.arrival_times > self.time)
 
     @property
     def replannable(self) -> Bool[Array, " aircraft"]:
-        """Mask of the aircraft that may get a new path."""
+        """Mask of the active aircraft that may get a new path: farther from arrival than `freeze` and `COMMITTED_S`."""
         is_early = self.plan.arrival_times - self.time > jnp.maximum(self.freeze, COMMITTED_S)
         return (self.tasks.active > 0.0) & is_early
 
     @property
     def path_limits(self) -> PathLimits:
-        """Limits of a corrected path."""
+        """Limits of a corrected path: `correction_limits`, or those of the tasks if None."""
         return self.tasks.limits if self.correction_limits is None else self.correction_limits
 
     def certified(
@@ -217,7 +220,11 @@ class PlanInFlight(eqx.Module):
         arrivals: Float[Array, " aircraft"],
         bounds: PathBounds | None = None,
     ) -> CertifiedPlan:
-        """Replace paths and arrival times (s) of a plan, and certify the result from the current time on."""
+        """Return a plan with other paths and arrival times (s), certified with the limits of a corrected path.
+
+        Distances count from the current time on, for aircraft under way and on exit paths. `valid` is set to true;
+        `bounds` are the bounds of the paths, None: computed here.
+        """
         active = jnp.where(self.under_way | self.has_left, 1.0, 0.0)
         certified_tasks = dataclasses.replace(self.tasks, active=active, limits=self.path_limits)
         certificate = certify(paths, certified_tasks, self.airspace, interval_count(paths), self.time, bounds)
@@ -232,10 +239,10 @@ class PlanInFlight(eqx.Module):
         )
 
     def accepts(self, plan: CertifiedPlan) -> Flag:
-        """Whether a certified plan satisfies every constraint of the aircraft under way.
+        """Return whether a certified plan satisfies every constraint of the aircraft under way.
 
-        Conflicts with exit paths that the plan in force already has do not count where they hardly grow: no plan
-        resolved them at the event.
+        A conflict with an exit path that exists in the plan in force, too, does not count, unless the clearance ratio
+        falls below `_INHERITED_SHARE` of its present value: no plan resolved the conflict at the event.
         """
         ratios, in_force = plan.certificate.clearance_ratio, self.plan.certificate.clearance_ratio
         is_inherited = self.has_left[None, :] & (in_force < 1.0) & (ratios >= _INHERITED_SHARE * in_force)
@@ -245,9 +252,11 @@ class PlanInFlight(eqx.Module):
 
 
 def correct_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, Integer, Flag]:
-    """Correct a plan to the rendezvous expected from the goals measured now.
+    """Correct the paths that are not frozen so that they end at the rendezvous expected from the goals measured now.
 
-    Returns the plan, its origin, and whether the corrected plan satisfies every constraint.
+    A path stays as it is if its correction exceeds a limit and the shift of its goal is not significant. Returns the
+    plan, its origin (`CORRECTED`, or `AWAITING_GOAL` if a path stayed for this reason), and whether the plan satisfies
+    every constraint.
     """
     plan, tasks, time, under_way = in_flight.plan, in_flight.tasks, in_flight.time, in_flight.under_way
     paths = jax.vmap(correct_path, in_axes=(0, 0, None))(plan.paths, tasks, time)
@@ -266,19 +275,19 @@ def correct_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, Integer, Flag]
 
 
 class ReplanningProblem(eqx.Module):
-    """Attempts at another plan, if a plan cannot be corrected to the expected rendezvous."""
+    """Data of the attempts at another plan, if the plan in force cannot be corrected to the expected rendezvous."""
 
     in_flight: PlanInFlight
     paths: TimedPath  # corrected paths of the plan in force
-    planned_tasks: AircraftTask  # tasks from the planned positions, velocities and accelerations
+    planned_tasks: AircraftTask  # planning problems that start at planned position, velocity and acceleration
     times_to_go: Float[Array, " aircraft"]  # durations of new paths without delay, s
     ladder: AttemptLadder
 
     def accept(self, new_plan: CertifiedPlan, durations: Float[Array, " aircraft"]) -> tuple[Flag, CertifiedPlan]:
-        """Certify the fleet with a new plan, whose paths take `durations` (s); return feasibility and plan.
+        """Return whether a new plan is feasible for the fleet, and the fleet's plan with its certificate.
 
-        Aircraft that may not be replanned keep their corrected paths and arrival times. The plan is feasible if every
-        new path is valid and every aircraft under way satisfies the constraints.
+        The new paths take `durations` (s). Aircraft that may not be replanned keep their corrected paths and arrival
+        times. The plan is feasible if every new path is valid and every aircraft under way satisfies the constraints.
         """
         plan, replannable = self.in_flight.plan, self.in_flight.replannable
         # Aircraft with a fixed path keep its length, turn and speed.
@@ -292,7 +301,10 @@ class ReplanningProblem(eqx.Module):
         return is_valid & self.in_flight.accepts(fleet_plan), fleet_plan
 
     def correct_partly(self) -> tuple[Flag, CertifiedPlan]:
-        """Correct each path as far as its limits allow; returns whether this is feasible and a change, and the plan."""
+        """Correct each path by the greatest of `CORRECTION_FRACTIONS` that its limits allow, or not at all.
+
+        Returns whether a path has changed and the plan satisfies every constraint, and the plan.
+        """
         plan, under_way = self.in_flight.plan, self.in_flight.under_way
 
         def correct_by(fraction: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
@@ -315,7 +327,7 @@ class ReplanningProblem(eqx.Module):
 def _correct_and_prepare(
     in_flight: PlanInFlight,
 ) -> tuple[tuple[CertifiedPlan, Integer, Flag], ReplanningProblem]:
-    """Correct a plan, and collect the data of the attempts at another plan."""
+    """Return the results of `correct_plan`, and the data of the attempts at another plan."""
     correction = correct_plan(in_flight)
     plan, tasks, time, replannable = in_flight.plan, in_flight.tasks, in_flight.time, in_flight.replannable
     active = tasks.active > 0.0
@@ -341,8 +353,9 @@ def correct_or_replace_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, int
     Returns the first feasible of these plans, and its origin:
 
     1. the current plan, corrected to the expected rendezvous;
-    2. a new plan from the planned positions, velocities and accelerations, with the limits of a new path;
-    3. the same with the limits of a corrected path;
+    2. a new plan from the planned positions, velocities and accelerations, with the limits of a new path, for each
+       allowed delay of the arrivals;
+    3. a new plan with the limits of a corrected path, for each allowed delay;
     4. the current plan, with each path corrected as far as its limits allow;
     5. the current plan unchanged.
     """
@@ -382,15 +395,16 @@ def exit_path(
     start: AircraftTask,  # position, velocity and acceleration at `start_time`
     start_time: ScalarLike,
     end_time: ScalarLike,
-    turn: ScalarLike,
+    turn: ScalarLike,  # change of course, rad, right positive
     wind: AbstractWind,
     gravity: ScalarLike,
     knot_count: int,
 ) -> TimedPath:
-    """Path on which an aircraft leaves the fleet, from `start_time` to `end_time` (s).
+    """Return the path of `knot_count` knots from `start_time` to `end_time` (s) on which an aircraft leaves the fleet.
 
-    Velocity and acceleration continue without a jump; the aircraft levels off, turns by an angle (rad, right positive)
-    from its current course through the air at a bank of at most 40 deg, and keeps its level airspeed.
+    Velocity and acceleration continue without a jump; the initial acceleration is added and fades out in 4 s. The
+    aircraft levels off in 12 s, turns by `turn` from its current heading at a bank angle of at most 40 deg, and keeps
+    its horizontal airspeed. Limits, separation and keep-outs are not checked.
     """
     position_n, velocity_n, acceleration_n = start.position_n, start.air_velocity_n, start.air_acceleration_n
     level_speed = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)

@@ -1,4 +1,4 @@
-"""Routes: the horizontal part of a path, made of turns with linear curvature ramps and of straight legs.
+"""Routes: horizontal paths through the air, made of turns with linear curvature ramps and of straight legs.
 
 Horizontal vectors are complex numbers, north + i east; a positive turn is to the right. A turn is a ramp, on which the
 curvature grows linearly with length from zero (a clothoid), an arc of constant curvature, and a ramp back to zero. The
@@ -26,12 +26,12 @@ _ODD = tuple((-1) ** k / (math.factorial(2 * k + 1) * (4 * k + 3)) for k in reve
 
 
 def cis(angle: ScalarLike) -> Plane:
-    """Unit vector in the direction of a heading (rad), as the complex number north + i east."""
+    """Return the unit vector in the direction of a heading (rad), as the complex number north + i east."""
     return jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
 
 class Turn(eqx.Module):
-    """A turn as ramps and an arc."""
+    """A turn: a ramp of growing curvature, an arc, and a ramp back to zero curvature."""
 
     angle: Scalar  # change of course, rad, right positive
     ramp: Scalar  # length of each ramp, m
@@ -45,7 +45,7 @@ class Turn(eqx.Module):
 
 
 def smooth_turn(angle: ScalarLike, curvature_max: ScalarLike, sharpness: ScalarLike) -> Turn:
-    """Return the shortest turn by an angle (rad) with limits on curvature (1/m) and sharpness (1/m^2)."""
+    """Return the shortest turn by an angle (rad) within limits of curvature (1/m) and its rate on the ramps (1/m^2)."""
     size = jnp.abs(angle)
     full = curvature_max / sharpness
     root = jnp.sqrt(jnp.where(size > 0.0, size, 1.0) / sharpness)
@@ -56,10 +56,10 @@ def smooth_turn(angle: ScalarLike, curvature_max: ScalarLike, sharpness: ScalarL
 
 
 def along_ramp(length: ScalarLike, sharpness: ScalarLike) -> Plane:
-    """Displacement along a ramp of a length (m), as north + i east if the straight end points north, m.
+    """Return the displacement along a ramp of a length (m), from zero curvature on, if the start points north.
 
-    The integral of exp(i sharpness u^2 / 2) over the length, by its power series; a positive sharpness (1/m^2) bends to
-    the right.
+    The result is north + i east, m: the integral of exp(i sharpness u^2 / 2) over the length u, by its power series. A
+    positive sharpness (1/m^2) bends to the right; a negative length gives the displacement backward.
     """
     x = 0.5 * sharpness * jnp.square(length)
     square = x * x
@@ -70,17 +70,20 @@ def along_ramp(length: ScalarLike, sharpness: ScalarLike) -> Plane:
 
 
 def along_arc(length: ScalarLike, curvature: ScalarLike) -> Plane:
-    """Displacement along an arc or a straight line of a length (m), as north + i east if the start points north, m."""
+    """Return the displacement, north + i east, m, along an arc or a straight line of a length (m) that starts north.
+
+    `curvature` in 1/m, positive to the right.
+    """
     half = 0.5 * curvature * length
     straight = jnp.abs(half) < 1e-8
     return length * jnp.where(straight, 1.0, jnp.sin(half) / jnp.where(straight, 1.0, half)) * cis(half)
 
 
 def displacement(turn: Turn, sharpness: ScalarLike) -> Plane:
-    """Displacement of a whole turn (ramp, arc, ramp), m.
+    """Return the displacement of a whole turn (ramp, arc, ramp), m, as a complex number.
 
-    A complex number: the real part is along the initial heading, the imaginary part to the right. `sharpness`: rate of
-    the curvature on the ramps, 1/m^2.
+    The real part is along the initial heading, the imaginary part to the right. `sharpness` is the magnitude of the
+    curvature's rate on the ramps, 1/m^2.
     """
     sign = jnp.where(turn.angle < 0.0, -1.0, 1.0)
     ramp = along_ramp(turn.ramp, sign * sharpness)
@@ -91,12 +94,12 @@ def displacement(turn: Turn, sharpness: ScalarLike) -> Plane:
 TURNS, LEGS = 4, 3
 PIECES = 1 + 3 * TURNS + LEGS
 _UP, _FLAT, _DOWN = 0, 1, 2
-# The rest of an initial turn; then turn, leg, turn, leg, turn, leg, turn.
+# The ramp out of an initial turn; then turn, leg, turn, leg, turn, leg, turn.
 _PIECE_KINDS = np.array([_DOWN, *([_UP, _FLAT, _DOWN, _FLAT] * LEGS), _UP, _FLAT, _DOWN])
 
 
 class PathEndpoints(eqx.Module):
-    """Start and end conditions of a horizontal path, and the limits of its turns."""
+    """Start and end conditions of a horizontal path through the air, and the limits of its turns."""
 
     # start, relative to the air: position, north + i east, m; heading, rad; curvature, 1/m
     start: Plane
@@ -112,25 +115,25 @@ class PathEndpoints(eqx.Module):
 
 
 class TurnsAndLegs(eqx.Module):
-    """Four turns with three straight legs between them: the unknowns of a route; also a stack of such paths."""
+    """Four turns with three straight legs between them, which describe a route; with a leading axis, several routes."""
 
     angles: Float[Array, "4"]  # turn angles, rad, right positive
     scales: Float[Array, "4"]  # radius of each turn in units of the tightest turn's radius, see `turn_limits`
     legs: Float[Array, "3"]  # lengths of the legs, m
-    exists: Flag  # whether the solution is valid
+    exists: Flag  # whether the solver found a path to the end conditions; the numbers are arbitrary otherwise
 
 
 class RollOut(eqx.Module):
-    """First point of straight flight after the initial turn is ended as fast as possible."""
+    """Length, position and heading at which straight flight begins, after the shortest ramp out of the initial turn."""
 
-    length: Scalar  # length flown until then, m
+    length: Scalar  # length of the ramp, m
     # position, north + i east, m, and heading, rad
     position: Plane
     heading: Scalar
 
 
 def roll_out(endpoints: PathEndpoints) -> RollOut:
-    """Compute where an aircraft that starts in a turn can first fly straight; lengths in m, angles in rad."""
+    """Compute length, position and heading at which an aircraft that starts in a turn can first fly straight."""
     sign = jnp.where(endpoints.curvature < 0.0, -1.0, 1.0)
     length = jnp.abs(endpoints.curvature) / endpoints.sharpness
     heading = endpoints.heading + 0.5 * endpoints.curvature * length
@@ -139,7 +142,7 @@ def roll_out(endpoints: PathEndpoints) -> RollOut:
 
 
 class Route(eqx.Module):
-    """A path of turns and legs, resolved into pieces of constant or linearly changing curvature."""
+    """A horizontal path as a chain of pieces of constant or linearly changing curvature."""
 
     marks: Float[Array, " marks"]  # length along the path at the ends of the pieces, m
     positions: Complex[Array, " marks"]  # position at the marks: north + i east, m
@@ -149,11 +152,11 @@ class Route(eqx.Module):
 
     @property
     def length(self) -> Float[Array, "*batch"]:
-        """Length of the whole route in the drifting air, m."""
+        """Length of the whole route through the air, m."""
         return self.marks[..., -1]
 
     def at(self, length: ScalarLike) -> tuple[Plane, Scalar, Scalar]:
-        """Position (north + i east, m), heading (rad) and curvature (1/m) at a length (m) through the air.
+        """Return position (north + i east, m), heading (rad) and curvature (1/m) at a length (m) from the start.
 
         After the end of the route, the path goes on straight.
         """
@@ -190,7 +193,7 @@ def turn_limits(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Sc
 
 
 def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
-    """Resolve turns and legs into the pieces of a route, from the start of the path on."""
+    """Return the route of turns and legs as a chain of pieces, the ramp out of the initial turn first."""
     initial, angles = roll_out(endpoints), solved.angles
     curvatures, sharpest = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, solved.scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpest)
@@ -228,10 +231,10 @@ def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
 def chain_turns(
     endpoints: PathEndpoints, heading: ScalarLike, angles: Float[Array, " turns"], scales: Float[Array, " turns"]
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
-    """Total displacement (m) and total length (m) of consecutive turns, and the heading (rad) after each turn.
+    """Return displacement (north + i east, m) and length (m) of a chain of turns, and the heading after each turn, rad.
 
-    `heading` is the initial heading, `angles` are the turn angles (rad), `scales` the radii in units of the tightest
-    turn's (see `turn_limits`).
+    Displacement and length are sums over the turns. `heading` is the initial heading, `angles` are the turn angles
+    (rad), `scales` the radii in units of the tightest turn's (see `turn_limits`).
     """
     curvatures, sharpness = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpness)

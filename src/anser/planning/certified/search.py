@@ -1,7 +1,7 @@
-"""Search for a fleet's plan: arrival times and candidates, stage by stage, until a certificate is satisfied.
+"""Search for a fleet's plan: attempts with arrival times and candidate sets, until a certificate is satisfied.
 
-A proposal names arrival times and a set of candidates. An attempt plans the fleet for a proposal, and ends with a plan
-or with the mask of failed aircraft. A stage is a generator of proposals that learns the result of each attempt.
+A proposal names arrival times and a candidate set. An attempt plans the fleet for a proposal, and ends with a plan or
+with the mask of failed aircraft. A stage is a generator of proposals that receives the result of each attempt.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLI
 
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # factors of the first time
 DELAY_RATIO = 1.008
-"""Ratio of two consecutive arrival times of the search."""
+"""Ratio of two consecutive arrival times, without offsets, that the search tries in single steps."""
 # Factors of the first time: every kind of candidate is tried before a longer delay; first for two consecutive times,
 # because an arrival at most one step later is preferred to further candidates.
 _DELAY_BOUNDS = (1.0, DELAY_RATIO**1.5, 1.03, 1.3, 3.0)
@@ -94,7 +94,7 @@ class FleetTask:
 
     @property
     def is_small(self) -> bool:
-        """Whether the fleet is small enough to try every kind of candidate."""
+        """Whether at most `SMALL_FLEET` aircraft are active: every kind of candidate is tried."""
         return self.indices.size <= SMALL_FLEET
 
     @property
@@ -104,10 +104,10 @@ class FleetTask:
 
     @cached_property
     def preferred_times(self) -> ArrivalTimes:
-        """Flight time of each direct path at the preferred speed, s; longer if the climb certainly takes longer.
+        """Flight time of each direct path at the preferred mean airspeed, s; the time of the climb if this is longer.
 
-        In windows, where no aircraft waits for another, the turns of the direct path are made up for by a mean airspeed
-        of up to `_WINDOW_SPEED_FACTOR` times the preferred one, but not beyond the time of the straight line.
+        With windows, where no aircraft waits for another, the flight time is shortened for the turns of the direct path
+        by a factor of up to `_WINDOW_SPEED_FACTOR`, but not below that of the straight line.
         """
         tasks = self.tasks
         times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
@@ -120,7 +120,7 @@ class FleetTask:
         return np.clip(np.maximum(direct, climb_times_min(tasks, self.airspace)), 1.0, self.request.latest_s)
 
     def admissible(self, times: Float[np.ndarray, "n aircraft"]) -> Bool[np.ndarray, " n"]:
-        """Whether each set of arrival times (one per aircraft, s after the start) meets the necessary conditions."""
+        """Return whether each set (row) of arrival times, s after the start, meets the necessary conditions."""
         repeated_indices = np.tile(self.indices, times.shape[0])
         meets_conditions = may_arrive(
             self.tasks, self.airspace, repeated_indices, times[:, self.indices].ravel()
@@ -128,15 +128,15 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Return sets of arrival times, (set, aircraft), s: prescribed, or with first arrivals every quarter second."""
+        """Return sets of arrival times, (set, aircraft), s: the prescribed, or with a first arrival every 0.25 s."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
         return np.append(np.arange(_GRID_S, self.latest_first_s, _GRID_S), self.latest_first_s)[:, None] + self.offsets
 
     def common_intervals(self, arrivals: Sequence[Intervals]) -> Intervals:
-        """Intervals (s) for the time of the first arrival in which every active aircraft can arrive in time.
+        """Return the intervals of first arrivals, s, with which every active aircraft alone can keep its offset.
 
-        `arrivals` are the reachable intervals of each aircraft; the intervals end at the latest allowed time.
+        `arrivals` are each aircraft's reachable intervals. A result begins up to `latest_first_s`, but may end later.
         """
         open_intervals = [sets if on else [(0.0, np.inf)] for sets, on in zip(arrivals, self.active, strict=True)]
         return [(a, b) for a, b in common_times(open_intervals, self.offsets) if a <= self.latest_first_s]
@@ -144,7 +144,7 @@ class FleetTask:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Proposal to the search: arrival times (s after the start), candidates to try, and a progress message or None."""
+    """Arrival times (s after the start) and candidate set for an attempt, and a progress message or None."""
 
     times: ArrivalTimes
     candidate_set: CandidateSet
@@ -153,7 +153,7 @@ class Proposal:
 
 FailedAircraft = Bool[np.ndarray, " aircraft"]
 Stage = Generator[Proposal, FailedAircraft, None]
-"""Generator of proposals; it receives the mask of failed aircraft after each attempt, all False if a plan was found."""
+"""Generator of proposals that receives the mask of failed aircraft after each attempt: all False for a plan."""
 
 
 def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal:
@@ -161,7 +161,7 @@ def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal
 
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
-    """Propose the preferred times with few candidates, then with more if the times meet the necessary conditions."""
+    """Propose the preferred arrival times with `MINIMAL`, then larger candidate sets if the times are admissible."""
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
         return
@@ -172,10 +172,10 @@ def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
 
 
 def later_stage(fleet: FleetTask) -> Stage:
-    """Propose the preferred times, then the earliest feasible times after them if the rule leaves the times open.
+    """Propose the preferred arrival times and later ones, to find the earliest feasible times.
 
-    The standard candidates are tried in small steps, then every kind of candidate before the feasible time: first for
-    short delays, then for longer ones, because a loop is better than an arrival at twice the time. With windows, each
+    In each range of delays, short ones first, the standard candidates are tried up to a feasible time, then all other
+    candidate sets before this time, because a loop is better than an arrival at twice the time. With windows, each
     aircraft is delayed individually. The last plan found is the earliest.
     """
     preferred_times = _preferred_arrival_times(fleet)
@@ -208,7 +208,7 @@ class _DelayedTimes:
     times: Float[np.ndarray, "n group"]  # sets of arrival times, s
 
     def truncated(self, index: int | None) -> "_DelayedTimes":
-        """Keep the times before an index (None: every time); empty if at most one step after the first time."""
+        """Keep the times before an index (None: all); none if the time there is within a step of the first."""
         is_close = index is not None and self.times[index, 0] <= DELAY_RATIO**1.5 * self.times[0, 0]
         return _DelayedTimes(self.indices, self.times[: 0 if is_close else index])
 
@@ -216,9 +216,10 @@ class _DelayedTimes:
 def _delays(
     fleet: FleetTask, indices: Int[np.ndarray, " group"], first_times: ArrivalTimes, delay_min: float, delay_max: float
 ) -> _DelayedTimes:
-    """Return admissible arrival times (s) of a group of aircraft, with delay factors from `delay_min` to `delay_max`.
+    """Return the admissible arrival times of a group of aircraft that are delayed together.
 
-    The factors, powers of `DELAY_RATIO` below `delay_max`, multiply `first_times` (s) without the constant offsets.
+    The delay factors, powers of `DELAY_RATIO` from `delay_min` to below `delay_max`, multiply `first_times` (s) less
+    the offsets of the arrival rule.
     """
     windows, offsets = fleet.request.windows_s, fleet.offsets
     factors = DELAY_RATIO ** np.arange(
@@ -236,9 +237,9 @@ def _delays(
 def _find_first_open(
     delays: Sequence[_DelayedTimes], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
 ) -> Generator[Proposal, FailedAircraft, list[int | None]]:
-    """For each entry of `delays`, return the index of the first feasible time; writes the times found into `times`.
+    """Return the index of the first feasible time of each entry of `delays`, None without such a time.
 
-    The entries are searched simultaneously: each attempt gives an answer for every aircraft.
+    Feasible times are also written into `times` (s). All entries are searched at once: an attempt tests each of them.
     """
     scans = {k: first_index(len(group_delays.times), one_by_one) for k, group_delays in enumerate(delays)}
     index: list[int | None] = [None] * len(delays)
@@ -281,7 +282,7 @@ def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
 
 
 def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
-    """Propose times between the first admissible time and the arrival of a plan found before (s after its start)."""
+    """Propose common arrival times before `plan_arrival_s`, the arrival of a plan found already, s after the start."""
     times, is_feasible = fleet.requested_times(), None
     search = earlier_times(times[fleet.admissible(times), 0], plan_arrival_s)
     with contextlib.suppress(StopIteration):
@@ -293,7 +294,7 @@ def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
 
 
 def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[Intervals] | None:
-    """Arrival times open to each aircraft alone, s after the start; None if a window has no such time."""
+    """Return each aircraft's intervals of reachable arrival times, s after the start; None if a window has none."""
     request = fleet.request
     on_progress("searching the possible arrival times of each aircraft")
     arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, request.windows_s)
@@ -307,10 +308,9 @@ def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[
 
 
 def _preferred_arrival_times(fleet: FleetTask) -> ArrivalTimes | None:
-    """Arrival times (s, one per aircraft) preferred under the arrival request of the fleet.
+    """Return the arrival times, s, one per aircraft, that the arrival rule prescribes or prefers.
 
-    None if the request has no preference (rule "earliest"), or if a preferred time is later than the latest allowed
-    arrival; then the times are searched.
+    None for the rule "earliest", or if a preferred time is later than the latest allowed arrival.
     """
     request, preferred = fleet.request, fleet.preferred_times
     if request.times_s is not None:
@@ -324,12 +324,12 @@ def _preferred_arrival_times(fleet: FleetTask) -> ArrivalTimes | None:
 
 
 def _preferred_first_arrival(fleet: FleetTask) -> float:
-    """First arrival, s, with which every active aircraft arrives at its preferred time or later."""
+    """Return the first arrival, s, with which every active aircraft arrives at its preferred time or later."""
     return float(np.max((fleet.preferred_times - fleet.offsets)[fleet.indices]))
 
 
 def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
-    """Yield arrival times at which every aircraft alone can arrive, the preferred times first."""
+    """Yield sets of arrival times, s, that each aircraft can reach alone: rising; with windows, the preferred first."""
     request = fleet.request
     if request.windows_s is not None:
         yield from _window_times(fleet.preferred_times, request.windows_s, arrivals)
@@ -350,10 +350,10 @@ def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Itera
 def _window_times(
     preferred_times: ArrivalTimes, windows_s: Float[np.ndarray, "aircraft 2"], arrivals: Sequence[Intervals]
 ) -> Iterator[ArrivalTimes]:
-    """Yield arrival times within the windows, beginning with each aircraft's times nearest to its preferred time.
+    """Yield sets of reachable arrival times within the windows (s), one time per aircraft, the preferred first.
 
-    First every aircraft moves to its next best time; then the aircraft move by different shifts, which resolves
-    remaining conflicts.
+    From set to set, every aircraft takes the next nearest time to its preferred time; later sets combine times of
+    different ranks, which resolves remaining conflicts.
     """
     grids = []
     for (low, high), intervals, preferred_time in zip(windows_s, arrivals, preferred_times, strict=True):
@@ -376,20 +376,20 @@ FailedAfterArrival = Callable[[CertifiedPlan], np.ndarray]
 
 @dataclass(frozen=True)
 class SearchOutcome:
-    """Result of a search: the plan, or the attempts closest to a plan."""
+    """Result of a search: the plan, or the attempts that came closest to a plan."""
 
     plan: CertifiedPlan | None  #: The plan; None if the search failed.
-    attempts: int  #: Number of attempts: sets of arrival times and candidates.
+    attempts: int  #: Number of attempts, each with a set of arrival times and a candidate set.
     best_attempt: CertifiedPlan | None = None  #: Without a plan: the attempt with the fewest failed aircraft.
-    #: Arrival times open to each aircraft alone (s after the start), if computed.
+    #: Each aircraft's intervals of arrival times that it can reach alone, s after the start; None if not computed.
     arrivals: list[Intervals] | None = None
-    #: Without a plan: a plan that satisfies every constraint up to the arrivals, but not after them.
+    #: Without a plan: an attempt that satisfies every constraint up to the arrivals, but lacks holds; else None.
     plan_without_holds: CertifiedPlan | None = None
-    #: With a plan: the failed attempt with the latest arrival times before those of the plan; None if none failed.
+    #: With a plan: the failed attempt with the latest arrival times before those of the plan; None without any.
     earlier_attempt: CertifiedPlan | None = None
 
     def leading(self, count: int) -> "SearchOutcome":
-        """Result for the first `count` aircraft, without the padding."""
+        """Return the result for the first `count` aircraft: without the padding aircraft."""
         plan, best_attempt, plan_without_holds, earlier_attempt = (
             None if plan is None else plan.leading(count)
             for plan in (self.plan, self.best_attempt, self.plan_without_holds, self.earlier_attempt)
@@ -407,12 +407,12 @@ class _Attempt(NamedTuple):
 
 
 class FailedAttempt(str):
-    """Progress message before the search goes on with further candidates, with the attempt that failed."""
+    """Progress message that carries the attempt with standard candidates that failed, before further candidates."""
 
     attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
 
     def __new__(cls, text: str, attempt: CertifiedPlan) -> "FailedAttempt":
-        """Attach an attempt to a message."""
+        """Make the message `text` with an attempt."""
         message = super().__new__(cls, text)
         message.attempt = attempt
         return message
@@ -442,12 +442,12 @@ class _Search:
         return SearchOutcome(None, len(self.tried), self.best_attempt, arrivals, self.plan_without_holds)
 
     def _latest_failure_before(self, times: ArrivalTimes) -> CertifiedPlan | None:
-        """Return the plan of the last failed attempt with the greatest sum of times below that of `times`, or None."""
+        """Return the failed attempt with the greatest sum of arrival times below that of `times`; None without any."""
         failures = [past for past in self.tried if past.failed.any() and np.sum(past.times) < np.sum(times)]
         return max(reversed(failures), key=lambda past: float(np.sum(past.times))).plan if failures else None
 
     def run(self, stage: Stage, run_to_end: bool = False) -> None:
-        """Attempt the proposals of a stage until a plan is found; with `run_to_end` every one: the last plan counts."""
+        """Attempt the proposals of a stage up to the first plan, with `run_to_end` all of them; keep the last plan."""
         with contextlib.suppress(StopIteration):
             proposal = next(stage)
             while True:
@@ -475,11 +475,11 @@ class _Search:
         return None
 
     def attempt(self, times: ArrivalTimes, candidate_set: CandidateSet) -> CertifiedPlan | None:
-        """Plan the fleet for arrival times and candidates, unless tried before; None without a new plan.
+        """Plan the fleet for arrival times (s) and a candidate set; return the plan, or None if an aircraft fails.
 
-        Extra candidates are generated for the aircraft that fail with the standard candidates. If every path of the
-        standard candidates is proven and only holds are missing, the attempt fails without extra candidates: each
-        aircraft takes its cheapest candidate, whatever its hold, and extra candidates are seldom the cheapest.
+        None also if these were attempted before. Extra candidates are generated for the aircraft that fail with the
+        standard candidates. If every standard path is proven and only holds are missing, the attempt fails without
+        extra candidates: a choice is by cost, not by the holds, and extra candidates are seldom the cheapest.
         """
         if self.failed_at(times, candidate_set) is not None:
             return None
@@ -511,11 +511,11 @@ class _Search:
     def _make_plan(
         self, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
     ) -> _Attempt:
-        """Make a plan for arrival times (s); return it with the aircraft that fail in it.
+        """Make a plan for arrival times (s); return the plan with the mask of failed aircraft.
 
-        These fail before their arrivals or, if none does, after them. If only holds are missing, the plan is stored as
-        `plan_without_holds`, and paths are chosen once more with regard to the time after the arrivals; this second
-        plan is returned if no aircraft fails in it, else the first.
+        If every path is proven and only holds are missing, the plan is stored as `plan_without_holds`, and paths are
+        chosen once more with regard to the time after the arrivals; this second plan is returned if no aircraft fails
+        with it, else the first. Extra candidates are for the aircraft `extra_for`.
         """
         arguments = (
             self.start_time,
@@ -544,13 +544,13 @@ class _Search:
         return attempt
 
     def _standard_candidates(self, times: ArrivalTimes, arguments: tuple[Any, ...]) -> Candidates:
-        """Standard candidates for arrival times (s); those of the last times are kept for the next kind of paths."""
+        """Return standard candidates for arrival times (s), generated anew only if the times have changed."""
         if self.standard is None or not np.array_equal(times, self.standard[0]):
             self.standard = times.copy(), standard_candidates(*arguments)
         return self.standard[1]
 
     def _judge(self, times: ArrivalTimes, candidate_set: CandidateSet, plan: CertifiedPlan) -> _Attempt:
-        """Find the aircraft that fail in a plan, before their arrivals or, if none does, after them."""
+        """Return the attempt with its failed aircraft: without a proven path or, if all are proven, without a hold."""
         failed = self.fleet.active & ~np.asarray(plan.feasible)
         if failed.any():
             return _Attempt(times, candidate_set, failed, plan, fails_after_arrival=False)
@@ -573,11 +573,11 @@ def search(
     intervals: int | None = None,
     candidate_sets: tuple[CandidateSet, ...] = FleetTask.candidate_sets,  # see `FleetTask`
 ) -> SearchOutcome:
-    """Find a plan whose limits, separation and keep-outs are all proven by its certificate.
+    """Find a plan that keeps limits, separation and keep-outs, proven by its certificate.
 
     Arrival times are tried in this order: the times that the arrival rule of `request` prefers, with few candidate
-    paths per aircraft; the earliest feasible times after them; the times at which each aircraft alone can arrive, with
-    increasingly thorough candidates; for the rule "earliest", finally, times before those of the plan.
+    paths per aircraft; later times up to the earliest feasible ones; times at which each aircraft alone can arrive,
+    with increasingly thorough candidate sets; for the rule "earliest", finally, times before those of the plan.
     """
     fleet = FleetTask(tasks, airspace.at_start(start_time), request, candidate_sets)
     progress = _Search(start_time, fleet, airspace, on_progress, failed_after_arrival, fixed_paths, intervals)

@@ -1,7 +1,7 @@
-"""Search for spline trajectories, the generator without a prescribed shape.
+"""Search for spline trajectories: candidates without a prescribed shape.
 
 Within narrow limits or short times, shape, altitude and airspeed must be adjusted together. Damped least squares lead
-from many random detours as initial guesses to splines over the ground within the limits.
+from many random detours as initial guesses to splines in time, over the ground, within the limits.
 """
 
 import functools
@@ -51,15 +51,15 @@ _TINY_M = 1e-6
 
 
 class Guess(NamedTuple):
-    """Random parameters of one initial guess of the search, reproducible by a seed."""
+    """Random parameters of one initial guess of the spline search; with a leading axis, of several."""
 
-    line_fraction: Float[Array, " points"]  # fraction of the straight line from start to rendezvous at each point
-    # detour at each point, along and across the line, of unit size
+    line_fraction: Float[Array, " points"]  # position along the straight line at each point of a polyline, 0 to 1
+    # detour at each point, along and across the line, scaled later to the path's length
     along_detour: Float[Array, " points"]
     across_detour: Float[Array, " points"]
     angle: Float[Array, " points"]  # angle flown in full circles at each point, rad; 0 without circles
     circle_fraction: Scalar  # number of circles as a fraction of the possible number; negative: to the left
-    speed: Scalar  # airspeed that determines the path's length, as a fraction of the airspeed range
+    speed: Scalar  # mean airspeed, which gives the path's length, as a fraction of the range of airspeeds
     # length of the straight legs at the start and the end, in turn radii
     first_leg: Scalar
     last_leg: Scalar
@@ -69,7 +69,7 @@ class Guess(NamedTuple):
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Draw a detour, a corner on an ellipse, a zigzag or full circles: the first five fields of `Guess`."""
+    """Draw a detour: a corner, a zigzag or full circles; return the first five fields of `Guess`."""
     s, side = np.linspace(0.0, 1.0, _POINTS + 1), float(rng.choice([-1.0, 1.0]))
     zeros = np.zeros_like(s)
     kind = rng.random()
@@ -109,13 +109,16 @@ def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
 
 
 def make_guesses(count: int, seed: int = 0) -> Guess:
-    """Draw `count` initial guesses of the spline search, stacked; equal for equal seeds."""
+    """Draw `count` initial guesses of the spline search, stacked; the same for each call with a seed."""
     return Guess(*(jnp.asarray(field_values) for field_values in _random_guesses(count, seed)))
 
 
 @functools.cache
 def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
-    """Matrix that smooths spline coefficients by least squares with penalised jumps; three at either end stay fixed."""
+    """Return the matrix that smooths the coefficients of a spline with `cells` intervals; n = cells + 3.
+
+    The smoothing is a least-squares fit with a penalty on third differences; three coefficients at either end stay.
+    """
     count = cells + 3
     jumps = np.diff(np.eye(count), 3, axis=0)
     weight = np.concatenate([np.full(3, 1e9), np.ones(count - 6), np.full(3, 1e9)])
@@ -129,11 +132,12 @@ def _last_velocity(
     wind: Float[Array, "2"],
     free_velocity: Float[Array, "3"],
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Return the velocity over the ground at the arrival (NED, m/s), and the directions in which it may change.
+    """Return the velocity over the ground at the arrival (NED, m/s), and the frame of its allowed changes.
 
-    If a course or a path angle is prescribed, the velocity is along `direction_2d`, at the prescribed path angle or
-    level. Its horizontal part is then as fast as the airspeed `speed` in this direction and the wind together.
-    Otherwise the velocity is `free_velocity`. For the directions see `SplineStart.frame`.
+    If a course or a path angle is prescribed, the velocity has the horizontal direction `direction_2d` (north, east)
+    and the prescribed path angle, or is level; its horizontal magnitude is that of the sum of airspeed `speed` (m/s) in
+    this direction and `wind` (north, east, m/s). Otherwise the velocity is `free_velocity`. The columns of the frame
+    are the directions in which the search may change the velocity, see `SplineStart.frame`.
     """
     rendezvous = problem.task.rendezvous
     angle_prescribed = rendezvous.path_angle_prescribed
@@ -150,8 +154,8 @@ def _last_velocity(
 def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStart:
     """Build the initial spline of a search, with `cells` equal intervals, from a guess.
 
-    The path through the air runs straight on from the start, makes its detour, and ends with a straight leg in the
-    direction of arrival; constant airspeed and climb, plus the mean wind.
+    The path through the air runs straight on from the start, makes the detour of the guess, and ends with a straight
+    leg in the direction of arrival. Airspeed and climb are constant; the mean wind is added.
     """
     task, airspace, duration = problem
     limits, rendezvous = task.limits, task.rendezvous
@@ -221,22 +225,27 @@ CELLS = 64
 """Number of intervals of a spline; divides the number of intervals of a path."""
 _FIRST_STEPS, _STEPS, _LAST_STEPS = 20, 40, 12
 _TIGHTENING_ROUNDS = 2
-_REFINED_FACTOR = 2  # refined searches per delivered spline
+_REFINED_FACTOR = 2  # number of searches continued after the first steps, per returned spline
 _DAMPING = Damping(lambda cost: 1e-2 * cost, 0.2, 5.0, 1e-9, 1e9)
 _COST_CONVERGED = 1e-9  # cost at which violations are small against the tightening of the limits
 
 
 def _spline_step(context: tuple[SplineStart, BlockTridiagonal], equations: NormalEquations, damping: Scalar) -> Array:
-    """Damped Gauss-Newton step of the unknowns; the damping measures the step by `step_metric`."""
+    """Return the damped Gauss-Newton step, to be subtracted from the unknowns.
+
+    `context` has the start of the search and the `step_metric`, which measures the size of the step for the damping.
+    """
     damped = jax.tree.map(lambda block, size: block + damping * size, equations.form, context[1])
     return solve_tridiagonal(damped, equations.gradient)
 
 
 class Splines(eqx.Module):
-    """Spline trajectories of one aircraft; stacked, of a fleet."""
+    """Spline trajectories of one aircraft, as timed paths; with a leading axis, of a fleet."""
 
     paths: TimedPath  # position over time
-    valid: Bool[Array, "*splines"]  # whether the certificate satisfies every constraint of the aircraft itself
+    # whether the proven bounds are within the flight limits (keep-outs are not checked), the arrival is along the
+    # prescribed course, and the task prescribes no side of detours
+    valid: Bool[Array, "*splines"]
     total_turn: Float[Array, "*splines"]  # sum of the absolute changes of heading, rad
     speeds: Float[Array, "*splines"]  # mean airspeeds, m/s
     accelerations: Float[Array, "*splines cells"]  # acceleration bound in each interval of each path, m/s^2
@@ -245,10 +254,10 @@ class Splines(eqx.Module):
 def find_splines(
     task: AircraftTask, airspace: Airspace, duration: ScalarLike, intervals: int, starts: int, max_splines: int
 ) -> Splines:
-    """Find the best `max_splines` spline trajectories of one aircraft for a duration (s), from `starts` guesses.
+    """Find spline trajectories with which one aircraft arrives after a duration (s), from `starts` random guesses.
 
-    Not differentiable: plans are selected, not tuned. `intervals`, the number of equal intervals between the knots of a
-    path, is a multiple of `CELLS`.
+    Returns the `max_splines` with the smallest violations of the limits, valid or not. `intervals`, the number of equal
+    intervals between the knots of a path, is a multiple of `CELLS`. Not differentiable: plans are selected, not tuned.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem
@@ -279,7 +288,7 @@ def find_splines(
         return path, path_bounds(path, airspace.wind, airspace.gravity)
 
     def restart(state: SearchState) -> SearchState:
-        """Restart a search within limits tightened by the violations between its sample points."""
+        """Restart a search within limits that are tightened by its violations between the sample points."""
         start, metric = state.context
         allowed = tighten_limits(problem, start.allowed, excess(path_and_bounds(state)[1], task.limits))
         return start_at(SplineStart(update_coefficients(start, cell, state.best), start.frame, allowed), metric)

@@ -1,7 +1,7 @@
-"""Splines: cubic splines in time of the position over the ground, and least-squares equations of their violations.
+"""Cubic splines in time of the position over the ground, and least-squares equations for violations of the limits.
 
-The acceleration is linear between the knots. Position, velocity and acceleration are linear in the coefficients and
-depend on four of them at a time, so that the normal equations are sums over the intervals.
+The acceleration is linear between the knots. Position, velocity and acceleration are linear in the coefficients and in
+each interval depend on four coefficients, so that the normal equations are sums over the intervals.
 """
 
 import functools
@@ -31,7 +31,7 @@ Coefficients = Float[Array, "coefficients 3"]
 
 
 class Spline(eqx.Module):
-    """Position of one aircraft over time: a uniform cubic B-spline."""
+    """Position of one aircraft over the ground as a function of time: a uniform cubic B-spline."""
 
     duration: Scalar  # duration, s
     coefficients: Coefficients  # coefficients, one for each interval and three more, (coefficient, NED axis), m
@@ -48,9 +48,9 @@ class Spline(eqx.Module):
 
 
 def basis_values(fractions: Float[np.ndarray, " fractions"] | Float[Array, " fractions"]) -> Any:
-    """Return values, first and second derivatives of the four cubic B-splines of an interval, at fractions (0 to 1).
+    """Return values, first and second derivatives of the four B-splines in an interval, at fractions (0 to 1) of it.
 
-    The derivatives are with respect to the fraction. The result has the shape (order of derivative, fraction, spline),
+    The derivatives are with respect to the fraction. The result has the shape (order of derivative, fraction, B-spline)
     and is a NumPy or JAX array like the argument.
     """
     stack = np.stack if isinstance(fractions, np.ndarray) else jnp.stack
@@ -67,7 +67,10 @@ def coefficient_windows(coefficients: Coefficients) -> Float[Array, "cells 4 3"]
 
 
 def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) -> Float[Array, "cells fractions 3 3"]:
-    """States at fractions (0 to 1) of each interval: (interval, fraction, order of derivative, axis)."""
+    """Return position, velocity and acceleration over the ground (NED, SI) at fractions (0 to 1) of each interval.
+
+    The result has the shape (interval, fraction, order of derivative, axis).
+    """
     scale = jnp.stack([spline.cell**-order for order in range(3)])
     return jnp.einsum(
         "ouk,nka,o->nuoa", jnp.asarray(basis_values(fractions)), coefficient_windows(spline.coefficients), scale
@@ -75,7 +78,10 @@ def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) ->
 
 
 def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
-    """Position, velocity, acceleration over the ground at times (s after the start): (time, derivative, axis), NED."""
+    """Return position, velocity and acceleration over the ground (NED, SI) at times, s after the start.
+
+    The result has the shape (time, order of derivative, axis).
+    """
     share = times / spline.cell
     interval = jnp.clip(jnp.floor(share), 0, spline.cells - 1)
     scale = jnp.stack([spline.cell**-order for order in range(3)])
@@ -84,7 +90,10 @@ def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "ti
 
 
 def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
-    """Matrix from a knot's state to its three nearest coefficients; `cell` is the duration of an interval, s."""
+    """Return the matrix that converts position, velocity and acceleration at a knot to the three coefficients there.
+
+    `cell` is the duration of an interval, s.
+    """
     sixth = jnp.asarray(cell) ** 2 / 6.0
     unit = jnp.ones(())
     return jnp.stack(
@@ -97,7 +106,10 @@ def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 @functools.cache
 def mean_squares() -> Float[np.ndarray, "3 4 4"]:
-    """Quadratic forms of four coefficients: mean squares over 1 s of position, velocity, acceleration; (3, 4, 4)."""
+    """Return the quadratic forms of an interval's four coefficients for mean squares over an interval of 1 s.
+
+    Row by row: the mean squares of position, velocity and acceleration.
+    """
     basis = basis_values(np.asarray(_RULE.nodes))
     return np.einsum("ouk,oul,u->okl", basis, basis, np.asarray(_RULE.weights))
 
@@ -105,7 +117,7 @@ def mean_squares() -> Float[np.ndarray, "3 4 4"]:
 def wind_along(
     wind: AbstractWind, altitudes: Float[Array, " n"], climbs: Float[Array, " n"]
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Wind at altitudes (m), m/s, and its rate for an aircraft that climbs at `climbs` (m/s), m/s^2; both NED."""
+    """Return the wind at altitudes (m), m/s, and its rate of change for climb rates `climbs` (m/s), m/s^2; both NED."""
 
     def wind_and_rate(altitude: Scalar, climb: Scalar) -> tuple[Array, Array]:
         def at(h: Scalar) -> Array:
@@ -121,7 +133,7 @@ def _crossings(
 ) -> tuple[Float[Array, " crossings"], Float[Array, " crossings"]]:
     """Find the first `max_count` crossings of the altitudes of the wind layers (`edges`, m) by the spline.
 
-    Returns the times, s, and the directions (1 climbing, -1 descending), padded with the duration of the spline and 0.
+    Returns the times, s, and the directions (1 climbing, -1 descending); for missing crossings, the duration and 0.
     A crossing is detected between two neighbouring points of a grid of `intervals` equal time intervals that lie on
     different sides of an edge, and refined by bisection.
     """
@@ -147,7 +159,10 @@ def _crossings(
 def _with_sides_at_ends(
     side: Float[Array, " knots"], spline: Spline, times: Float[Array, " knots"], edges: Float[Array, " layers"]
 ) -> Float[Array, " knots"]:
-    """Set the sides of the first and the last knot, if these are at the edge of a layer, to where the path is flown."""
+    """Return `side`, with the side on which the path flies set at a first and last knot at the edge of a wind layer.
+
+    The side, 1 above the edge and -1 below, selects the wind layer whose rate of the wind holds at the knot.
+    """
     for knot, ahead in ((0, 1.0), (-1, -1.0)):
         state = states_at(spline, times[knot : knot + 1 or None])[0, :2, 2]
         is_at_edge = jnp.any(jnp.abs(-state[0] - edges) < _LAYER_EDGE_M)
@@ -160,8 +175,8 @@ def spline_path(
     # trajectory over the ground, and the wind
     spline: Spline,
     wind: AbstractWind,
-    intervals: int,  # number of equal intervals, a multiple of the spline's
-    knots: int,  # number of knots, more than `intervals`; half of the excess is for edges of layers
+    intervals: int,  # number of equal intervals of the path, a multiple of the spline's
+    knots: int,  # number of knots, more than `intervals`; each crossing of an edge of a layer takes two of the excess
 ) -> TimedPath:
     """Convert a spline to a timed path in a wind.
 
@@ -201,9 +216,10 @@ GROUP = 4
 """Number of coefficients that form one block of the normal equations; divides the number of intervals of a spline."""
 _SAMPLE_POINTS = np.array([0.25, 0.5, 0.75, 1.0])  # of each interval; the start is fixed
 _SPEED, _FORCE, _ALONG, _CLIMB, _HEIGHT_M, _INSIDE_M = 5.0, 1.0, 0.3, 2.0, 50.0, 200.0
-"""Violations of equal weight: m/s; m/s^2 across and along the path; m/s up; m; inside a volume, m."""
+"""Violations of equal weight: airspeed, m/s; force across and along the path, m/s^2; climb rate, m/s; altitude, m;
+depth inside a keep-out, m."""
 _STEP_M, _STEP_SPEED, _STEP_ACCELERATION = 3000.0, 30.0, 3.0
-"""Changes that make a step of size 1: m, m/s, m/s^2."""
+"""Changes of position (m), velocity (m/s) and acceleration (m/s^2) that make a step of size 1."""
 _CLIMB_FRACTION = 0.998
 _VIOLATION_FACTOR, _TIGHTENING_MIN = 1.3, 0.5
 _PUSH_OVER_MAX = 0.95  # greatest tightened least load factor
@@ -215,7 +231,7 @@ _LEVEL_MIN = 1.0  # m/s
 
 
 class SplineProblem(NamedTuple):
-    """Problem of a spline search: task and airspace of one aircraft, and the duration of the flight, s."""
+    """Problem of a spline search: task and airspace of one aircraft, and the time from start to arrival, s."""
 
     task: AircraftTask
     airspace: Airspace
@@ -223,7 +239,7 @@ class SplineProblem(NamedTuple):
 
 
 class TightenedLimits(NamedTuple):
-    """Limits of the search, narrower than the aircraft's own, so that they also hold between the sample points."""
+    """Limits of a spline search: narrower than the aircraft's, so that these hold between the sample points, too."""
 
     # airspeed, m/s
     speed_min: Scalar
@@ -239,17 +255,17 @@ class TightenedLimits(NamedTuple):
 
 
 class SplineStart(NamedTuple):
-    """Initial spline of a search."""
+    """Initial spline of a search, the allowed changes of its arrival velocity, and the limits of the search."""
 
     # spline with the start's and the rendezvous's prescribed motion at its ends: (coefficient, axis)
     coefficients: Float[Array, "coefficients 3"]
-    # directions of allowed changes of the last velocity, (axis, direction); 0 for forbidden directions
+    # columns: unit vectors of the allowed changes of the velocity at the arrival, NED; 0 for forbidden changes
     frame: Float[Array, "3 3"]
     allowed: TightenedLimits  # limits of the search
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of a least-squares problem."""
+    """Cost, gradient and Gauss-Newton matrix of a least-squares problem; the unknowns are in groups of equal size."""
 
     cost: Scalar  # half the sum of squares
     gradient: Float[Array, "groups n"]  # gradient of the cost
@@ -257,7 +273,10 @@ class NormalEquations(NamedTuple):
 
 
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
-    """Limits at the start of a search: a fraction of bank, load factor and accelerations, nearly all of the others."""
+    """Return the limits at the start of a search: `fraction` times those of bank, load factor and accelerations.
+
+    Airspeed and climb rate are limited slightly more than by the aircraft's limits.
+    """
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
     reserve = jnp.minimum(_SPEED_RESERVE, _SPEED_FRACTION * (highest - limits.speed_min))
@@ -274,10 +293,10 @@ def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
 
 
 def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "10"]) -> TightenedLimits:
-    """Tighten the limits imposed at the sample points, because the path violated the true limits between them.
+    """Return the limits of a search, tightened because the path violated the aircraft's limits between sample points.
 
-    The lower limits are raised and the others are lowered, by the violation times a safety factor. `over` is the
-    relative excess over each limit (0.1 is 10 %), in the order of `CERTIFIED_LIMITS`.
+    Lower limits are raised and upper limits are lowered, by the violation times a safety factor. `over` is the relative
+    excess over each of the aircraft's limits (0.1 is 10 %), in the order of `CERTIFIED_LIMITS`.
     """
     limits = problem.task.limits
     fields = (limit.field for limit in CERTIFIED_LIMITS)
@@ -296,7 +315,7 @@ def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float
 
 
 def initial_state_n(problem: SplineProblem) -> Float[Array, "3 3"]:
-    """Position (m), velocity (m/s) and acceleration (m/s^2) over the ground at the start, NED: (order, axis)."""
+    """Return position, velocity and acceleration over the ground at the start: (order of derivative, axis), NED, SI."""
     task, airspace, _ = problem
     down, rate = task.position_n[2], task.air_velocity_n[2]
     (wind,), (by_climb,) = wind_along(airspace.wind, -down[None], jnp.ones(1))
@@ -311,7 +330,11 @@ def _limit_violations(
     velocity: Float[Array, "3"],
     acceleration: Float[Array, "3"],
 ) -> Float[Array, "8"]:
-    """Violations of the flight limits at one sample point, each divided by its unit weight; 0 if satisfied."""
+    """Return the violations of the flight limits at one sample point, each in units of equal weight; 0 if satisfied.
+
+    `altitude` in m, `velocity` and `acceleration` over the ground, NED, m/s and m/s^2. In order: least and greatest
+    airspeed, bank angle, load factor, force along the path, climb rate, least and greatest altitude.
+    """
     limits, gravity = problem.task.limits, problem.airspace.gravity
     (wind,), _ = wind_along(problem.airspace.wind, altitude[None], jnp.ones(1))
     required = demand(velocity - wind, acceleration, gravity, _LEVEL_MIN)
@@ -337,7 +360,10 @@ def _limit_violations(
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[Array, "3"]) -> Scalar:
-    """Depth of a position inside keep-outs, summed over the volumes, in the unit of the other violations."""
+    """Return the depth of a position (NED, m) inside keep-outs with a margin: the sum over the keep-outs, / 200 m.
+
+    The depth is the shortest distance to the outside, with three times the distance upward or downward.
+    """
     limits, volumes = problem.task.limits, problem.airspace.keep_outs
     altitude = -position[2]
     offset = position[None, :2] - volumes.position_n - time * volumes.velocity_n
@@ -353,7 +379,10 @@ def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[
 def _violations(
     problem: SplineProblem, allowed: TightenedLimits, time: Scalar, state: Float[Array, "3 3"]
 ) -> Float[Array, " violations"]:
-    """Violations at one sample point, in units of equal weight; `state` is over the ground: (derivative, axis)."""
+    """Return the violations of flight limits and keep-outs at one sample point (s after the start), of equal weight.
+
+    `state` has the rows position, velocity and acceleration over the ground, NED, SI.
+    """
     violations = _limit_violations(problem, allowed, -state[0, 2], state[1], state[2])
     if problem.airspace.keep_outs.radius.shape[0]:
         violations = jnp.append(violations, _keep_out_penetration(problem, time, state[0]))
@@ -365,7 +394,8 @@ def update_coefficients(
 ) -> Float[Array, "coefficients 3"]:
     """Return the spline coefficients (m) for the unknowns: changes of inner coefficients and of the arrival's motion.
 
-    The last group of unknowns contains the changes of the last velocity and acceleration.
+    A group of unknowns has the changes of four coefficients. The last group has the change of one coefficient, three
+    numbers without effect, and the changes of velocity and acceleration at the arrival. `cell` in s.
     """
     changes = unknowns.reshape(-1, 3)
     inner, (_, velocity, acceleration) = changes[:-3], changes[-3:]
@@ -374,7 +404,7 @@ def update_coefficients(
 
 
 def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
-    """Derivative of the last group of coefficients with respect to the last group of unknowns."""
+    """Return the derivative of the last group of coefficients with respect to the last group of unknowns."""
     slopes = knot_coefficients(cell)
     by_velocity = slopes[:, 1, None, None] * start.frame[None, :, :]
     by_acceleration = slopes[:, 2, None, None] * jnp.eye(3)[None, :, :]
@@ -383,7 +413,7 @@ def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
 
 
 def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiagonal:
-    """Sum the intervals' quadratic forms in groups of four coefficients, without the first three, which are fixed."""
+    """Return the sum of the intervals' quadratic forms in blocks of `GROUP` coefficients; the first three are fixed."""
     cells, axes = cell_forms.shape[0], cell_forms.shape[3]
     phases = cell_forms.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
     # The first interval of a group reaches three coefficients back into the previous group, the last one none.
@@ -398,21 +428,22 @@ def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiago
 
 
 def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) -> BlockTridiagonal:
-    """Transform a quadratic form of the coefficients into a quadratic form of the unknowns."""
+    """Return a quadratic form of the coefficients as a form of the unknowns: only the last group differs."""
     diagonal = form.diagonal.at[-1].set(end_jacobian.T @ form.diagonal[-1] @ end_jacobian)
     return BlockTridiagonal(diagonal, form.subdiagonal.at[-1].set(end_jacobian.T @ form.subdiagonal[-1]))
 
 
 def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
-    """Whether the arrival's velocity points along the prescribed course, not opposite; true if the course is free."""
+    """Return whether the velocity at the arrival points along the prescribed course, not opposite; true if free."""
     is_free = jnp.all(jnp.any(start.frame != 0.0, axis=0))
     return is_free | (start.frame[:2, 0] @ velocity_n[:2] > 0.0)
 
 
 def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
-    """Quadratic form that measures the size of a step of the unknowns; unknowns without effect get a diagonal of 1.
+    """Return the quadratic form that measures the size of a step of the unknowns.
 
-    The size weighs changes of position, velocity and acceleration by their effect on the flight.
+    The size is the mean square of the changes of position, velocity and acceleration, each relative to the change that
+    makes a step of size 1. Unknowns without effect get a diagonal of 1.
     """
     cells = start.coefficients.shape[0] - 3
     cell = problem.duration / cells
@@ -432,7 +463,7 @@ def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
 def normal_equations(
     problem: SplineProblem, start: SplineStart, unknowns: Float[Array, "groups 12"]
 ) -> NormalEquations:
-    """Build the normal equations of a spline's violations at the sample points of each interval."""
+    """Build the normal equations for the violations of a spline at the four sample points of each interval."""
     cells = start.coefficients.shape[0] - 3
     spline = Spline(problem.duration, update_coefficients(start, problem.duration / cells, unknowns))
     cell = spline.cell

@@ -15,37 +15,37 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 
 
 class AircraftTask(eqx.Module):
-    """Planning problem of one aircraft; stacked, of a fleet."""
+    """Planning problem of one aircraft: start, goal and flight limits; with a leading axis, of a fleet."""
 
     position_n: Vector3  # start of the plan, NED, m
     # velocity relative to the air at the start, and its rate, NED, m/s and m/s^2
     air_velocity_n: Vector3
     air_acceleration_n: Vector3
-    # goal at the start of the plan, extrapolated at steady velocity, NED, m and m/s over the ground
+    # position and ground velocity of the goal at the start of the plan, NED, m and m/s; the velocity is taken as steady
     goal_position_n: Vector3
     goal_velocity_n: Vector3
     rendezvous: Rendezvous  # stand-off and arrival conditions at the goal
     speed: Scalar  # preferred mean airspeed, m/s
     side: Int[Array, ""]  # side of detours: positive right, negative left, 0 either
     limits: PathLimits  # flight limits of the path
-    roll_rate_max: Scalar  # greatest mean rate of the bank angle in a level turn, rad/s; `limits` may be tighter
+    roll_rate_max: Scalar  # greatest mean bank rate of a level turn, rad/s; `limits.bank_rate_max` may be tighter
     # 0 for a stopped aircraft or for padding of a fleet to a larger size: the other aircraft do not avoid it, and its
     # path never makes a plan infeasible
     active: Scalar
 
     @property
     def rendezvous_n(self) -> Vector3:
-        """Rendezvous at the start of the plan, NED, m."""
+        """Position of the rendezvous at the start of the plan, NED, m."""
         xp = namespace(self)
         return xp.asarray(self.goal_position_n) + xp.asarray(self.rendezvous.stand_off_n)
 
     def meeting_n(self, elapsed: ScalarLike) -> Vector3:
-        """Rendezvous `elapsed` seconds after the start of the plan, NED, m."""
+        """Return the position of the rendezvous `elapsed` seconds after the start of the plan, NED, m."""
         return self.goal_position_n + self.goal_velocity_n * elapsed + self.rendezvous.stand_off_n
 
 
 class KeepOuts(eqx.Module):
-    """Keep-outs: vertical cylinders, at rest or at a steady velocity, that no path may enter; a stack, maybe empty."""
+    """Vertical cylinders, at rest or at a steady velocity, that no certified path enters; the arrays may be empty."""
 
     position_n: Float[Array, "volumes 2"]  #: Position of the axis at time 0, north and east, m.
     velocity_n: Float[Array, "volumes 2"]  #: Velocity of the axis, north and east, m/s.
@@ -55,7 +55,7 @@ class KeepOuts(eqx.Module):
 
 
 class Airspace(eqx.Module):
-    """Environment that the aircraft of a fleet share."""
+    """Wind, gravity, required separation and keep-outs, shared by the aircraft of a fleet."""
 
     wind: AbstractWind  #: Steady or layered wind, or layers fitted to a field.
     gravity: Scalar  #: Acceleration of gravity, m/s^2.
@@ -63,7 +63,7 @@ class Airspace(eqx.Module):
     keep_outs: KeepOuts  #: Volumes that no path may enter.
 
     def at_start(self, time: ScalarLike) -> "Airspace":
-        """Return the airspace of a plan that starts at a time (s): the keep-outs are where they are then."""
+        """Return the airspace with the keep-outs moved to their positions at a time (s), the start of a plan."""
         volumes = self.keep_outs
         return eqx.tree_at(lambda a: a.keep_outs.position_n, self, volumes.position_n + time * volumes.velocity_n)
 
@@ -75,14 +75,14 @@ Intervals = list[tuple[float, float]]
 
 @dataclass(frozen=True)
 class ArrivalRequest:
-    """Arrival rule of a fleet."""
+    """Arrival rule of a fleet; all times are s after the start of the plan."""
 
-    #: "together": one common time, first the time at which the slowest aircraft arrives at its
-    #: preferred speed, then later ones. "earliest": the earliest feasible common time, see
-    #: `anser.planning.certified.arrival_times`. "at": a given common time. "sequence": fixed offsets, otherwise as
-    #: "together". "times": a given time per aircraft. "windows": a window per aircraft, first at its preferred speed.
+    #: "together": one common time, first the time at which the last aircraft arrives at its preferred airspeed, then
+    #: later times. "earliest": the earliest feasible common time, see `anser.planning.certified.arrival_times`. "at":
+    #: a prescribed common time. "sequence": prescribed delays after the first arrival, whose time is chosen as for
+    #: "together". "times": a prescribed time per aircraft. "windows": a window per aircraft, first its preferred time.
     rule: str
-    latest_s: float  #: Latest allowed arrival time, s.
+    latest_s: float  #: Latest allowed arrival time, s after the start of the plan.
     #: For "at" and "times": arrival time per aircraft, s after the start of the plan.
     times_s: ArrivalTimes | None = None
     offsets_s: ArrivalTimes | None = None  #: For "sequence": delay after the first arrival per aircraft, s; else None.
@@ -90,5 +90,5 @@ class ArrivalRequest:
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None
 
     def offsets(self, count: int) -> ArrivalTimes:
-        """Required delay of each of `count` aircraft after the first arrival, s; 0 unless the rule is "sequence"."""
+        """Return the required delay of each of `count` aircraft after the first arrival, s; 0 except for "sequence"."""
         return np.zeros(count) if self.offsets_s is None else self.offsets_s

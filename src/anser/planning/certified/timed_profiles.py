@@ -1,7 +1,7 @@
-"""Candidate sets, and profiles of altitude and airspeed with a given duration.
+"""Candidate sets, and profiles of altitude and airspeed that last a required duration.
 
-Tables of the candidates to generate, the prescribed motion at a rendezvous, and the profiles with their turn radii and
-direct paths.
+Contents: tables of the candidates to generate; the motion at the arrival; profiles with the turn radii and direct paths
+that their airspeeds allow.
 """
 
 import dataclasses
@@ -47,47 +47,48 @@ from anser.planning.demand import side_force_max
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 RACETRACK = DETOUR_KINDS
-# Choices of the airspeed. One change of airspeed, such that: the mean is the preferred airspeed; the direct path takes
-# the given duration; the final airspeed is the least, or the greatest; the mean is halfway from the least, or from the
-# greatest, to the preferred one. Two changes: first slow, then fast; first fast, then slow; first unchanged, then fast;
-# first unchanged, then slow.
+# Choices of the airspeed, in order. With one change of airspeed: the mean is the preferred airspeed; the direct path
+# takes the required duration; the final airspeed is the least; the greatest; the mean is halfway between the preferred
+# airspeed and the mean of the slowest profile; of the fastest. With two changes: first slow, then fast; first fast,
+# then slow; first unchanged, then fast; first unchanged, then slow.
 PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE_FAST, LATE_SLOW = range(10)
 
 
 class CandidateSet(NamedTuple):
     """Selection of the candidates that are generated for each aircraft."""
 
-    # one entry per profile: choice of the airspeed (`PREFERRED` to `LATE_SLOW`), and detour in altitude, m
+    # one entry per profile: choice of the airspeed (`PREFERRED` to `LATE_SLOW`), and greatest additional altitude, m
     speeds: tuple[int, ...]
     altitude_detours: tuple[float, ...]
-    # one entry per detour: rank of its direct path by length, kind of detour (or `RACETRACK`), side
+    # one entry per detour: rank of its direct path by length, from 0 for the shortest; kind of detour (or `RACETRACK`);
+    # side, 1 right, -1 left
     direct_ranks: tuple[int, ...]
     detour_kinds: tuple[int, ...]
     sides: tuple[int, ...]
-    turn_leg_starts: int = 0  # number of starts of the search for turn-and-leg paths, per profile
-    # number of detours and turn-and-leg paths retained per aircraft, the cheapest first; None: no limit
+    turn_leg_starts: int = 0  # number of initial guesses of the search for turn-and-leg paths, per profile
+    # greatest number of detours and turn-and-leg paths per aircraft, the cheapest; None: no limit
     max_candidates: int | None = None
     # whether each detour is also generated with wide turns, see `anser.planning.certified.detours`
     with_wide_turns: bool = False
     rounds: int = 1  # greatest number of rounds in which the fleet chooses its candidates, see `_choose_best_placement`
-    # number of starts of the search for splines, and number of splines retained, per aircraft
+    # number of initial guesses of the search for splines, and number of splines in the result, per aircraft
     spline_starts: int = 0
     max_splines: int = 0
-    # additional, slow candidates for aircraft without a feasible candidate in this set
+    # further candidates, slower to generate, for aircraft without a feasible candidate in this set; None: none
     extra: "CandidateSet | None" = None
 
     @property
     def size(self) -> int:
-        """Number of generated detours and turn-and-leg paths."""
+        """Number of generated detours and turn-and-leg paths per aircraft."""
         return len(self.speeds) * (len(self.direct_ranks) * (1 + self.with_wide_turns) + self.turn_leg_starts)
 
     @property
     def routed_count(self) -> int:
-        """Number of retained detours and turn-and-leg paths."""
+        """Number of detours and turn-and-leg paths per aircraft after the selection of the cheapest."""
         return self.size if self.max_candidates is None else min(self.size, self.max_candidates)
 
     def leading_profiles(self, smaller: "CandidateSet") -> int:
-        """Number of the first profiles among which all profiles of a smaller set are."""
+        """Return how many of the first profiles of this set contain all profiles of a smaller set."""
         profiles = list(zip(self.speeds, self.altitude_detours, strict=True))
         return 1 + max(
             profiles.index(profile) for profile in zip(smaller.speeds, smaller.altitude_detours, strict=True)
@@ -95,11 +96,11 @@ class CandidateSet(NamedTuple):
 
     @property
     def with_matched(self) -> bool:
-        """Whether a profile has the airspeed at which the direct path takes the duration."""
+        """Whether the set has a profile with the airspeed `MATCHED`, at which the direct path takes the duration."""
         return MATCHED in self.speeds
 
     def members_of(self, smaller: "CandidateSet") -> Bool[np.ndarray, " candidates"]:
-        """Mask of the candidates that a smaller set of detours with wide turns contains too."""
+        """Return the mask of this set's candidates that a smaller set contains, too; for sets of detours only."""
         profiles = set(zip(smaller.speeds, smaller.altitude_detours, strict=True))
         detours = set(zip(smaller.direct_ranks, smaller.detour_kinds, smaller.sides, strict=True))
         has_profile = [pair in profiles for pair in zip(self.speeds, self.altitude_detours, strict=True)]
@@ -117,7 +118,7 @@ def make_candidate_set(
     with_wide_turns: bool = False,
     rounds: int = 1,
 ) -> CandidateSet:
-    """Build a candidate set: every profile with every detour, to both sides, and turn-and-leg paths."""
+    """Build a candidate set: each airspeed with each altitude detour, direct path, kind of detour and side."""
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
     detours = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
     speed_column, altitude_column = zip(*profiles, strict=True)
@@ -137,28 +138,30 @@ _TURN_LEG_PATHS = make_candidate_set(
 )
 _SPLINES = CandidateSet((), (), (), (), (), spline_starts=48, max_splines=12)
 EXTRA_SETS = (_TURN_LEG_PATHS, _SPLINES)
-"""Sets of extra candidates, each with a program of its own; the set with splines last."""
+"""Candidate sets for aircraft without a feasible standard candidate: turn-and-leg paths; splines.
+
+One compiled program generates the candidates of each set."""
 
 MINIMAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4), with_wide_turns=True)
 STANDARD = make_candidate_set(
     (PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK), with_wide_turns=True, rounds=4
 )
 WITH_TURN_LEG_PATHS = STANDARD._replace(rounds=8, extra=_TURN_LEG_PATHS)
-"""Also every speed, altitude and detour, and turn-and-leg paths, for aircraft without a feasible candidate."""
+"""`STANDARD`, and all airspeeds and detours with turn-and-leg paths for aircraft without a feasible candidate."""
 WITH_SPLINES = STANDARD._replace(rounds=8, extra=_SPLINES)
-"""Also splines, for aircraft without a feasible candidate."""
+"""`STANDARD`, and splines for aircraft without a feasible candidate."""
 ALONE_STANDARD = make_candidate_set((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
-"""Candidates of an aircraft alone in its airspace: detours and speeds, no detour in altitude."""
+"""First candidates in the test of arrival times of an aircraft alone: horizontal detours at several airspeeds."""
 ALONE_TURN_LEG_PATHS = make_candidate_set(_EVERY_SPEED, (0.0,), (0,), (0, 1), turn_leg_starts=24, max_candidates=48)
 ALONE_SPLINES = CandidateSet((), (), (), (), (), spline_starts=32, max_splines=4)
-"""Last candidates before an aircraft is reported as unable to arrive."""
+"""Last candidates in the test of arrival times of an aircraft alone, before a time counts as unreachable."""
 
 
 _LEVEL_MIN = 1.0  # m/s: keeps the horizontal airspeed of a vertical arrival finite; such an arrival is not attainable
 
 
 class ArrivalMotion(eqx.Module):
-    """Velocity and direction of flight at the arrival."""
+    """Vertical speed and heading at the arrival."""
 
     climb: Scalar  # vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's
     heading: Scalar  # heading of the velocity through the air, rad; if free, along the straight line over the ground
@@ -167,10 +170,10 @@ class ArrivalMotion(eqx.Module):
 
 
 def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike, speed: ScalarLike) -> ArrivalMotion:
-    """Motion at the arrival after a duration (s) at an airspeed (m/s).
+    """Compute vertical speed and heading at the arrival after a duration (s) at an airspeed (m/s).
 
-    In wind the climb rate of a prescribed path angle depends on the course over the ground. Without a prescribed
-    course, the course of the straight line over the ground to the rendezvous is used.
+    Without a prescribed path angle, the aircraft climbs as its goal. In wind the climb rate of a prescribed path angle
+    depends on the course; unless prescribed, this is the course of the straight line over the ground to the rendezvous.
     """
     rendezvous = task.rendezvous
     meeting = task.meeting_n(duration)
@@ -203,7 +206,10 @@ def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike,
 
 
 def climb_acceleration(task: AircraftTask, wind: AbstractWind) -> Scalar:
-    """Rate of the initial vertical speed over the ground, up positive, m/s^2, including the change of the wind."""
+    """Return the initial vertical acceleration over the ground, up positive, m/s^2.
+
+    The change of the vertical wind along the path is included.
+    """
     velocity_n = task.air_velocity_n + wind.at(task.position_n, 0.0)
     _, wind_dot_n = jax.jvp(lambda p: wind.at(p, 0.0), (task.position_n,), (velocity_n,))
     return -task.air_acceleration_n[2] - wind_dot_n[2]
@@ -211,7 +217,8 @@ def climb_acceleration(task: AircraftTask, wind: AbstractWind) -> Scalar:
 
 _SPEED_ROUNDS = 4
 _EXACT_ROUNDS, _LENGTH_TOLERANCE = 6, 3e-7  # relative difference of a profile's and its direct path's length
-# Of the preferred airspeed: the change accepted for a direct path of wide turns.
+# Greatest and least ratio of the mean airspeed at the solution to its approximation; the greatest also limits by how
+# much wide turns make a direct path longer.
 _SPEED_FACTOR_MAX, _SPEED_FACTOR_MIN = 1.01, 0.999
 _GAIN, _LOSS = 0.8, 1.6  # m/s^2
 _RATE_FRACTION = 0.6  # fraction of the acceleration along the path available for a change of airspeed
@@ -222,9 +229,10 @@ def _plane(vector_n: Vector3) -> Array:
 
 
 def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
-    """Greatest curvature (1/m) of a path flown by a profile, and greatest rate of the curvature along the path (1/m^2).
+    """Return the greatest curvature of a path with a profile, 1/m, and its greatest rate along the path, 1/m^2.
 
-    One value for the whole path, at the greatest airspeed, the steepest climb and the strongest push-over.
+    Both hold for the whole path: they follow from the limits at the greatest airspeed, the steepest climb and the
+    strongest vertical acceleration.
     """
     limits = task.limits
     speed = profile.speed_max
@@ -242,7 +250,10 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
 
 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
-    """Rates of gain and loss of airspeed for profiles, m/s^2: a part of the limits; climb and descent need the rest."""
+    """Return the rates of gain and loss of airspeed in profiles, m/s^2.
+
+    The rates are a part of the limits of acceleration along the path; climb and descent need the remaining part.
+    """
     limits = task.limits
     return jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max), jnp.minimum(
         _LOSS, _RATE_FRACTION * limits.deceleration_max
@@ -254,7 +265,7 @@ def _speed_0(task: AircraftTask) -> Scalar:
 
 
 def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Middle and final airspeed, equal, m/s, with which the profile has a mean airspeed (m/s)."""
+    """Return the equal middle and final airspeeds, m/s, of a profile with a duration (s) and a mean airspeed (m/s)."""
     final_speed = mean_to_last_speed(mean, _speed_0(task), duration, speed_rates(task))
     return final_speed, final_speed
 
@@ -262,7 +273,10 @@ def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) 
 def _profile(
     task: AircraftTask, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], altitude_detour: ScalarLike
 ) -> tuple[Profile, ArrivalMotion]:
-    """Make the profile whose middle and final airspeeds are `speeds` (m/s); also return the motion at the arrival."""
+    """Make the profile with a duration (s) and the middle and final airspeeds `speeds` (m/s).
+
+    `altitude_detour` is the greatest additional altitude, m. Also returns the motion at the arrival.
+    """
     begin = task.position_n
     end_down = task.meeting_n(duration)[2]
     wind_0 = airspace.wind.at(begin, 0.0)
@@ -285,7 +299,7 @@ def _profile(
 def _path_endpoints(
     task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arrival: ArrivalMotion
 ) -> PathEndpoints:
-    """Start and end conditions of a tabulated profile's horizontal path, in the frame that drifts with the air."""
+    """Return start, end and turn limits of the horizontal path of a profile, in the frame that drifts with the air."""
     duration, profile = table.profile.duration, table.profile
     velocity, acceleration = task.air_velocity_n, task.air_acceleration_n
     end = task.meeting_n(duration) - table.drift_n
@@ -307,7 +321,7 @@ def _path_endpoints(
 
 
 def direct_paths(endpoints: PathEndpoints) -> DirectPath:
-    """Return the shortest direct path of each of the four Dubins words, stacked in the order of length."""
+    """Return the shortest direct path of each of the four words (senses of the turns), stacked, the shortest first."""
     paths = jax.vmap(lambda word: direct_path(endpoints, word))(jnp.asarray(WORDS))
     order = jnp.argsort(paths.length)
     return jax.tree.map(lambda leaf: leaf[order], paths)
@@ -316,20 +330,20 @@ def direct_paths(endpoints: PathEndpoints) -> DirectPath:
 class TimedProfile(eqx.Module):
     """A profile of altitude and airspeed, with the direct paths that the turn radii at its airspeed allow."""
 
-    table: TabulatedProfile
-    endpoints: PathEndpoints
+    table: TabulatedProfile  # profile with length and drift
+    endpoints: PathEndpoints  # start, end and turn limits of its horizontal path
     direct: DirectPath  # direct paths of the four words, the shortest first
-    wide_directs: DirectPath  # direct paths with wider turns: (word, width)
-    speed: Scalar
-    within_limits: Flag
+    wide_directs: DirectPath  # direct paths with wider turns: (rank of the direct path, width)
+    speed: Scalar  # mean airspeed, m/s
+    within_limits: Flag  # whether the profile keeps its limits and the prescribed motion at the arrival can be flown
 
 
 class ProfilePaths(NamedTuple):
     """A profile of altitude and airspeed, the conditions of its horizontal path, and its direct paths."""
 
-    table: TabulatedProfile
-    arrival: ArrivalMotion
-    endpoints: PathEndpoints
+    table: TabulatedProfile  # profile with length and drift
+    arrival: ArrivalMotion  # motion at the arrival
+    endpoints: PathEndpoints  # start, end and turn limits of the horizontal path
     directs: DirectPath  # direct paths of the four words, the shortest first
 
 
@@ -341,7 +355,10 @@ def profile_paths(
     altitude_detour: ScalarLike,
     speeds: tuple[Scalar, Scalar],
 ) -> ProfilePaths:
-    """Make the profile whose middle and final airspeeds are `speeds` (m/s), and its direct paths."""
+    """Make the profile with the middle and final airspeeds `speeds` (m/s), tabulated in `intervals`, and direct paths.
+
+    `duration` in s; `altitude_detour` is the greatest additional altitude, m.
+    """
     profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
     table = tabulate(profile, airspace.wind, intervals)
     endpoints = _path_endpoints(task, airspace, table, arrival)
@@ -356,7 +373,10 @@ def timed_profile(
     altitude_detour: Scalar,
     speeds: tuple[Scalar, Scalar],
 ) -> TimedProfile:
-    """Make the profile whose middle and final airspeeds are `speeds` (m/s), with its direct paths and limits."""
+    """Make the profile with the middle and final airspeeds `speeds` (m/s), with direct paths, and check its limits.
+
+    `duration` in s; `altitude_detour` is the greatest additional altitude, m.
+    """
     table, arrival, endpoints, directs = profile_paths(task, airspace, duration, intervals, altitude_detour, speeds)
     excess = profile_excess(table, task.limits, airspace.gravity)
     wide_directs = jax.vmap(widen_directs, in_axes=(None, 0))(endpoints, directs)
@@ -365,10 +385,10 @@ def timed_profile(
 
 
 class _NearbyPath(NamedTuple):
-    """The shortest direct path near a mean airspeed, and the width of its turns (see `widen_direct`)."""
+    """Shortest direct path at a mean airspeed near the solution."""
 
-    shortest: DirectPath
-    width: Scalar
+    shortest: DirectPath  # path with the tightest turns
+    width: Scalar  # width to which its turns can be widened, see `widen_direct`; 0: the tightest turns
 
 
 def _approach_direct_length(
@@ -381,10 +401,10 @@ def _approach_direct_length(
     rounds: ScalarLike,  # number of changes of the airspeed
     with_wide_turns: Flag | bool,  # whether the path may have wide turns
 ) -> tuple[Scalar, _NearbyPath]:
-    """Approach the mean airspeed (m/s) at which the shortest direct path takes the duration.
+    """Approach the mean airspeed at which the shortest direct path takes the duration (s), by fixed-point iteration.
 
-    The path has the widest turns that lengthen it by no more than `_SPEED_FACTOR_MAX`. `_match_direct_length` refines
-    the airspeed.
+    Returns the mean airspeed, m/s, and the direct path with the greatest width of turns with which the path is at most
+    `_SPEED_FACTOR_MAX` times as long as the profile. `_match_direct_length` refines the airspeed.
     """
 
     def evaluate(mean: Scalar) -> tuple[Scalar, _NearbyPath]:
@@ -412,14 +432,14 @@ def _approach_direct_length(
 def _match_direct_length(
     task: AircraftTask, airspace: Airspace, duration: Scalar, intervals: int, mean: Scalar, nearby: _NearbyPath
 ) -> tuple[Scalar, Flag]:
-    """Find the mean airspeed (m/s) at which the direct path takes the duration; and whether the search converged.
+    """Return the mean airspeed, m/s, at which the direct path takes the duration (s), and whether the search converged.
 
     The secant method starts at the mean airspeed `mean` and stays within 10 percent of this airspeed; `nearby` is the
     direct path at a nearby airspeed.
     """
 
     def mismatch_at(mean: Scalar) -> Scalar:
-        """Relative excess of the direct path over the profile in length through the air, at an airspeed (m/s)."""
+        """Return the length of the direct path over the length of the profile, minus 1, at a mean airspeed (m/s)."""
         profile, arrival = _profile(task, airspace, duration, speeds_for_mean(task, duration, mean), 0.0)
         table = tabulate(profile, airspace.wind, intervals)
         endpoints = _path_endpoints(task, airspace, table, arrival)
@@ -427,7 +447,7 @@ def _match_direct_length(
         return widen_direct(endpoints, aimed, nearby.width).length / table.length - 1.0
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
-        """Evaluate the mismatch at the airspeed `current`, and choose the next airspeed."""
+        """Evaluate the mismatch of length at the mean airspeed `current` (m/s), and choose the next airspeed."""
         previous, current, previous_mismatch = carry
         mismatch = mismatch_at(current)
         gap = mismatch - previous_mismatch
@@ -444,7 +464,7 @@ def _match_direct_length(
 
 
 class ProfileSpeeds(NamedTuple):
-    """Middle and final airspeeds of an aircraft's profiles, m/s, by choice of the airspeed (`PREFERRED`, ...)."""
+    """Middle and final airspeeds, m/s, of an aircraft's profiles for each choice from `PREFERRED` to `LATE_SLOW`."""
 
     middle: Float[Array, "*aircraft choices"]
     final: Float[Array, "*aircraft choices"]
@@ -458,7 +478,7 @@ def profile_speeds(
     with_wide_turns: Flag | bool,  # whether the direct path may have wide turns
     with_matched: Flag | bool,  # whether the choice `MATCHED` is needed; its airspeed is arbitrary otherwise
 ) -> ProfileSpeeds:
-    """Find the airspeeds of the profiles of one aircraft for a duration (s)."""
+    """Find, for each choice of the airspeed, the airspeeds with which one aircraft arrives after a duration (s)."""
     limits, preferred = task.limits, task.speed
     speed_max = jnp.where(jnp.isinf(limits.speed_max), 2.0 * preferred, limits.speed_max)
     low, high = 1.002 * limits.speed_min, 0.998 * speed_max
@@ -469,10 +489,10 @@ def profile_speeds(
     preferred_speed = jnp.clip(preferred, low, high)
 
     def match(mean: Scalar, bounds: tuple[Scalar, Scalar], rounds: Integer, fallback_factor: Scalar) -> Scalar:
-        """Nearest mean airspeed (m/s) at which the direct path takes the duration; else the approximate one.
+        """Return the mean airspeed, m/s, at which the direct path takes the duration, if near the approximation.
 
-        The airspeed stays within `bounds` in the approximation, which takes a number of rounds; the factor applies to
-        an approximate airspeed.
+        Otherwise returns the approximation times `fallback_factor`. The approximation starts at `mean`, takes a number
+        of rounds and stays within `bounds` (m/s).
         """
         where = task, airspace, duration, intervals
         mean, nearby = _approach_direct_length(*where, mean, bounds, rounds, with_wide_turns)
@@ -516,11 +536,11 @@ def fleet_speeds(
     airspace: Airspace,
     durations: Float[Array, " aircraft"],
     intervals: int,
-    # as for `profile_speeds`
+    # whether direct paths may have wide turns, and whether the choice `MATCHED` is needed
     with_wide_turns: Flag,
     with_matched: Flag,
 ) -> ProfileSpeeds:
-    """Return the middle and final airspeeds of all profiles, for each aircraft and the duration of its flight (s)."""
+    """Return the airspeeds of all choices for each aircraft and its duration (s) from start to arrival."""
 
     def speeds_of(row: tuple[AircraftTask, Scalar]) -> ProfileSpeeds:
         return profile_speeds(row[0], airspace, row[1], intervals, with_wide_turns, with_matched)
@@ -533,9 +553,9 @@ def timed_profiles(
     airspace: Airspace,
     duration: Scalar,
     intervals: int,
-    altitude_detours: Float[Array, " profiles"],  # m
+    altitude_detours: Float[Array, " profiles"],  # greatest additional altitudes, m
     speeds: tuple[Float[Array, " profiles"], Float[Array, " profiles"]],  # middle and final airspeeds, m/s
 ) -> TimedProfile:
-    """Make one profile of the same duration (s) per altitude detour and pair of airspeeds, stacked."""
+    """Make one profile with a duration (s) for each altitude detour and its pair of airspeeds, stacked."""
     profile_for = functools.partial(timed_profile, task, airspace, duration, intervals)
     return map_rows(profile_for, altitude_detours, speeds)

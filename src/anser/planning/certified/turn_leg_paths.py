@@ -1,9 +1,9 @@
 """Turn-and-leg paths of a target length: four turns of any sense and radius and three legs, solved simultaneously.
 
-This generator finds paths beyond the detours: three consecutive turns, loops, turns wider than necessary, turns that
-tighten as the aircraft slows down, paths around keep-outs. Four equations (end position, end heading, length) and one
-per volume contain eleven unknowns: from each of many starts, damped Gauss-Newton steps of minimum norm lead to the
-nearest solution.
+Among these candidates are shapes that detours lack: three consecutive turns, loops, turns wider than necessary, turns
+that tighten as the aircraft slows down, paths around keep-outs. Four equations (end position, end heading, length) and
+one per keep-out contain eleven unknowns: from each of many random starts, damped Gauss-Newton steps of minimum norm
+lead to a near solution.
 """
 
 import dataclasses
@@ -49,10 +49,10 @@ Spot = Float[Array, "3"]
 
 
 def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Integer, Scalar]:
-    """Return the index of the grid point before a length, and the fraction of a step beyond this point.
+    """Return the index of the grid point before a length (m), and the fraction of a step beyond this point.
 
-    The grid has `count` points from zero, with the spacing `step`; a length outside the grid is limited to its ends. At
-    the last point the index is that of the point before, and the fraction is 1.
+    The grid has `count` points from zero, with the spacing `step` (m); a length outside the grid is limited to its
+    ends. At the last point the index is count - 2, and the fraction is 1.
     """
     grid_position = jnp.clip(length / step, 0.0, count - 1.0)
     k = jnp.minimum(grid_position.astype(jnp.int32), count - 2)
@@ -60,18 +60,16 @@ def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Integer, Scal
 
 
 class RadiusSchedule(eqx.Module):
-    """Least turn radius as a function of the length along a path, tabulated in steps of `step` (m).
+    """Least turn radius that the limits allow, as a function of the length along a path."""
 
-    `scales` are the radii in units of the radius that is allowed everywhere on the path; see `turn_limits`.
-    """
-
-    step: Scalar
+    step: Scalar  # length between two values, m
+    # radii in units of the radius that is allowed everywhere on the path, 1 / `curvature_max` of its endpoints
     scales: Float[Array, " intervals"]
 
     def least_radius(self, length: ScalarLike, span: ScalarLike) -> Scalar:
-        """Least radius of a turn that begins at a length along the path (m) and has a length of `span` (m).
+        """Return the least radius, in units of `scales`, of a turn from a length along the path (m), `span` (m) long.
 
-        In the units of `scales`.
+        The radius is the greatest of those at start, middle and end of the turn.
         """
 
         def radius_at(position: Scalar) -> Scalar:
@@ -82,17 +80,21 @@ class RadiusSchedule(eqx.Module):
 
 
 class KeepOutsAlongPath(eqx.Module):
-    """Keep-outs in the frame of the drifting air, as functions of path length."""
+    """Keep-outs in the frame of the drifting air, tabulated over the length along a path of known profile."""
 
     step: Scalar  # path length between two values, m
     # centre of each volume at the time of each path length, in the air's frame, m
     norths: Float[Array, "volumes intervals"]
     easts: Float[Array, "volumes intervals"]
     radii: Float[Array, " volumes"]  # radii with a margin, m
-    in_altitude_band: Float[Array, "volumes intervals"]  # 1 if the path is between bottom and top, else 0
+    # 1 if the path is between bottom and top, with a margin, else 0
+    in_altitude_band: Float[Array, "volumes intervals"]
 
     def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
-        """Depth of a point inside each volume, in units of the volume's radius, and its derivative by the point."""
+        """Return the depth of a point inside each keep-out over the keep-out's radius, 0 outside, and its derivative.
+
+        The derivative is with respect to the three numbers of `spot`.
+        """
         k, fraction = _grid_index(spot[2], self.step, self.in_altitude_band.shape[1])
         centres, next_centres = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
         offset = spot[None, :2] - (1.0 - fraction) * centres - fraction * next_centres
@@ -105,7 +107,7 @@ class KeepOutsAlongPath(eqx.Module):
 
 
 def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " intervals"]]:
-    """Step of an equally spaced grid along a profile's path, m, and the time at each grid point, s."""
+    """Return the step, m, of an equally spaced grid along a profile's path, and the time at each grid point, s."""
     count = table.lengths.shape[0]
     even = jnp.linspace(0.0, 1.0, count)
     times = jnp.interp(even * table.length, table.lengths, even * table.profile.duration)
@@ -113,7 +115,7 @@ def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " interva
 
 
 def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOutsAlongPath:
-    """Tabulate the keep-outs, as seen from the drifting air, over the length (m) along a profile's path."""
+    """Tabulate the keep-outs, in the frame of the drifting air, over the length along a profile's path."""
     step, times = _even_times(table)
     _, drifts = jax.vmap(table.flown_at)(times)
     altitudes = jax.vmap(lambda t: table.profile.at(t).altitude)(times)
@@ -131,7 +133,7 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 def make_radius_schedule(
     table: TabulatedProfile, endpoints: PathEndpoints, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
-    """Tabulate the least turn radius along a path that the limits of bank angle and load factor allow.
+    """Tabulate the least turn radius that the limits of bank angle and load factor allow along a path.
 
     The radius, in units of 1 / `endpoints.curvature_max`, follows from airspeed, vertical speed and the rates of both
     in the profile `table`.
@@ -149,16 +151,17 @@ def make_radius_schedule(
 
 
 class Starts(NamedTuple):
-    """Initial values of the searches, one row per search."""
+    """Initial values of the searches for turn-and-leg paths, one row per search."""
 
     senses: Float[ArrayLike, "*starts 4"]  # senses of the turns: 1 right, -1 left
     # square roots of: the turn angles (rad), the leg lengths as fractions of the path, the turns' excess radii
     unknowns: Float[ArrayLike, "*starts 11"]
-    circling_fraction: Float[ArrayLike, "*starts 4"]  # fraction of the spare length flown by each turn in full circles
+    # fraction of the spare length (target length less straight line) that each turn flies in full circles
+    circling_fraction: Float[ArrayLike, "*starts 4"]
 
 
 def make_starts(count: int) -> Starts:
-    """Draw the initial values of `count` searches, reproducibly. Half of the paths wait in circles if there is time."""
+    """Draw the initial values of `count` searches, the same in each call; about half of the paths have circles."""
     rng = np.random.default_rng([11, 0])
     number = np.arange(count)
     senses = np.where(number[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
@@ -171,21 +174,21 @@ def make_starts(count: int) -> Starts:
 
 
 class TurnLegProblem(eqx.Module):
-    """Constraints of a turn-and-leg path."""
+    """Conditions of a turn-and-leg path: endpoints, turn radii, keep-outs and length."""
 
-    endpoints: PathEndpoints
-    schedule: RadiusSchedule
-    keep_outs: KeepOutsAlongPath
+    endpoints: PathEndpoints  # start, end and turn limits
+    schedule: RadiusSchedule  # least turn radius along the path
+    keep_outs: KeepOutsAlongPath  # keep-outs that the search avoids
     target_length: Scalar  # length of the whole path, m
 
 
 class _Flown(eqx.Module):
-    """Displacement, length and heading from start to a point of a path, with derivatives by the unknowns (`..._by`)."""
+    """Motion from the start to a point of a path, with derivatives with respect to the unknowns (`..._by`)."""
 
-    position: Float[Array, "2"]  # north and east, m
-    heading: Scalar
-    length: Scalar
-    penetration: Float[Array, " volumes"]  # depth inside each keep-out, summed over the checked points
+    position: Float[Array, "2"]  # position of the point, north and east, m
+    heading: Scalar  # heading at the point, rad
+    length: Scalar  # length of the path up to the point, m
+    penetration: Float[Array, " volumes"]  # depth inside each keep-out over its radius, summed over the checked points
     position_by: Float[Array, "2 11"]
     heading_by: Float[Array, "11"]
     length_by: Float[Array, "11"]
@@ -198,15 +201,12 @@ def _rotate(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 .
 
 
 def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Return the vector turned by 90 deg from north towards east.
-
-    The result is the derivative of the vector with respect to the direction angle.
-    """
+    """Return the vector turned by 90 deg from north towards east: the derivative by the vector's direction angle."""
     return jnp.stack([-vector[1], vector[0]])
 
 
 class _EvaluatedPath(NamedTuple):
-    """Path for one set of unknowns, and the equations linearized at the unknowns."""
+    """Path for one set of unknowns, and residuals and Jacobian of its equations."""
 
     residual: Float[Array, "*batch equations"]
     jacobian: Float[Array, "*batch equations unknowns"]
@@ -221,11 +221,12 @@ class _EvaluatedPath(NamedTuple):
 def _evaluate_path(
     x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
 ) -> _EvaluatedPath:
-    """Compute the path for the unknowns `x`, the residuals of the constraints, and the derivatives by the unknowns.
+    """Compute the path for the unknowns `x`, the residuals of the equations, and their derivatives by the unknowns.
 
-    Residuals: miss distance and length, relative to the path's length; heading, in half turns; depth inside each
-    keep-out. The derivatives are composed by hand, because a turn depends on three numbers only, not on eleven
-    unknowns.
+    `senses` are the senses of the turns (1 right, -1 left), `circles` the angles flown in full circles, rad. Residuals:
+    miss distance (north, east) and excess length over the target length; heading error in half turns; weighted depth
+    inside each keep-out. The derivatives are composed by hand, because a turn depends on three numbers only, not on
+    eleven unknowns.
     """
     endpoints, target_length = problem.endpoints, problem.target_length
     squares, slopes = x * x, 2.0 * x
@@ -238,7 +239,12 @@ def _evaluate_path(
     turn_data = (angles, full_turns, excess_radii, legs, senses[:, None] * squares_by[:TURNS], excess_radii_by, legs_by)
 
     def turn(parameters: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
-        """Displacement to the end and the middle of a turn, length and scale, for angle, excess radius and start."""
+        """Return five lengths of a turn, m; then these lengths again with the scale of the turn.
+
+        The lengths are the displacements to the end and to the middle of the turn (ahead, right), and the length of the
+        turn. `parameters` are angle (rad), excess radius and length of the path before the turn (m); `circled` is the
+        angle flown in full circles, rad.
+        """
         angle, excess_radii, length = parameters
         # The length of a turn depends on its radius, and the radius on the schedule over that length: iterate.
         scale = problem.schedule.least_radius(length, 0.0)
@@ -325,13 +331,13 @@ def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int
     """Find turn-and-leg paths of a target length: one damped Gauss-Newton search from each of the `starts`.
 
     The depth inside keep-outs is a residual of the search, summed over the middle and end of each turn and four points
-    of each leg. The flag `exists` of a path covers end position, end heading, length and turn angles only: the final
-    path must be checked against keep-outs. Not differentiable: plans are selected, not tuned.
+    of each leg. The flag `exists` of a path tells whether end position, end heading, length and turn angles are met,
+    but not whether the path avoids the keep-outs. Not differentiable: plans are selected, not tuned.
 
     Parameters
     ----------
     max_paths
-        Number of searches continued after the first few steps, the smallest residuals first; None: every search.
+        Number of searches that are continued after the first steps, those with the smallest residuals; None: all.
 
     Returns one path per continued search, in no particular order.
     """
