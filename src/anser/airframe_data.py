@@ -18,7 +18,7 @@ DERIVATIVE_ARGUMENTS = ("0", "_alpha", "_beta", "_p", "_q", "_r", "_alpha2", "_b
 STATIC_ARGUMENTS = ("0", "_alpha", "_alpha2")
 """Endings of the derivatives that act without sideslip and without body rates."""
 DERIVATIVES = tuple(coefficient + argument for coefficient in COEFFICIENTS for argument in DERIVATIVE_ARGUMENTS)
-"""Names of the derivatives that belong to no control surface, such as `CL0`; with a surface, as in `Cm_elevator`."""
+"""Names of the derivatives by motion, not by control surfaces: `CL0`, `CL_alpha`, ... (by a surface: `Cm_elevator`)."""
 
 
 def derivative_columns(surfaces: tuple[str, ...]) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ def derivative_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] | 
 
 
 PRODUCTS: Final = {"Jxy": (0, 1), "Jxz": (0, 2), "Jyz": (1, 2)}
-"""Row and column of each product of inertia (Jxy: integral of x y over the mass) in the matrix, which contains -Jxy."""
+"""Row and column of each product of inertia in the matrix J, whose element is -Jxy for Jxy = integral of x y dm."""
 _MOMENTS: Final = ("Jxx", "Jyy", "Jzz")
 _ROUNDING: Final = 1e-9
 """Tolerance of the test that no moment of inertia exceeds the sum of the two others, relative to the greatest moment.

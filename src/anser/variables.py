@@ -309,9 +309,9 @@ def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
     """Return the variables of control surfaces with distinct names: all positions, then all commands.
 
     For `left_elevon` the variables are `left_elevon_deg` and `left_elevon_command_deg`, their keys `left_elevon` and
-    `left_elevon_command`. The symbol's subscript is the initials of a compound name, "le", or a single word; the full
-    name if two subscripts would be equal. Raises ValueError if a name is not lower-case words joined by `_`, occurs
-    twice, or equals, alone or with `_command`, the key of another variable.
+    `left_elevon_command`. The symbol's subscript is e, a or r for the standard surfaces, the initials of a compound
+    name, "le", or a single word; the full name if two subscripts would be equal. Raises ValueError if a name is not
+    lower-case words joined by `_`, occurs twice, or equals, alone or with `_command`, the key of another variable.
     """
     surface_names = list(names)
     wrong = [name for name in surface_names if not _SURFACE_NAME.fullmatch(name)]

@@ -38,8 +38,8 @@ def _style(name: str) -> dict[str, Any]:
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     """Draw success rate, distributions of miss and spread, and misses over inputs into `campaign.svg` and `.png`.
 
-    `dataset` comes from a `CampaignStore`. Existing files are replaced. Returns the paths; for fewer than two flights,
-    no file is written and the result is empty.
+    `dataset` has the independent flights of a `CampaignStore`. Existing files are replaced. Returns the paths; for
+    fewer than two flights, no file is written and the result is empty.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
@@ -125,7 +125,7 @@ def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> No
 
 
 def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw miss and spread of pairs of flights into new files `comparison`; return the paths, none for one pair."""
+    """Draw miss and arrival spread of pairs of flights into new files `comparison`; return the paths, or none."""
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
     return save_drawings({"comparison": _draw_paired}, dataset, _style("paired"), folder)
@@ -147,7 +147,7 @@ def _draw_paired(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray) -> None:
-    """Draw the % of pairs with a difference (second less first) below each value; infinite differences count."""
+    """Draw the % of pairs with a difference (second less first) below each value, infinite differences included."""
     is_equal = first_values == second_values
     differences = np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values)
     _draw_shares_below(axes, differences)

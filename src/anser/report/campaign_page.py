@@ -23,9 +23,7 @@ _CAUSES_MAX = 12
 _NUMBERS_MAX = 12
 """Greatest number of flights listed by number for one reason of a failed start."""
 _HEADLINES = {"miss_m": ("Miss", "m", "miss by at most"), "arrival_spread_s": ("Spread", "s", "arrive within")}
-"""Main quantities of a flight by name: heading and unit of their column in the table of the worst flights, and a verb.
-
-The verb belongs to the sentence on the page that states a quantile of the quantity."""
+"""Main quantities of a flight by name: heading and unit in the table of the worst flights, and phrase in a sentence."""
 _STYLES = ("vendor/uplot.min.css", "page.css", "campaign.css")
 _SCRIPTS = ("vendor/uplot.min.js", "theme.js", "store.js", "campaign.js")
 
@@ -104,7 +102,7 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the finite quantile nearest to 95 % for each of `_HEADLINES`, without quantities that have none."""
+    """Return the finite quantiles nearest to 95 % of miss and arrival spread, as far as they have one."""
     quantiles = []
     for name in _HEADLINES:
         candidates = [estimate for estimate in estimates["quantiles"] if estimate["name"] == name]

@@ -75,7 +75,7 @@ def limit_value(limits: Mapping[str, Any], key: str | None) -> float | None:
 
 
 def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
-    """Whether the scenario's planner is the certified or the decentralised, whose paths have turns but no bend."""
+    """Whether the planner's paths are turns and straight lines (certified, decentralised), not bent (published)."""
     return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 

@@ -53,7 +53,7 @@ _VELOCITIES = tuple(f"velocity_{axis}_m_s" for axis in ("north", "east", "down")
 _DRAWN = tuple(name for curve in _CURVES for name in (curve.name, curve.reference) if name is not None)
 _OTHERS = ("range_to_rendezvous_m", "rendezvous_altitude_m", "phase")
 NEEDED_VARIABLES = tuple(dict.fromkeys((*_POSITIONS, *_VELOCITIES, *_DRAWN, *_OTHERS)))
-"""Names of the variables that a dataset must contain for the figures of a flight, apart from the control surfaces'."""
+"""Names of the variables that a dataset must contain for the figures of a flight, besides those of the surfaces."""
 
 
 def _always(_: xr.Dataset) -> str:

@@ -16,9 +16,9 @@ _Table = Mapping[str, Any]
 class Margin:
     """Margin of a flight to one requirement (the flight fails if not met) or limit (of the plan and the autopilot).
 
-    `kind` is "requirement" or "limit"; `value` is the worst of the flight in `unit` (None if missing), `aircraft` the
-    aircraft with this value (empty for a quantity of the fleet), `time_s` the time of the value (None if unknown);
-    `after_arrival` says whether the limit was exceeded in the hold after the arrival only.
+    `kind` is "requirement" or "limit"; `value` is the worst of the flight in `unit` (None if missing), `aircraft` names
+    the aircraft with this value (empty if unknown), `time_s` the time of the value (None if unknown); `after_arrival`
+    says whether the limit was exceeded in the hold after the arrival only.
     """
 
     description: str

@@ -292,9 +292,9 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
 
 
 def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
-    """Return positions at least `gap` apart from 0 to 1, with the least squares of deviations from target positions.
+    """Return positions from 0 to 1, at least `gap` apart, nearest to increasing target positions (least squares).
 
-    The targets must increase. If the range is too small, the positions exceed 0 and 1 evenly on both sides.
+    If the range is too small, the positions exceed 0 and 1 evenly on both sides.
     """
     # isotonic regression: less the gaps, positions must not decrease; pool adjacent violators to their mean
     groups: list[list[float]] = []

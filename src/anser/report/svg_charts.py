@@ -89,7 +89,7 @@ _RANK_BARS, _SOBOL_BARS = (("rank", 9, 0),), (("total", 15, 5), ("first", 6, 0))
 
 
 def influence_strip(influences: Sequence[Mapping[str, Any]], output: str) -> "Markup | str":
-    """Return an SVG chart of the influences, from `Influences.as_dict`, on an output; empty if it has none."""
+    """Return an SVG chart of an output's sensitivity to each input, from `Influences.as_dict`; empty without any."""
     by_path: dict[str, dict[str, Mapping[str, Any]]] = {}
     for influence in influences:
         if influence["output"] == output:
@@ -146,7 +146,7 @@ _PAIRS_MAX = 45
 
 
 def pair_links(dataset: xr.Dataset) -> dict[tuple[str, str], np.ndarray]:
-    """Return for each pair of aircraft names a mask of the times (time,) at which the first hears the second."""
+    """Return for each pair of aircraft (names) a mask of the times, (time,), at which the first hears the second."""
     names, heard = [str(name) for name in dataset["aircraft"].values], dataset["heard_from"].values
     return {(names[i], names[k]): (heard[:, i] >> k) & 1 == 1 for i, k in combinations(range(len(names)), 2)}
 

@@ -113,7 +113,7 @@ def to_dataset(
 
 
 def air_variables(airspeed: np.ndarray, altitude: np.ndarray, layers: Layers) -> dict[str, np.ndarray]:
-    """Compute calibrated and equivalent airspeed (m/s), pressure and density altitude (m), by key of the catalogue.
+    """Compute calibrated and equivalent airspeed (m/s), pressure and density altitude (m), by key of `anser.variables`.
 
     Parameters
     ----------

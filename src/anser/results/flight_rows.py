@@ -53,9 +53,9 @@ def build_flight_row(
     end_s: float | None = None,  # end of the record, s; None: the scenario's duration
     goals: Sequence[str] = (),  # name of the final goal by aircraft, if goals were reassigned
 ) -> FlightRow:
-    """Compute the results of one flight, without time series and outputs of a study.
+    """Compute the results of one flight from its summary, without time series and outputs of a study.
 
-    Here `met` requires an arrival of every aircraft, also of an aircraft that left the fleet by an event.
+    `met` requires an arrival of every aircraft, also of an aircraft that left the fleet by an event.
     """
     end_s = scenario.timing.duration_s if end_s is None else end_s
     aircraft = [_aircraft_entry(summary, k, float(planned_s[k]), scenario, end_s) for k in range(len(planned_s))]
@@ -186,7 +186,7 @@ def tabulate_flights(
 
 
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
-    """Return the names of quantities in a dataset; a single aircraft has neither arrival spread nor separation."""
+    """Return those of `names` in a dataset of flights; for a single aircraft, without arrival spread and separation."""
     given = [name for name in names if name in dataset]
     return tuple(name for name in given if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 

@@ -11,7 +11,7 @@ from anser.results.checksums import append_checksum, damaged_file_error, verify_
 
 FORMAT_VERSION = 1
 _VERSION = "format_version"
-"""Name of the attribute with the format version, in every file with a checksum; older files have neither."""
+"""Name of the attribute with the format version, in every file with a checksum; older files lack both."""
 _UNREADABLE = OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError, MemoryError
 """Exceptions that the libraries raise for damaged files of older versions, which have no checksum."""
 _EXPECTED = "a file as anser wrote it"

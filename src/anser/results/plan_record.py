@@ -32,7 +32,7 @@ class ClosestApproach:
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Greatest or least values of each path over closely spaced times, without proof in between.
+    """Length, mean airspeed and extremes of each path over closely spaced times, without proof in between.
 
     Arrays of shape (aircraft,), in SI units and radians.
     """

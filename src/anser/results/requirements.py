@@ -49,7 +49,10 @@ REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
 
 @dataclass(frozen=True)
 class Requirement:
-    """A limit that the values of a flight must not exceed (`max` in the name) or fall below (`min`)."""
+    """A limit that values of a flight must not exceed (`max` in the name) or fall below (`min`).
+
+    Raises ValueError if the name is not in `REQUIREMENT_NAMES`.
+    """
 
     name: str  # one of `REQUIREMENT_NAMES`, which ends with the unit
     limit: float  # limit in the unit of the name

@@ -105,9 +105,9 @@ def mcnemar_exact(first_only: int, second_only: int) -> float:
     """Return the two-sided p-value of McNemar's exact test, over pairs of flights of two variants.
 
     The hypothesis is that in pairs with exactly one success both variants succeed equally often; without such a pair
-    the p-value is 1. Source: Q. McNemar,
-    *Note on the sampling error of the difference between correlated proportions or percentages*, Psychometrika 12(2),
-    1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
+    the p-value is 1. Source: Q. McNemar, *Note on the sampling error of the difference between correlated proportions
+    or percentages*, Psychometrika 12(2), 1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd
+    ed., section 11.1.2.
 
     Parameters
     ----------
@@ -126,9 +126,9 @@ _PAIRS_MIN = 4
 def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
     """Return Spearman's rank correlation of inputs and outputs, and the bounds of its confidence interval.
 
-    Only ranks count: an infinite output is the greatest. The interval is Fisher's, with the variance of
-    D. G. Bonett, T. A. Wright, *Sample size requirements for estimating Pearson, Kendall and Spearman correlations*,
-    Psychometrika 65(1), 2000: (1 + r²/2) / (n - 3).
+    Only ranks count: an infinite output is the greatest. The interval is Fisher's, for the correlation r of n pairs
+    with the variance (1 + r²/2) / (n - 3) of D. G. Bonett, T. A. Wright, *Sample size requirements for estimating
+    Pearson, Kendall and Spearman correlations*, Psychometrika 65(1), 2000.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _label(values: xr.DataArray, dimension: str, index: int) -> str:
-    """Return the label of an entry along a dimension (its coordinate, or the index), non-letters and -digits as "_"."""
+    """Return the coordinate, or else the index, of an entry along a dimension, with "_" for special characters."""
     text = str(values[dimension].values[index]) if dimension in values.coords else str(index)
     return "".join(character if character.isalnum() else "_" for character in text)
 
