@@ -24,7 +24,7 @@ _public_object, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public object, imported on its first use, or the version, which a clone reads from git."""
+    """Return a public object of anser by name, imported on its first use, or `__version__`, from git in a clone."""
     if name == "__version__":
         from anser.version import source_version
 
@@ -33,13 +33,14 @@ def __getattr__(name: str) -> Any:
 
 
 class AircraftRoom(types.ModuleType):
-    """Class of the package `anser.aircraft`, which thereby is also the function `anser.aircraft("f16")`.
+    """Module type of the package `anser.aircraft` that makes the package callable: `anser.aircraft("f16")`.
 
-    The import of the package sets the attribute `aircraft` of `anser`, where users find the function of this name.
+    The import of the package replaces the function `aircraft` in the namespace of `anser` by the package, so that a
+    call of either must load an aircraft.
     """
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Load an aircraft: see `anser.single_aircraft.aircraft`."""
+        """Load an aircraft, with the arguments and errors of `anser.single_aircraft.aircraft`."""
         from anser.single_aircraft.model import aircraft
 
         return aircraft(*args, **kwargs)

@@ -1,4 +1,4 @@
-"""`python -m anser`."""
+"""Entry point of `python -m anser`: the command line."""
 
 from anser.cli import main
 

@@ -8,26 +8,26 @@ from typing import Final
 COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 """Coefficients of lift, drag and side force, then of the moments of roll, pitch and yaw.
 
-Lift and drag are turned into body axes by alpha alone."""
+Lift and drag are turned into body axes by alpha alone, not by beta."""
 BODY_COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-"""Coefficients of the forces along the body axes, then of the moments of roll, pitch and yaw.
+"""Coefficients of the forces along the body axes x, y, z, then of the moments of roll, pitch and yaw.
 
-DAVE-ML files use these, without derivatives."""
+Names of the coefficients of DAVE-ML aircraft, whose tables contain no derivatives."""
 DERIVATIVE_ARGUMENTS = ("0", "_alpha", "_beta", "_p", "_q", "_r", "_alpha2", "_beta2")
-"""Endings of derivative names. The derivatives multiply 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2."""
+"""Endings of derivative names; a derivative multiplies 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2 or beta^2."""
 STATIC_ARGUMENTS = ("0", "_alpha", "_alpha2")
-"""Endings of the derivatives that act without sideslip and rates."""
+"""Endings of the derivatives that act without sideslip and without body rates."""
 DERIVATIVES = tuple(coefficient + argument for coefficient in COEFFICIENTS for argument in DERIVATIVE_ARGUMENTS)
-"""Derivatives of the airframe without surfaces, such as `CL0`; a surface's derivative is named as in `Cm_elevator`."""
+"""Names of the derivatives by motion, not by control surfaces: `CL0`, `CL_alpha`, ... (by a surface: `Cm_elevator`)."""
 
 
 def derivative_columns(surfaces: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the endings of derivative names: `DERIVATIVE_ARGUMENTS`, then one per surface, such as `_elevator`."""
+    """Return the endings of derivative names: `DERIVATIVE_ARGUMENTS`, then `_` and the name of each surface."""
     return (*DERIVATIVE_ARGUMENTS, *(f"_{name}" for name in surfaces))
 
 
 def derivative_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] | None:
-    """Return row and column of a derivative named as in `Cm_alpha`, or None if the name is unknown."""
+    """Return the row (in `COEFFICIENTS`) and column (in `derivative_columns`) of a derivative; None if unknown."""
     coefficient, ending = name[:2], name[2:]
     columns = derivative_columns(surfaces)
     return (
@@ -38,15 +38,17 @@ def derivative_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] | 
 
 
 PRODUCTS: Final = {"Jxy": (0, 1), "Jxz": (0, 2), "Jyz": (1, 2)}
-"""Products of inertia (integral of x y over the mass, ...) and matrix indices; the matrix holds the negative values."""
+"""Row and column of each product of inertia in the matrix J, whose element is -Jxy for Jxy = integral of x y dm."""
 _MOMENTS: Final = ("Jxx", "Jyy", "Jzz")
 _ROUNDING: Final = 1e-9
-"""Tolerance of the triangle inequality, relative to the greatest moment: a flat body lies exactly on the bound."""
+"""Tolerance of the test that no moment of inertia exceeds the sum of the two others, relative to the greatest moment.
+
+In a flat body, the greatest moment equals the sum exactly."""
 
 
 @dataclass(frozen=True)
 class BodyFault:
-    """Report that a quantity of a rigid body is physically impossible."""
+    """A physically impossible quantity of a rigid body: its name, the rejected value, and an acceptable value."""
 
     quantity: str  # name from `positive`, or "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"
     arrived: float  # rejected value
@@ -54,11 +56,11 @@ class BodyFault:
 
 
 def body_faults(positive: Mapping[str, float], inertia: Sequence[Sequence[float]]) -> list[BodyFault]:
-    """List the reasons why a rigid body is physically impossible; an empty list for a valid body.
+    """Return the reasons why a rigid body is physically impossible; an empty list for a valid body.
 
-    The principal moments of inertia must be positive, and the greatest must not exceed the sum of the two smaller: the
-    matrix J and the matrix of second moments of mass (half the trace of J times the identity, less J) have no negative
-    eigenvalue.
+    The principal moments of inertia must be positive, and the greatest must not exceed the sum of the two smaller:
+    the matrix of inertia J and the matrix of second moments of mass (half the trace of J times the identity, less J)
+    have no negative eigenvalue.
 
     Parameters
     ----------

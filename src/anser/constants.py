@@ -1,4 +1,4 @@
-"""Constants: physical ones with sources, stand-off distances, steps; SI units, and a name ends with its unit."""
+"""Constants: physical constants with sources, least distances from goals, integration steps; SI, unit in the name."""
 
 # [WGS84] NIMA TR8350.2: the two defining parameters of the ellipsoid; `anser.spatial.Ellipsoid` derives the others.
 WGS84_A_M = 6378137.0
@@ -25,13 +25,13 @@ AIR_HEAT_RATIO = 1.4
 SEA_LEVEL_PRESSURE_PA = 101325.0
 SEA_LEVEL_TEMPERATURE_K = 288.15
 GEOPOTENTIAL_RADIUS_M = 6356766.0
-"""Earth radius of the geopotential conversion, [USSA76] part 1.2.4."""
+"""Earth radius for the conversion from geometric to geopotential altitude, m, [USSA76] part 1.2.4."""
 
 SURFACE_STAND_OFF_MIN_M = 150.0
 AIRBORNE_STAND_OFF_MIN_M = 100.0
-"""Least permitted distance of an aircraft from an airborne goal; above, from a goal on the surface.
+"""Least permitted distances of an aircraft from its goal, m: from a goal on the surface, and from an airborne goal.
 
-Part of the product's scope, enforced for every scenario."""
+Fixed by the product's scope: no scenario can change them."""
 
 STEP_MIN_S, STEP_MAX_S = 0.001, 0.05
-"""Range of the integration step: the classical Runge-Kutta method is unstable beyond 2.8 lags of the surfaces."""
+"""Least and greatest integration step, s: Runge-Kutta of order 4 is unstable beyond 2.8 time constants of a surface."""

@@ -23,9 +23,9 @@ _XML_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-
 
 
 def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
-    """Return the content of a file of at most `size_max` bytes: a device or a huge file must not fill the memory.
+    """Return the content of a file; raises OSError, without reading on, if the file exceeds `size_max` bytes.
 
-    Raises OSError if the file cannot be read or is larger, ValueError if the path holds a null character.
+    Also raises OSError if the file cannot be read, and ValueError if the path contains a null character.
     """
     with path.open("rb") as file:
         content = file.read(size_max + 1)
@@ -35,9 +35,10 @@ def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
 
 
 def decode_xml(content: bytes) -> str:
-    """Return the text of an XML document, decoded by its declared encoding.
+    """Return the text of an XML document, decoded by its byte order mark or its declared encoding, otherwise as UTF-8.
 
-    Raises LookupError if that is not in `XML_ENCODINGS`, UnicodeDecodeError if the content is not valid in it.
+    Raises LookupError if `XML_ENCODINGS` lacks the declared encoding, UnicodeDecodeError if the content is not valid in
+    the encoding.
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16")
@@ -51,20 +52,20 @@ def decode_xml(content: bytes) -> str:
 
 
 _SUFFIX_MAX = 16
-"""Greatest length of a suffix that is a file type; longer suffixes could make the temporary name too long."""
+"""Greatest length of a suffix that the temporary file takes over, in characters; its name must not become too long."""
 _unfinished: set[Path] = set()
 
 
 @contextlib.contextmanager
 def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary path beside an output file, and rename the temporary file to the output file at the end.
+    """Yield a temporary path beside `path`, to which the block writes; then flush the file and rename it to `path`.
 
-    The content is flushed to disk before the renaming. If the block raises, the output file is unchanged.
+    If the block raises, the temporary file is removed and a file at `path` is unchanged.
 
     Raises
     ------
     FileExistsError
-        `path` exists and may not be replaced, or is a folder or device.
+        `path` exists and `overwrite` is False, or `path` is a folder or device.
     OSError
         The file cannot be written; `filename` is `path`.
     """
@@ -80,7 +81,7 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
 
 
 def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
-    """Write a complete file; text is encoded as UTF-8 with unchanged line ends. Raises the errors of `new_file`."""
+    """Write text (UTF-8, line ends unchanged) or bytes to a complete file; raises the errors of `new_file`."""
     data = content.encode() if isinstance(content, str) else content
     with new_file(path, overwrite=overwrite) as partial:
         partial.write_bytes(data)
@@ -88,11 +89,11 @@ def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> 
 
 @contextlib.contextmanager
 def staged_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new, empty staging folder, and move its files into the existing `folder` at the end.
+    """Yield a new, empty folder inside `folder`, and move its content into `folder` at the end of the block.
 
-    Files with the same names are replaced by complete files; the remaining content of `folder` is untouched. If the
-    block raises, `folder` is unchanged. Raises FileExistsError, and replaces no file, if a file's target is a folder or
-    device.
+    Files of `folder` with equal names are replaced; its further content is untouched. If the block raises, `folder` is
+    unchanged. Raises FileExistsError, and moves nothing, if a file would replace a folder or device, or a folder a
+    file.
     """
     staging = folder / f".anser-{secrets.token_hex(6)}"
     with _temporary(staging, folder):
@@ -104,10 +105,10 @@ def staged_folder(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """Create a folder and yield a staging folder, whose files move into the new folder at the end.
+    """Create `folder` with its parents, yield a temporary folder inside, and move its content into `folder` at the end.
 
-    If the block raises or writes no file, the new folder and its new parents are removed. Raises FileExistsError if
-    `folder` exists.
+    If the block raises or writes no file, `folder` and the parents that were created are removed. Raises
+    FileExistsError if `folder` exists.
     """
     _refuse_null(folder)
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -121,9 +122,10 @@ def new_folder(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def result_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
-    """Yield a staging folder for the files of a result, which move into `folder` at the end; further files stay.
+    """Yield a temporary folder for the files of a result, and move them into `folder` at the end of the block.
 
-    Raises FileExistsError if `folder` exists and is not to be replaced.
+    An existing `folder` keeps its further files. Raises FileExistsError if `folder` exists and `replace` is False, or
+    is a file.
     """
     if folder.exists() and not (folder.is_dir() and replace):
         or_force = ", or give force=True to replace the result in it" if folder.is_dir() else ""
@@ -133,21 +135,21 @@ def result_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
 
 
 def remove_empty_folders(folders: list[Path]) -> None:
-    """Remove folders in the given order, innermost first, and stop at the first that is not empty."""
+    """Remove the listed folders in order (innermost first); stop at the first folder that is not empty or missing."""
     with defer_interrupts(), contextlib.suppress(OSError):
         for folder in folders:
             folder.rmdir()
 
 
 def remove_temporary_outputs() -> None:
-    """Remove the temporary files and folders of unfinished outputs before the process ends early."""
+    """Remove the temporary files and folders of all unfinished outputs; called before the process ends early."""
     for path in list(_unfinished):
         _remove(path)
 
 
 @contextlib.contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Delay Ctrl-C to the end of the block, for short sequences of steps that must not be separated."""
+    """Delay an interrupt by Ctrl-C to the end of the block; without effect outside the main thread."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield
@@ -164,7 +166,7 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _temporary(path: Path, target: Path) -> Iterator[None]:
-    """Remove a temporary file or folder at the end of the block; errors name `target` instead of `path`."""
+    """Remove the temporary file or folder `path` at the end of the block; an OSError names `target` in its place."""
     _unfinished.add(path)
     try:
         yield
@@ -191,7 +193,7 @@ def _remove(path: Path) -> None:
 
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:
-    """Raise FileExistsError if the path exists; with `overwrite`, only if a folder or device has this path."""
+    """Raise FileExistsError if `path` exists; with `overwrite`, only if `path` is a folder or device."""
     _refuse_null(path)
     if not overwrite and os.path.lexists(path):
         raise FileExistsError(f"{path} exists and is not overwritten: choose another name or folder")
@@ -206,13 +208,13 @@ def _refuse_null(path: Path) -> None:
 
 
 def _flush(path: Path) -> None:
-    """Flush a file to disk: some file systems report a full disk only at this point."""
+    """Flush a file to disk; raises OSError on a full disk, which some file systems report only here."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
 def _move_into(staging: Path, folder: Path) -> None:
-    """Move the content of a folder into another folder, merging existing subfolders."""
+    """Move the content of `staging` into `folder`, merging folders; FileExistsError if a file meets a folder."""
     moves: list[tuple[Path, Path]] = []
     waiting = sorted(staging.iterdir(), reverse=True)
     while waiting:

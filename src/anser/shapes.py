@@ -11,7 +11,7 @@ else:
     ScalarLike = Float[ArrayLike, ""]
 Vector3 = Float[Array, "3"]
 Vector = Float[Array, " n"]
-"""Vector of variable length, above all one entry for each control surface."""
+"""Vector of any length n, often with one entry for each control surface."""
 Quaternion = Float[Array, "4"]
 Matrix33 = Float[Array, "3 3"]
 Flag = Bool[Array, ""]

@@ -1,7 +1,7 @@
-"""Factors from a named unit to SI, exact: multiply to convert input, divide to convert output.
+"""Factors from a named unit to its SI unit: multiply to convert input to SI, divide to convert output from SI.
 
-Plain floats that follow from the international foot and avoirdupois pound (1959), the international nautical mile
-(1929) and standard gravity, without rounding to decimals.
+The factors follow from the international foot and avoirdupois pound (1959), the international nautical mile (1929) and
+standard gravity, in float64 without further rounding.
 """
 
 import math
@@ -10,7 +10,7 @@ from anser.constants import STANDARD_GRAVITY_M_S2
 
 DEG_RAD = math.pi / 180.0
 RAD_DEG = 180.0 / math.pi
-"""Degrees in one radian: the only factor from SI to another unit, for output."""
+"""Degrees in one radian: unlike the further factors, from SI to another unit, for output."""
 
 FOOT_M = 0.3048
 NAUTICAL_MILE_M = 1852.0

@@ -1,10 +1,10 @@
 """Catalogue of recorded variables: the only source of dataset attributes, plot labels and variable documentation.
 
-The kernels record a history, a dict of arrays of shape (time, aircraft) keyed by `Variable.key`, in SI units and
-radians. A dataset holds the same numbers under `Variable.name`, with a unit suffix: dataset = history * factor.
+The simulation records a history, a dict of arrays of shape (time, aircraft) by `Variable.key`, in SI units and radians.
+A dataset contains each variable under `Variable.name`, with a unit suffix: dataset value = history value * factor.
 
-Control surfaces are named by their airframe. `CATALOGUE` holds the standard elevator, aileron and rudder; `catalogue`
-returns the variables for other surfaces.
+Control surfaces are named by their airframe. `CATALOGUE` contains the standard elevator, aileron and rudder;
+`catalogue` returns the variables of aircraft with any surfaces.
 """
 
 import re
@@ -17,7 +17,7 @@ from anser.units import RAD_DEG
 
 @dataclass(frozen=True)
 class Variable:
-    """A recorded variable."""
+    """A recorded variable: names, units, reference frame, and labels."""
 
     # name in a dataset, with its unit suffix (`roll_rate_deg_s`), and key in a history, in SI units or radians
     # (`roll_rate`)
@@ -31,9 +31,10 @@ class Variable:
     symbol: str
     long_name: str
     dtype: Literal["float64", "int32", "bool"] = "float64"
-    # meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; otherwise empty.
+    # meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; otherwise empty
     flags: tuple[str, ...] = ()
-    # whether the variable is recorded only in flights with the feature: gusts, or sensors with errors
+    # whether the variable is recorded only in flights with gusts, sensor errors, an adaptive autopilot, or a
+    # decentralised planner
     optional: bool = False
 
 
@@ -77,19 +78,19 @@ def _discrete(
 
 
 STANDARD_SURFACES: tuple[str, ...] = ("elevator", "aileron", "rudder")
-"""Names of the standard control surfaces, a surface for each of pitch, roll and yaw."""
+"""Names of the standard control surfaces, for pitch, roll and yaw."""
 
 _SUBSCRIPTS: Mapping[str, str] = dict(zip(STANDARD_SURFACES, "ear", strict=True))
 _SURFACE_NAME = re.compile("[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 def surface_label(name: str) -> str:
-    """Return the readable name of a surface, "left elevon" for `left_elevon`."""
+    """Return the name of a control surface with blanks in place of underscores: "left elevon" for `left_elevon`."""
     return name.replace("_", " ")
 
 
 def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
-    """Return the position variables of surfaces, then the command variables, from names and symbol subscripts."""
+    """Return the variables of control surfaces, all positions, then all commands, from symbol subscripts by name."""
     labelled = [(name, f"δ_{subscript}", surface_label(name).capitalize()) for name, subscript in subscripts.items()]
     positions = (_variable(name, "deg", _BODY, symbol, label) for name, symbol, label in labelled)
     commands = (
@@ -133,7 +134,7 @@ _ADAPTATION_VARIABLES: tuple[Variable, ...] = (
     ),
     _variable("fault_size", "", _NONE, "f", "Size of the fault found: shift over the chord, ice, or loss"),
 )
-"""Estimates of an adaptive estimator."""
+"""Variables recorded for an adaptive autopilot: estimated derivatives and control effectiveness, and the fault."""
 
 _OPTIONAL_VARIABLES: tuple[Variable, ...] = (
     # turbulence and gusts
@@ -287,7 +288,7 @@ CATALOGUE: tuple[Variable, ...] = (
     _discrete("status", "int32", "status", "Status of the aircraft, 0 when fine", ()),
     *(replace(variable, optional=True) for variable in _OPTIONAL_VARIABLES),
 )
-"""Every recorded variable, in dataset order."""
+"""Every variable of a flight's dataset, for aircraft with the standard surfaces, in dataset order."""
 
 DERIVED_KEYS: frozenset[str] = frozenset(
     {
@@ -295,22 +296,22 @@ DERIVED_KEYS: frozenset[str] = frozenset(
         *("airspeed_calibrated", "airspeed_equivalent", "pressure_altitude", "density_altitude"),
     }
 )
-"""Keys of variables that no flight records; computed when a history becomes a dataset."""
+"""Keys of the variables that no history contains: computed in the conversion of a history to a dataset."""
 
 ADAPTATION_KEYS: frozenset[str] = frozenset(variable.key for variable in _ADAPTATION_VARIABLES)
-"""Keys of the variables recorded only for aircraft with an adaptive estimator."""
+"""Keys of the variables recorded only in flights with an adaptive autopilot."""
 
 OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE if variable.optional)
-"""Keys of the variables recorded only in flights with gusts or with sensors that have errors."""
+"""Keys of the variables recorded only with gusts, sensor errors, an adaptive autopilot or a decentralised planner."""
 
 
 def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
-    """Return the variables of control surfaces (distinct names of an airframe or a fleet): positions, then commands.
+    """Return the variables of control surfaces with distinct names: all positions, then all commands.
 
     For `left_elevon` the variables are `left_elevon_deg` and `left_elevon_command_deg`, their keys `left_elevon` and
-    `left_elevon_command`. The symbol's subscript has the initials of a compound name, "le", or the single word; the
-    full name if two subscripts would be equal. Raises ValueError if a name is not lower-case words joined by `_`,
-    occurs twice, or is the name of another variable.
+    `left_elevon_command`. The symbol's subscript is e, a or r for the standard surfaces, the initials of a compound
+    name, "le", or a single word; the full name if two subscripts would be equal. Raises ValueError if a name is not
+    lower-case words joined by `_`, occurs twice, or equals, alone or with `_command`, the key of another variable.
     """
     surface_names = list(names)
     wrong = [name for name in surface_names if not _SURFACE_NAME.fullmatch(name)]
@@ -344,18 +345,18 @@ def all_surface_names(names_by_aircraft: Iterable[Sequence[str]]) -> tuple[str, 
 
 
 def catalogue(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[Variable, ...]:
-    """Return every variable of a history of aircraft with the given control surfaces, in the order of `CATALOGUE`."""
+    """Return `CATALOGUE` with the variables of the control surfaces `surfaces` in place of the standard surfaces'."""
     start = next(k for k, variable in enumerate(CATALOGUE) if variable.key in _STANDARD_KEYS)
     return (*CATALOGUE[:start], *surface_variables(surfaces), *CATALOGUE[start + len(_STANDARD_KEYS) :])
 
 
 def recorded_keys(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[str, ...]:
-    """Return the mandatory keys of a history of aircraft with the given control surfaces."""
+    """Return the keys that every history of aircraft with the control surfaces `surfaces` must contain."""
     return tuple(v.key for v in catalogue(surfaces) if v.key not in DERIVED_KEYS | OPTIONAL_KEYS)
 
 
 RECORDED_KEYS: tuple[str, ...] = recorded_keys()
-"""Mandatory keys of a history of aircraft with the standard surfaces."""
+"""Keys that every history of aircraft with the standard surfaces must contain."""
 
 PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("climb_rate", "m_s", _AIR, "V_h", "Climb rate"),
@@ -364,14 +365,14 @@ PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("distance_min", "m", _NONE, "d_min", "Least distance between two aircraft"),
     _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),
 )
-"""Variables that plans contain and that no flight records."""
+"""Variables of the dataset of a plan that the history of a flight lacks."""
 
 MEASUREMENT_VARIABLES: tuple[Variable, ...] = (
     _variable("specific_force_x", "m_s2", _BODY, "f_x", "Specific force along body x, from an accelerometer"),
     _variable("specific_force_y", "m_s2", _BODY, "f_y", "Specific force along body y, from an accelerometer"),
     _variable("specific_force_z", "m_s2", _BODY, "f_z", "Specific force along body z, from an accelerometer"),
 )
-"""Variables that flight-test recordings contain and that no simulated flight records; at rest f_z is -9.8 m/s^2."""
+"""Accelerometer readings of flight-test records, absent in simulated flights; at rest f_z is -9.8 m/s^2."""
 
 SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("lateral_shape", "m_s4", _NED, "b_4", "Lateral shape parameter"),
@@ -381,4 +382,4 @@ SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("length_estimate", "m", _NED, "L_6", "Length by the six-point rule"),
     _variable("length_published", "m", _NED, "L_pub", "Published estimate of the length"),
 )
-"""Variables of the published families of paths, bent by shape parameters."""
+"""Variables of the published planner's polynomial paths, which shape parameters bend sideways or vertically."""

@@ -1,7 +1,7 @@
-"""Version of the package, and the commit of its source.
+"""Version of the package, and the git commit of its source.
 
-An installed wheel carries both from the clone in which the wheel was built. A clone, also as an editable install, asks
-git on the first use, so that neither needs a new installation after a commit.
+An installed wheel contains both, from the clone in which the wheel was built. A clone, also as an editable install,
+asks git on the first use, so that a commit needs no new installation.
 """
 
 import functools
@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 BUILD_INFO: Final = "build_info.json"
-"""File of an installed package and of a source distribution, with the commit; a clone has none."""
+"""Name of the file with the commit in an installed package and in a source distribution; a clone has no such file."""
 UNKNOWN: Final = "unknown"
 _DESCRIPTION = re.compile(r"v?(?P<tag>\d[^-]*)-(?P<distance>\d+)-g(?P<commit>[0-9a-f]{40})(?P<dirty>-dirty)?")
 _NODE_LENGTH = 9
-"""Number of the commit's digits in a version, as hatch-vcs writes it."""
+"""Number of hexadecimal digits of the commit in a version, as in versions by hatch-vcs."""
 
 
 class SourceVersion(NamedTuple):
-    """Version (PEP 440), and commit: 40 hexadecimal digits, followed by "-dirty" if files differ from it."""
+    """Version (PEP 440) and git commit: 40 hexadecimal digits, then "-dirty" with uncommitted changes; or "unknown"."""
 
     version: str
     commit: str
@@ -30,24 +30,24 @@ class SourceVersion(NamedTuple):
 
 @functools.cache
 def source_version() -> SourceVersion:
-    """Return version and commit of the running package; the commit is "unknown" if neither wheel nor git has it."""
+    """Return version and commit of the running package, from git in a clone, otherwise from the installed package."""
     package = Path(__file__).parent
     cloned = None if (package / BUILD_INFO).exists() else read_clone(package.parents[1])
     return SourceVersion(importlib.metadata.version("anser"), read_commit(package)) if cloned is None else cloned
 
 
 def read_commit(package: Path) -> str:
-    """Return the commit from which an installed package was built."""
+    """Return the commit from which an installed package was built; "unknown" without the file `BUILD_INFO`."""
     info = package / BUILD_INFO
     return json.loads(info.read_text(encoding="utf-8"))["commit"] if info.exists() else UNKNOWN
 
 
 def read_clone(root: Path) -> SourceVersion | None:
-    """Return version and commit of a clone; None for other folders, and without git.
+    """Return version and commit of the clone in folder `root`; None if `root` is no clone, or git is missing.
 
-    The versions are those of hatch-vcs: before the first tag 0.1.dev3+g0123456789, at the tag v0.1.0 0.1.0, three
-    commits later 0.1.1.dev3+g0123456789. Uncommitted changes append ".dirty" instead of a date, so that an edited clone
-    has the same version on the next day.
+    Versions follow hatch-vcs: "0.1.dev3+g012345678" three commits after the start, before the first tag; "0.1.0" at
+    the tag v0.1.0; "0.1.1.dev3+g012345678" three commits later. Uncommitted changes append ".dirty" instead of the date
+    of hatch-vcs, so that the version of an edited clone does not change from day to day.
     """
     if not (root / ".git").exists():
         return None
@@ -72,7 +72,7 @@ def _format_version(tag: str, distance: int, commit: str, dirty: bool) -> str:
 
 
 def _git(root: Path, *arguments: str) -> str | None:
-    """Return the output of a git command that only reads; None if git is missing or fails."""
+    """Return the output, stripped, of a git command in folder `root`; None if git is missing or the command fails."""
     # GIT_DIR and the like, set within a hook of another repository, would name that repository
     environment = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
     try:

@@ -1,4 +1,4 @@
-"""Reports and figures of datasets."""
+"""Reports (HTML pages), figures and exports of flights, plans, studies and campaigns, from their datasets."""
 
 import lazy_loader
 

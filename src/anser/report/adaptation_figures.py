@@ -1,4 +1,4 @@
-"""Panels of the estimates of adaptive aircraft: estimate, band of two standard deviations, truth, time of a fault."""
+"""Panels of an adaptive autopilot's estimates: estimate, band of two standard deviations, truth, time of a fault."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _RANGE_MIN = 0.1
-"""Least range of a panel's axis over the greatest estimate, so that a constant estimate looks constant."""
+"""Least range of a panel's axis relative to the greatest estimate, so that a constant estimate looks constant."""
 _BAND_MAX = 0.5
-"""Greatest visible part of a band beyond the estimates, over their range."""
+"""Greatest visible part of a band beyond the estimates, relative to the range of the estimates."""
 _MARGIN = 0.05
 
 
 def estimate_label(dataset: xr.Dataset, name: str) -> str:
-    """Return the label of the axis of an estimate."""
+    """Return the axis label, for matplotlib, of an estimate with a name of `anser.report.estimates.ESTIMATES`."""
     symbol = math_symbol(dataset[f"{name}_estimate"])
     if name in EFFECTIVENESS:
         return f"{name.partition('_')[0].capitalize()} effectiveness\nover the model's, {symbol}"
@@ -39,14 +39,14 @@ def estimate_label(dataset: xr.Dataset, name: str) -> str:
 def draw_band(
     axes: "Axes", time: np.ndarray, estimate: np.ndarray, sigma: np.ndarray, color: str, truth: np.ndarray | None
 ) -> None:
-    """Draw the band of two standard deviations about an estimate, and the truth as a dashed line if it is known."""
+    """Draw the band of two standard deviations about an estimate, and the true values as a dashed line unless None."""
     axes.fill_between(time, estimate - 2.0 * sigma, estimate + 2.0 * sigma, color=color, alpha=0.2, linewidth=0.0)
     if truth is not None:
         axes.plot(time, truth, zorder=3, **COMMAND_LINE)
 
 
 def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence[np.ndarray]) -> None:
-    """Set the range of the axis: whole lines, and edges of the bands unless far beyond the lines."""
+    """Set the range of the vertical axis: whole lines, and the edges of the bands as far as `_BAND_MAX` allows."""
     values, edges = np.concatenate(lines), np.concatenate(bands)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     size = max(high - low, _RANGE_MIN * max(abs(low), abs(high)))
@@ -57,14 +57,14 @@ def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence
 
 
 def draw_fault(axes: "Axes", time: np.ndarray, codes: np.ndarray) -> None:
-    """Draw a vertical line at the time at which a fault was found."""
+    """Draw a dotted vertical line at the time of the first non-zero fault code; none without a fault."""
     time_s = fault_time(time, codes)
     if time_s is not None:
         axes.axvline(time_s, color=LIMIT_COLOR, linestyle=":", linewidth=1.2)
 
 
 def draw_adaptation(sheet: FlightSheet) -> "Figure":
-    """Draw the estimates of the fleet's adaptive aircraft up to their arrivals, a panel for each."""
+    """Return a figure of the adaptive autopilots' estimates up to the arrivals, with a panel for each estimate."""
     names = recorded_estimates(sheet.dataset)
     figure, panels = sheet.panels(len(names))
     for axes, name in zip(panels, names, strict=True):

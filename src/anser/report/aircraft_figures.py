@@ -1,4 +1,4 @@
-"""Figures of one aircraft: airframe, deep stall, step tests, path tracking."""
+"""Figures of one aircraft: aerodynamic coefficients and trim, deep stall, step responses, path tracking."""
 
 import textwrap
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ _LONGITUDINAL, _LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
 
 
 def draw_airframe(dataset: xr.Dataset, path: Path) -> None:
-    """Draw an airframe (result of `anser.analysis.survey_airframe`) into a new file, PNG, SVG or PDF."""
+    """Draw coefficients, thrust and trim of a result of `anser.analysis.survey_airframe` into a new PNG, SVG or PDF."""
     save_figure(draw_for_print(_draw_airframe, dataset), [path])
 
 
@@ -66,7 +66,7 @@ def _draw_coefficients(axes: "Axes", values: xr.DataArray, names: tuple[str, ...
 
 
 def _draw_legend(axes: "Axes") -> None:
-    """Add a legend above the panel, where no curve is covered, in at most three columns."""
+    """Add a legend in at most three columns above the panel, so that the legend covers no curve."""
     columns = min(3, len(axes.get_legend_handles_labels()[0]))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, frameon=False, columnspacing=1.0)
 
@@ -83,7 +83,7 @@ def _draw_thrust(axes: "Axes", dataset: xr.Dataset) -> None:
 def _draw_trim(
     axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, y_label: str, k: int = 0, label: str | None = None
 ) -> None:
-    """Draw a variable of level flight over airspeed: a line within the limits, dots where a limit is exceeded."""
+    """Draw a variable of level flight over airspeed: a line within the airframe's limits, dots beyond a limit."""
     speeds, within = dataset["airspeed"].values, dataset["trimmable"].values
     line = series_style(k)
     axes.plot(speeds, np.where(within, values, np.nan), label=label, **line)
@@ -93,7 +93,7 @@ def _draw_trim(
 
 
 def draw_deep_stall(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw a result of `anser.analysis.deep_stall` into new files: Cm over alpha, and the curve of trims."""
+    """Draw Cm over alpha, and trim alpha over the centre of gravity, of a deep-stall analysis into new files."""
     mpl, figure = new_figure((9.0, 4.2))
     with mpl.rc_context(PRINT_STYLE):
         moment_axes, trim_axes = figure.subplots(1, 2)
@@ -133,11 +133,13 @@ _UNCOMMANDED_CHANNELS = {
     "attitude": (_RATES, _PATH, ("airspeed_m_s",)),
     "velocity": (("bank_deg", "alpha_deg"), ("beta_deg",), _RATES),
 }
-"""Variables outside the commanded loop, by loop, in three panels."""
+"""Variables that a step test of a loop does not command: three panels, by name of the loop."""
 _ENGINE = (("throttle",), ("power_percent",))
 
 _TRANSIENT_S = 15.0
-"""Time after which the fast responses are over, s: the two lower rows of a long test show no more than this."""
+"""Time after which the fast responses are over, s: the panels below the first row show no longer time.
+
+A test of at most twice this duration is shown whole."""
 
 _SHARED_LABELS = {"degree": "Angle (°)", "degree s-1": "Rate (°/s)"}
 """Axis labels of panels with several variables, by unit."""
@@ -146,11 +148,11 @@ _SPAN_MIN = {"m s-1": 1.0, "degree": 1.0, "degree s-1": 1.0, "percent": 5.0, "1"
 
 _LEGEND_FONT_SIZE = 6.5  # in panels with several curves
 _LINE_LENGTH = 22
-"""Line length of a label, in characters."""
+"""Greatest length of a line of an axis label, in characters."""
 
 
 def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw one flight of `anser.analysis.fly_steps` into new files: commanded loop, other variables, and controls."""
+    """Draw a flight of `anser.analysis.fly_steps` into new files: commanded variables, further variables, controls."""
     mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]
@@ -173,7 +175,7 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
 
 
 def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None:
-    """Draw the commanded channels of several tests in percent of their steps, a panel for each test."""
+    """Draw several flights of `anser.analysis.fly_steps` into new files: a panel each, responses in % of the step."""
     row_count = -(-len(datasets) // 4)
     mpl, figure = new_figure((7.6, 0.7 + 1.75 * row_count))
     with mpl.rc_context(PRINT_STYLE):
@@ -232,7 +234,7 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None
 
 
 def _shade_after_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
-    """Shade the time after the interval from which the metrics of the step are read, if the test goes on."""
+    """Shade the time after `read_at_s`, up to which the step's metrics are computed, if the test lasts longer."""
     reading_s, end = dataset.attrs["read_at_s"], float(dataset["time"].values[-1])
     if end - reading_s < 0.5 * (dataset["time"].values[1] - dataset["time"].values[0]):
         return
@@ -247,13 +249,13 @@ def _lead(dataset: xr.Dataset, end: float | None = None) -> float:
 
 
 def _with_lead(dataset: xr.Dataset, values: np.ndarray, initial_value: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return time and values of a variable, extended by its value at the trim point before the step."""
+    """Return time (s) and values of a variable, preceded by two points of `initial_value`, before the step and at 0."""
     time = dataset["time"].values
     return np.concatenate([[-_lead(dataset), 0.0], time]), np.concatenate([[initial_value, initial_value], values])
 
 
 def _command(name: str) -> str:
-    """Return the name of the command of a variable: roll_rate_deg_s -> roll_rate_command_deg_s."""
+    """Return the name of a variable's command: "roll_rate_command_deg_s" for "roll_rate_deg_s"."""
     unit = next((unit for unit in ("_deg_s", "_m_s", "_deg") if name.endswith(unit)), "")
     return f"{name.removesuffix(unit)}_command{unit}"
 
@@ -289,7 +291,7 @@ _COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha
 
 
 def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> None:
-    """Draw the path tracking of a flight's first aircraft up to the planned arrival; save the figure to new files."""
+    """Draw path, errors and commands of a flight's first aircraft up to the planned arrival into new files."""
     mpl, figure = new_figure((7.6, 6.2))
     approach = dataset.isel(aircraft=0)
     approach = approach.sel(time=approach["time"] <= float(approach["arrival_time_s"].values[0]))

@@ -1,4 +1,4 @@
-"""Figures and page of one aircraft's flight, and the picture of its specific excess power."""
+"""Figures and report page of a flight of one aircraft, and the figure of its specific excess power."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,8 +37,8 @@ _TITLE_MAX = 110
 def aircraft_flight_figure(dataset: xr.Dataset) -> "Figure":
     """Return the figure of one aircraft's flight: motion, surfaces, engine, and the estimates of an adaptive autopilot.
 
-    An estimate has a band of two standard deviations and, for the effectiveness, the truth as a dashed line; a dotted
-    line marks the time at which a fault was found.
+    Estimates have a band of two standard deviations, the control effectiveness also a dashed line of the true values; a
+    dotted line marks the time at which the autopilot detected a fault.
     """
     return draw_for_print(_draw_flight, dataset)
 
@@ -111,10 +111,10 @@ def _title(dataset: xr.Dataset) -> str:
 def write_aircraft_report(
     dataset: xr.Dataset, path: Path, figure: "Figure | None" = None, *, overwrite: bool = False
 ) -> None:
-    """Write the page of one aircraft's flight: figure, conditions, and start, end, least and greatest values.
+    """Write the HTML page of one aircraft's flight: figure, conditions, first, last, least and greatest values.
 
-    `figure` is the flight's `aircraft_flight_figure` if already drawn. Raises FileExistsError if `path` exists and
-    `overwrite` is false.
+    `figure` is the result of `aircraft_flight_figure`; None: drawn here. Raises FileExistsError if `path` exists and
+    `overwrite` is False.
     """
     rows = [
         {
@@ -151,7 +151,7 @@ def write_aircraft_report(
 
 
 def excess_power_figure(dataset: xr.Dataset, title: str) -> "Figure":
-    """Return the specific excess power at full power over Mach number and altitude, as contours."""
+    """Return a figure of specific excess power (m/s) at full power: contours over Mach number and altitude (m)."""
     mpl, figure = new_figure((6.4, 4.6))
     with mpl.rc_context(PRINT_STYLE):
         axes = figure.subplots()

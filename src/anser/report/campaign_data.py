@@ -1,4 +1,4 @@
-"""Data of a campaign for its report page, as plain data for JSON."""
+"""Content of the report page of a campaign, and its conversion to plain data for JSON."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -15,16 +15,16 @@ from anser.results.sampling_statistics import order_statistic_interval, quantile
 
 
 def json_numbers(values: np.ndarray) -> list[float | None]:
-    """Return the values rounded to nine significant digits; a value that is not finite becomes None."""
+    """Return values as a list for JSON, rounded to nine significant digits; None for NaN or infinity."""
     return [float(f"{value:.9g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
 
 
 @dataclass(frozen=True)
 class SeriesBands:
-    """Quantiles of one variable over the flights of a campaign, at each of `times_s`, for each of `aircraft`.
+    """Quantiles of one variable over the flights of a campaign, for each of `aircraft` (names) at each of `times_s`, s.
 
-    `quantiles` holds 5, 50 and 95 %, shape (3, aircraft, times); NaN if no flight has a finite value. Of many flights,
-    times or aircraft, only some are included.
+    `quantiles` are the 5, 50 and 95 % quantiles, shape (3, aircraft, times), in `unit`; NaN if no flight has a finite
+    value. Of many flights, times or aircraft, only a selection is included.
     """
 
     name: str
@@ -36,7 +36,7 @@ class SeriesBands:
 
 
 def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
-    """Return the quantiles of the time series as plain data for JSON."""
+    """Return the quantiles of recorded variables over time as plain data for JSON, an entry per variable."""
     return [
         {
             "name": band.name,
@@ -56,18 +56,19 @@ def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
 
 
 _CONVERGENCE_POINTS_MAX = 100
-"""Greatest number of points of a convergence curve."""
+"""Greatest number of points of a curve that shows how an estimate converges with the number of flights."""
 _DISTRIBUTION_POINTS_MAX = 1500
-"""Greatest number of points of a distribution."""
+"""Greatest number of points of a cumulative distribution."""
 _SCATTER_POINTS_MAX = 4000
 """Greatest number of flights plotted against the inputs."""
 
 
 @dataclass(frozen=True)
 class ReplayedFlight:
-    """A flight of a campaign, one of the worst or of the background, that was simulated again for the report's map.
+    """A flight of a campaign that was simulated again for the report's map.
 
-    `tracks` holds the positions of the aircraft, in the format of `flight.nc`.
+    `number` is its number in the campaign; `worst` says whether the flight is one of the worst, otherwise it is drawn
+    in the background; `tracks` contains the positions of the aircraft, in the format of `flight.nc`.
     """
 
     number: int
@@ -79,11 +80,12 @@ class ReplayedFlight:
 class CampaignReport:
     """Content of the report page of a campaign.
 
-    `dataset` is that of the `CampaignStore`; `estimates` and `influences` are results of `as_dict`; `study` is plain
-    data; `folder` as the user entered it; `independent` the mask of the statistically independent flights; `worst` the
-    numbers of the worst flights; `is_converged` whether the stopping rule ended the campaign early; `levels` the
-    ordered values of each text input by key path; `replays` the flights of the map; `replay_differences` the numbers of
-    the replayed flights with other results than in the campaign; `bands` the variables recorded over time.
+    `dataset` comes from the `CampaignStore`; `estimates` and `influences` are results of their `as_dict`; `study` is
+    the study file as plain data; `folder` is the campaign's folder as the user entered it; `independent` is the mask of
+    the statistically independent flights; `worst` are the numbers of the worst flights; `is_converged` says whether
+    the stopping rule ended the campaign early; `levels` are the ordered values of each text input by key path;
+    `replays` are the flights on the map; `replay_differences` are the numbers of the replayed flights whose results
+    differ from the campaign's; `bands` are the quantiles of the variables recorded over time.
     """
 
     dataset: xr.Dataset
@@ -101,12 +103,12 @@ class CampaignReport:
 
     @property
     def varied_paths(self) -> list[str]:
-        """Key paths of the varied inputs."""
+        """Key paths, in the scenario, of the inputs that the study varies."""
         return json.loads(self.dataset.attrs["varied"])
 
 
 def campaign_data(report: CampaignReport) -> dict[str, Any]:
-    """Return the data that the report page plots, as plain data for JSON."""
+    """Return the data that the report page plots (estimates, distributions, time series, flights), for JSON."""
     independent_flights = report.dataset.isel(flight=np.flatnonzero(report.independent))
     confidence = float(report.estimates["confidence"])
     quantities: dict[str, dict[str, Any]] = {}
@@ -134,21 +136,21 @@ def campaign_data(report: CampaignReport) -> dict[str, Any]:
 
 
 def _share_to_plot(quantiles: Sequence[Mapping[str, Any]]) -> float:
-    """Return the share of the quantile whose convergence is plotted: nearest to 95 %, preferably with a known value."""
+    """Return the probability nearest to 0.95 of the quantiles with a finite value; of all quantiles if none has one."""
     bounded_shares = [estimate["share"] for estimate in quantiles if estimate["value"] is not None]
     return min(bounded_shares or [estimate["share"] for estimate in quantiles], key=lambda share: abs(share - 0.95))
 
 
 def _counts(size: int, points: int) -> np.ndarray:
-    """Return the numbers of flights at which a convergence curve is computed, evenly spaced up to `size`."""
+    """Return the numbers of flights at which a convergence curve is computed: from 1 to `size`, at most `points`."""
     return np.unique(np.linspace(1, size, min(size, points)).round().astype(int)) if size else np.empty(0, int)
 
 
 def success_convergence(succeeded: np.ndarray, confidence: float, points: int) -> dict[str, np.ndarray]:
-    """Compute the success rate and its Wilson confidence interval over growing numbers of flights.
+    """Compute the success rate and its Wilson confidence interval for growing numbers of flights.
 
-    Returns `n`, numbers of flights; `value`, success rate of the first n flights, %; `low` and `high`, bounds of the
-    confidence interval, %.
+    Returns arrays of at most `points` entries: `n`, the number of flights; `value`, success rate of the first n
+    flights, %; `low` and `high`, bounds of its confidence interval, %.
     """
     counts = _counts(succeeded.size, points)
     successes = np.cumsum(succeeded)[counts - 1] if succeeded.size else counts
@@ -173,7 +175,11 @@ def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confide
 
 
 def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
-    """Compute the share of the flights (%) within each value as bound; a failed flight is within no bound."""
+    """Compute the cumulative distribution: `kept`, bounds in increasing order, and `part`, % of flights within a bound.
+
+    A flight is within a bound if its value is at most (`upper`) or at least (not `upper`) the bound; an infinite value,
+    of a failed flight, is within no bound.
+    """
     ordered = np.sort(values) if upper else np.sort(values)[::-1]
     shares = 100.0 * np.arange(1, ordered.size + 1) / max(ordered.size, 1)
     finite = evenly_spaced(np.flatnonzero(np.isfinite(ordered)), _DISTRIBUTION_POINTS_MAX)
@@ -185,7 +191,12 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 
 
 def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return outputs and inputs of the flights; of many, evenly spaced flights, half of the points for failed ones."""
+    """Return inputs, outputs and numbers of the flights for plots of an output over an input.
+
+    Of more than `_SCATTER_POINTS_MAX` flights a selection is returned, evenly spaced among the failed flights (at least
+    half of the points, if there are so many) and among the successful flights. `drawn` has the numbers of selected and
+    of all flights.
+    """
     data, succeeded = report.dataset, report.dataset["met"].values
     failed_max = max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))
     failed = evenly_spaced(np.flatnonzero(~succeeded), failed_max)

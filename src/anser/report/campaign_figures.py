@@ -1,4 +1,4 @@
-"""Figures of many flights for print: campaign, paired campaigns, rare event, sweep."""
+"""Figures of many flights for print: campaign, comparison of two campaigns, rare event, sweep of parameters."""
 
 import itertools
 import json
@@ -22,11 +22,11 @@ _QUANTITIES = {"miss_m": ("greatest miss", "m"), "arrival_spread_s": ("arrival s
 _MILLISECONDS_BELOW_S = 0.01
 _OPEN_INTERVAL = "the 95 % point is at least this;\ntoo few flights met all for an upper end"
 _INPUTS_MAX = 6
-"""Greatest number of inputs for which the misses are plotted."""
+"""Greatest number of varied inputs over which the misses are plotted."""
 _CONVERGENCE_POINTS = 200
-"""Greatest number of points of the convergence curve."""
+"""Greatest number of points of the curve of the success rate over the number of flights."""
 _VECTOR_FLIGHTS_MAX = 5_000
-"""Greatest number of flights drawn as vectors; more are drawn as pixels, since the SVG file would be too large."""
+"""Greatest number of flights drawn as vectors in a figure; more flights are drawn as pixels, for a smaller file."""
 _FLIGHTS_MIN = 2
 """Least number of flights for which a figure is drawn."""
 
@@ -36,9 +36,10 @@ def _style(name: str) -> dict[str, Any]:
 
 
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a dataset of a `CampaignStore` into `campaign.svg` and `campaign.png`, and return the paths.
+    """Draw success rate, distributions of miss and spread, and misses over inputs into `campaign.svg` and `.png`.
 
-    Existing files are replaced. A campaign of fewer than two flights has no figure: no file is written.
+    `dataset` has the independent flights of a `CampaignStore`. Existing files are replaced. Returns the paths; for
+    fewer than two flights, no file is written and the result is empty.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
@@ -104,7 +105,7 @@ def _draw_shares_below(axes: "Axes", values: np.ndarray) -> None:
 
 
 def _draw_outcomes(axes: "Axes", x: np.ndarray, y: np.ndarray, succeeded: np.ndarray) -> None:
-    """Draw finite points of flights: dots for successful flights, crosses for failed ones."""
+    """Draw a point per flight with finite coordinates: a dot for a successful flight, a cross for a failed flight."""
     is_finite, is_large = np.isfinite(x) & np.isfinite(y), x.size > _VECTOR_FLIGHTS_MAX
     for k, (mask, marker, size) in enumerate(((succeeded, ".", 3.0), (~succeeded, "x", 5.0))):
         selected = mask & is_finite
@@ -112,7 +113,7 @@ def _draw_outcomes(axes: "Axes", x: np.ndarray, y: np.ndarray, succeeded: np.nda
 
 
 def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
-    """Draw the greatest miss of each flight over an input; crosses are failed flights, at the top without a miss."""
+    """Draw the greatest miss of each flight over an input; failed flights without a miss stand at the upper edge."""
     x, y, succeeded = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
     _draw_outcomes(axes, x, y, succeeded)
     for value in x[~np.isfinite(y)]:
@@ -124,7 +125,7 @@ def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> No
 
 
 def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw pairs of flights of two campaigns into new files `comparison`; return the paths, none for a single pair."""
+    """Draw miss and arrival spread of pairs of flights into new files `comparison`; return the paths, or none."""
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
     return save_drawings({"comparison": _draw_paired}, dataset, _style("paired"), folder)
@@ -146,7 +147,7 @@ def _draw_paired(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray) -> None:
-    """Draw the share of the flights below each difference; infinite differences lie beyond the ends of the curve."""
+    """Draw the % of pairs with a difference (second less first) below each value, infinite differences included."""
     is_equal = first_values == second_values
     differences = np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values)
     _draw_shares_below(axes, differences)
@@ -155,7 +156,7 @@ def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.
 
 
 def draw_rare(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the exceedance probability of a rare event into files `rare`, replacing earlier ones; return the paths."""
+    """Draw the exceedance probability of a rare event into files `rare`, replacing existing files; return the paths."""
     return save_drawings({"rare": _draw_rare}, dataset, _style("rare"), folder, overwrite=True)
 
 
@@ -189,13 +190,14 @@ _SWEEP_PANELS = (
     ("miss_m", "greatest miss (m)"),
 )
 _LEGEND_LINES_MAX = 12
-"""Greatest number of lines that get a legend."""
+"""Greatest number of lines in a figure with a legend; with more lines, the figure has no legend."""
 
 
 def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a sweep into files `sweep`, with a line for each combination of the paths not on the abscissa.
+    """Draw last arrival, arrival spread and greatest miss of a sweep into new files `sweep.svg` and `sweep.png`.
 
-    Returns the paths of the files; a sweep without a path of several numeric values has no figure.
+    The abscissa is the swept numeric key with the most values; each combination of the remaining keys is a line.
+    Returns the paths of the files, empty if no numeric key has several values. Raises FileExistsError if a file exists.
     """
     if _abscissa_path(dataset) is None:
         return ()
@@ -203,7 +205,7 @@ def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _abscissa_path(dataset: xr.Dataset) -> str | None:
-    """Return the numeric key path with the most values, for the abscissa; None if none has several values."""
+    """Return the swept numeric key path with the most values, for the abscissa; None if no such key has two values."""
     paths = [path for path in json.loads(dataset.attrs["swept"]) if dataset[path].dtype.kind == "f"]
     longest = max(paths, key=lambda path: dataset[path].size, default=None)
     return longest if longest is not None and dataset[longest].size > 1 else None

@@ -1,4 +1,4 @@
-"""Report page of a campaign: one HTML page. Functions that return a dictionary return values of the page's template."""
+"""Report page of a campaign, one HTML file. Functions that return a dictionary return values of the page's template."""
 
 import json
 from collections.abc import Mapping
@@ -21,15 +21,15 @@ from anser.results.separation import NO_SEPARATION, proximity_warning
 _CAUSES_MAX = 12
 """Greatest number of failure causes shown."""
 _NUMBERS_MAX = 12
-"""Greatest number of flight numbers listed for one reason."""
+"""Greatest number of flights listed by number for one reason of a failed start."""
 _HEADLINES = {"miss_m": ("Miss", "m", "miss by at most"), "arrival_spread_s": ("Spread", "s", "arrive within")}
-"""Main quantities: heading and unit of their column in the table of the worst flights, and part of a sentence."""
+"""Main quantities of a flight by name: heading and unit in the table of the worst flights, and phrase in a sentence."""
 _STYLES = ("vendor/uplot.min.css", "page.css", "campaign.css")
 _SCRIPTS = ("vendor/uplot.min.js", "theme.js", "store.js", "campaign.js")
 
 
 def write_campaign_report(report: CampaignReport, path: Path) -> None:
-    """Write the report of a campaign as one HTML page, replacing an earlier one."""
+    """Write the report of a campaign as one HTML page; an existing file at `path` is replaced."""
     page = render_page(
         "campaign.html",
         body_class="single campaign",
@@ -102,7 +102,7 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return for each main quantity the quantile nearest to 95 %, among the quantiles with a finite value."""
+    """Return the finite quantiles nearest to 95 % of miss and arrival spread, as far as they have one."""
     quantiles = []
     for name in _HEADLINES:
         candidates = [estimate for estimate in estimates["quantiles"] if estimate["name"] == name]
@@ -122,7 +122,7 @@ def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _interval_text(low: float | None, high: float | None) -> str:
-    """Return a confidence interval as text; a bound that the number of flights cannot give is left open."""
+    """Return a confidence interval as text; with one bound None, as in "3 or more", with both, "interval open"."""
     if low is None and high is None:
         return "interval open"
     if low is None or high is None:

@@ -1,4 +1,4 @@
-"""Variables and events derived from a recorded flight for its report."""
+"""Variables, limits and events derived from the dataset of a flight for its report."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -18,7 +18,7 @@ from anser.results.separation import nearest_aircraft_distance
 from anser.variables import PLAN_VARIABLES
 
 HOLD = 2
-"""Value of `phase` in the hold after the arrival."""
+"""Value of the variable `phase` in the hold after the arrival."""
 
 _CLIMB_RATE = next(variable for variable in PLAN_VARIABLES if variable.key == "climb_rate")
 _LABELS = {
@@ -44,7 +44,7 @@ DERIVED_VARIABLES = (
 
 
 def recorded_table(dataset: xr.Dataset, name: str = "scenario") -> dict[str, Any]:
-    """Return a table (`scenario`, `network`) that a dataset carries as JSON; empty if missing or unreadable."""
+    """Return the table in a dataset's JSON attribute `name` ("scenario", "network"); empty if missing or unreadable."""
     try:
         table = json.loads(dataset.attrs.get(name, "{}"))
     except (TypeError, ValueError):
@@ -53,9 +53,10 @@ def recorded_table(dataset: xr.Dataset, name: str = "scenario") -> dict[str, Any
 
 
 def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the limits of each aircraft, by keys of the scenario's table `limits`, and `surfaces_deg`, the stops, deg.
+    """Return a table for each aircraft: its limits by the scenario's keys of `limits`, and the stops `surfaces_deg`.
 
-    Older records carry no limits: then the library's F-16 gets the scenario's limits, and any other aircraft none.
+    `surfaces_deg` has the least and the greatest deflection, deg, of each surface by name. In an older dataset, which
+    has no limits of the aircraft, the library's F-16 gets the scenario's limits, another aircraft an empty table.
     """
     if "limits" in dataset.attrs:
         return json.loads(dataset.attrs["limits"])
@@ -68,20 +69,20 @@ def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def limit_value(limits: Mapping[str, Any], key: str | None) -> float | None:
-    """Return a limit by key, in the key's unit; None if missing. A minus sign before the key negates the value."""
+    """Return the limit with a key, in the key's unit, negated if "-" precedes the key; None if missing."""
     value = None if key is None else limits.get(key.removeprefix("-"))
     return None if key is None or value is None else -float(value) if key.startswith("-") else float(value)
 
 
 def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
-    """Whether the planner gives paths with certificates; certified paths have turns but no lateral bend."""
+    """Whether the planner's paths are turns and straight lines (certified, decentralised), not bent (published)."""
     return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 
 def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the required horizontal and vertical separation, m; None if no separation is required.
+    """Return a scenario's required horizontal and vertical separation, m; None if no separation is required.
 
-    If the vertical separation is 0, only the horizontal distance counts.
+    A vertical separation of 0 means that only the horizontal distance counts.
     """
     separation = scenario.get("separation", {})
     if not separation.get("horizontal_m", 0.0) > 0.0:
@@ -90,13 +91,14 @@ def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | No
 
 
 def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
-    """Add the derived variables of the report to a flight; planned values and errors end at the start of the hold.
+    """Return a flight's dataset with the derived variables of the report; `scenario` may be empty.
 
-    They are `climb_rate_m_s` and the errors from the planned path; for two aircraft or more `distance_min_m`; with
-    limits in the scenario, `height_over_floor_m` and `separation_kept`; with sensor errors, the estimation errors of
-    the goal's and of the aircraft's own position, each with two standard deviations (root of the sum over the axes);
-    with an adaptive autopilot, the ends of each estimate's band of two standard deviations, `_low` and `_high`, and the
-    true effectiveness, `_truth`.
+    Added are `climb_rate_m_s` and the position errors along, across and above the planned path; for two aircraft or
+    more, `distance_min_m`; with limits in the scenario, `height_over_floor_m` and `separation_kept`; with sensor
+    errors, the error of the estimated positions of goal and aircraft, each with two standard deviations (root of the
+    sum of squares over the axes), m; with a decentralised planner, `links_heard`; with an adaptive autopilot, the edges
+    of each estimate's band of two standard deviations, `_low` and `_high`, and the true effectiveness, `_truth`.
+    Planned positions and position errors are NaN from the start of the hold on.
     """
     is_before_hold = dataset["phase"].values != HOLD
     names = ("position_error_m", *(f"reference_{axis}" for axis in _AXES))
@@ -151,7 +153,7 @@ def _length(parts: Iterable[xr.DataArray]) -> np.ndarray:
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the actual minus the planned position, m: along the planned ground track, to its right, and upwards."""
+    """Return actual minus planned position, m: along the planned ground track, to the right of the track, and up."""
     north, east, up = (dataset[name].values - dataset[f"reference_{name}"].values for name in _AXES)
     time = dataset["time"].values
     if time.size < 2:
@@ -177,7 +179,7 @@ REPLANNING_OUTCOMES = (
     "kept until the goal is known better",
     "bent as far as the limits allow",
 )
-"""Outcomes of a replanning, in the order of the codes in `find_events`."""
+"""Outcomes of a replanning as text, in the order of the codes of the variable `renewal`."""
 
 LIMITED_COMMANDS = {
     "speed": "speed",
@@ -187,17 +189,17 @@ LIMITED_COMMANDS = {
     "rates": "body rates",
     "surfaces": "surfaces",
 }
-"""Commands that the autopilot can limit (`speed_limited` and the like), with their display names."""
+"""Display name of each command that the autopilot can limit; the variable `speed_limited` belongs to "speed"."""
 
 _FITTED, _CORRECTED, _ANEW, _KEPT = range(4)
 
 
 def find_events(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Find the events of each aircraft in a recorded flight. All times are in s.
+    """Return for each aircraft the events of a recorded flight: lists by name, with times in s.
 
-    `phases`: entries [name of the phase, from, to]. `failed`: [status code, from, to]. `renewals`: [time, index into
-    `REPLANNING_OUTCOMES`], each change of the active plan. `limited`: [index into `LIMITED_COMMANDS`, from, to].
-    `outside`: [from, to], time spent outside the aerodynamic tables.
+    `phases`: entries [name of the phase, from, to]. `failed`: [non-zero status code, from, to]. `renewals`: [time,
+    index into `REPLANNING_OUTCOMES`] of each change of the plan in force. `limited`: [index into `LIMITED_COMMANDS`,
+    from, to]. `outside`: [from, to] outside the aerodynamic tables.
     """
     time = dataset["time"].values
     return [_aircraft_events(dataset.isel(aircraft=k), time) for k in range(dataset.sizes["aircraft"])]
@@ -239,7 +241,7 @@ def _renewals(aircraft: xr.Dataset, time: np.ndarray) -> list[list[float]]:
 
 
 def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[Any]]:
-    """Return the runs of equal values as [value, from, to], times in s; a run lasts until the start of the next."""
+    """Return the spans of time with equal values as [value, from, to], s; a span ends where the next one starts."""
     codes = values.values.astype(int)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
     stops = [*starts[1:], codes.size - 1]
@@ -250,7 +252,7 @@ def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[A
 
 
 def evenly_spaced(indices: np.ndarray, count: int) -> np.ndarray:
-    """Return at most `count` of the indices, evenly spaced."""
+    """Return `indices` if there are at most `count`, otherwise a selection of `count` of them, evenly spaced."""
     if indices.size <= count:
         return indices
     return indices[np.linspace(0, indices.size - 1, count).round().astype(int)] if count else indices[:0]

@@ -1,4 +1,4 @@
-"""Figures over the flight envelope: survey of commands, stability margins, and Bode diagrams of one trim point."""
+"""Figures over the flight envelope: trim, flown commands, stability margins; Bode diagrams of one trim point."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,10 +21,10 @@ EMPTY_COLOR = "#e6e6e6"
 
 
 class EnvelopeMap:
-    """Figure with panels over Mach number and altitude (columns), one row for each condition of a survey.
+    """Figure of a survey of the flight envelope: panels over Mach number and altitude.
 
-    Below each column is a colour bar. `title` is extended by aircraft and inversion; `notes` are the lines below;
-    `width` is in inches.
+    Each flight condition has a row, each quantity a column of panels with a colour bar below. `title` is completed by
+    aircraft and type of inversion; `notes` are the lines of text below the title; `width` is in inches.
     """
 
     def __init__(self, dataset: xr.Dataset, columns: int, width: float, title: str, *notes: str) -> None:
@@ -47,21 +47,21 @@ class EnvelopeMap:
         self.mach, self.altitude_km = dataset["mach"].values, dataset["altitude"].values / 1000.0
 
     def draw_column(self, k: int, values: np.ndarray, label: str, extend: str | None = None, **style: Any) -> None:
-        """Draw a quantity (condition, altitude, mach) in one column of panels, with a colour bar below."""
+        """Draw values (condition, altitude, mach) in column `k` of panels, with a labelled colour bar below."""
         for axes, cells in zip(self.panels[:, k], values, strict=True):
             self.draw_cells(axes, cells, **style)
         cells = self.panels[0, k].collections[0]
         self.figure.colorbar(cells, cax=self.colorbar_axes[k], orientation="horizontal", label=label, extend=extend)
 
     def draw_cells(self, axes: "Axes", values: np.ndarray, **style: Any) -> None:
-        """Draw a coloured cell around each grid point (altitude, mach); a cell without a finite value stays empty."""
+        """Draw a cell around each grid point, coloured by `values` (altitude, mach); cells with NaN stay empty."""
         mach, altitude = _edges(self.mach), _edges(self.altitude_km)
         axes.pcolormesh(mach, altitude, np.ma.masked_invalid(values), linewidth=0.2, edgecolors="white", **style)
         axes.set_xlim(mach[0], mach[-1])
         axes.set_ylim(altitude[0], altitude[-1])
 
     def draw_marks(self, axes: "Axes", mask: np.ndarray, **style: Any) -> None:
-        """Draw a mark at each grid point selected by a mask (altitude, mach)."""
+        """Draw a mark at each grid point where `mask` (altitude, mach) is true."""
         altitude, mach = np.nonzero(mask)
         axes.scatter(self.mach[mach], self.altitude_km[altitude], **style)
 
@@ -95,21 +95,24 @@ _REASONS = {
     "start_beyond_limits": ("start beyond the autopilot's limits", "#8a5a7a"),
     "unexplained": ("failed: unexplained", "#ff00ff"),
 }
-"""Text and colour of each reason that limited or ended a flight.
+"""Legend text and colour of each reason that limited or ended a flight, by name of the reason.
 
-Colours of Okabe and Ito, distinguishable with colour-blindness, and their tints: blue, pink and grey for a limited
-flight, yellow to black for a failed one."""
+Colours of Okabe and Ito, distinguishable with colour-blindness, and their tints: blue, pink and grey for limited
+flights, yellow to black for failed flights."""
 _FAILED_AFTER_BAD_START = ("failed, from a start beyond the limits", "#2b0f24")
 
 
 def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a result of `anser.analysis.envelope` into SVG and PNG files `trim-map`, `commands` and `margins`."""
+    """Draw a result of `anser.analysis.envelope` into new files `trim-map`, `commands` and `margins`, SVG and PNG.
+
+    Returns the paths. Raises FileExistsError if one of the files exists.
+    """
     drawings = {"trim-map": _draw_trims, "commands": _draw_commands, "margins": _draw_least_margins}
     return save_drawings(drawings, dataset, {**MAP_STYLE, "svg.hashsalt": "anser-envelope"}, folder)
 
 
 def _commanded(dataset: xr.Dataset) -> np.ndarray:
-    """Mask of the commanded surfaces, all in an older dataset; a scheduled one rests at its stop in ordinary flight."""
+    """Return the mask (surface,) of the commanded, not scheduled surfaces; all true in an older dataset."""
     if "is_commanded" not in dataset:
         return np.ones(dataset.sizes["surface"], dtype=bool)
     return dataset["is_commanded"].values.astype(bool)
@@ -184,7 +187,7 @@ def _draw_least_margins(dataset: xr.Dataset) -> "Figure":
 
 
 _AUTOPILOT_LOOPS = {"Body rates": ("P", "Q", "R"), "Attitude": ("mu", "alpha")}
-"""Loops of the autopilot by group; all other loops are opened at an actuator or the engine."""
+"""Control loops inside the autopilot, by group; every further loop is opened at an actuator or at the engine."""
 _ENGINE = "throttle"
 _SYMBOLS = {"P": "$P$", "Q": "$Q$", "R": "$R$", "mu": r"$\mu$", "alpha": r"$\alpha$"}
 _GAIN_RANGE_DB, _PHASE_RANGE_DEG = (-50.0, 50.0), (-360.0, 0.0)
@@ -199,7 +202,10 @@ _MARGIN_STYLE = {
 
 
 def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw Bode and Nyquist diagrams of every loop of a result of `anser.analysis.margins` into new files."""
+    """Draw Bode and Nyquist diagrams of every control loop of one trim point into new files (format by suffix).
+
+    `dataset` is a result of `anser.analysis.margins`. Raises FileExistsError if one of the files exists.
+    """
     mpl, figure = new_figure((11.0, 9.0))
     with mpl.rc_context(_MARGIN_STYLE):
         groups = {"Actuators and engine": (*_actuator_breakpoints(dataset), _ENGINE), **_AUTOPILOT_LOOPS}
@@ -226,7 +232,7 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
 
 
 def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a dataset of `anser.analysis.survey_margins` into SVG and PNG files `actuators` and `loops`."""
+    """Draw a result of `anser.analysis.survey_margins` into new SVG and PNG files `actuators` and `loops`."""
     drawings = {"actuators": _actuators, "loops": _loops}
     return save_drawings(drawings, dataset, _MARGIN_STYLE, folder)
 
@@ -272,7 +278,7 @@ def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]
 
 
 def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
-    """Draw the frequency responses near -1, and the forbidden diamond, whose corners are the required margins."""
+    """Draw the open-loop frequency responses near -1, and a shaded diamond with corners at the required margins."""
     angles = np.linspace(0, 2 * np.pi, 181)
     axes.plot(np.cos(angles), np.sin(angles), color=_LINE, lw=0.6)
     factor, angle = 10 ** (dataset.attrs["gain_min_db"] / 20), np.radians(dataset.attrs["phase_min_deg"])
@@ -357,11 +363,10 @@ def _draw_margin(
     color_range: tuple[float, float],
     is_short: np.ndarray,
 ) -> None:
-    """Draw a margin (condition, altitude, mach) in one column of panels.
+    """Draw a margin, `values` (condition, altitude, mach), in column `k` of panels.
 
-    Marks show points below the required margin (`is_short`), held back by a limit, or unstable.
-
-    Values beyond the colour range, infinity included, take the colour at its end.
+    A cross marks each point below the required margin (`is_short`); grey cells are points at which a limit holds the
+    autopilot back, black cells unstable points. Values above `color_range`, also infinite, take its upper colour.
     """
     from matplotlib.colors import ListedColormap
 

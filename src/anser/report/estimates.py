@@ -1,4 +1,4 @@
-"""Estimates of adaptive aircraft in a recorded flight: names, bands, and the truth as far as the dataset carries it."""
+"""Estimates of adaptive autopilots in a recorded flight: names, and true values as far as the dataset has them."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 EFFECTIVENESS = tuple(f"{axis}_effectiveness" for axis in ("roll", "pitch", "yaw"))
-"""Estimates of the control effectiveness, without the endings `_estimate` and `_sigma`."""
+"""Names of the estimates of control effectiveness about each axis, without the endings `_estimate` and `_sigma`."""
 STATIC_DERIVATIVES = ("cz_alpha", "cm_alpha", "cl_beta", "cn_beta")
-"""Estimates of the static derivatives."""
+"""Names of the estimates of the static derivatives, without the endings `_estimate` and `_sigma`."""
 ESTIMATES = (*EFFECTIVENESS, *STATIC_DERIVATIVES)
 # Greatest surface of each axis, and the factors of a deviation that multiply its moment (F-16, file, DAVE-ML).
 _SURFACES = {
@@ -27,18 +27,19 @@ _UNKNOWN = {
 }
 
 Deviations = Sequence[tuple[float, Mapping[str, Any]]]
-"""Deviations from the nominal aircraft, each with the time of its start, s; factors multiply."""
+"""Deviations from the nominal aircraft, each with the time from which it acts, s; factors of several multiply."""
 
 
 def has_estimates(dataset: xr.Dataset) -> bool:
-    """Whether an aircraft of the flight has an adaptive autopilot."""
+    """Whether any aircraft of the flight has an adaptive autopilot, whose estimates are recorded."""
     return "effectiveness_uncertainty" in dataset
 
 
 def recorded_estimates(dataset: xr.Dataset) -> list[str]:
-    """Return the names of the estimates with a finite value; empty without an adaptive autopilot.
+    """Return the names, of `ESTIMATES`, with a finite estimate in the flight; empty without an adaptive autopilot.
 
-    The control effectiveness is relative to that of the model, and NaN if the model has none about the axis.
+    The control effectiveness is relative to the model's; the estimate is NaN if the model has no control about the
+    axis.
     """
     if not has_estimates(dataset):
         return []
@@ -46,13 +47,13 @@ def recorded_estimates(dataset: xr.Dataset) -> list[str]:
 
 
 def recorded_changes(dataset: xr.Dataset) -> Deviations:
-    """Return the changes of the aircraft in a flight of one aircraft, from the attribute `change`."""
+    """Return time (s) and deviation of each change of the aircraft in a flight of one aircraft; empty without any."""
     changes = json.loads(dataset.attrs.get("change", "[]"))
     return [(float(change["time_s"]), change) for change in ([changes] if isinstance(changes, dict) else changes)]
 
 
 def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | None:
-    """Return the deviations of an aircraft in a scenario, at the start and by events; None without a scenario."""
+    """Return the deviations of the aircraft `name`, at the start and by events; None if the scenario lacks the name."""
     tables = [table for table in scenario.get("aircraft", []) if table.get("name") == name]
     if not tables:
         return None
@@ -61,11 +62,11 @@ def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | 
 
 
 def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
-    """Return the ratio of true to modelled control effectiveness at times (s), for one of `EFFECTIVENESS`.
+    """Return the ratio of true to modelled control effectiveness at each time (s), for a name of `EFFECTIVENESS`.
 
-    The ratio is that of the moments of the surface as the estimator sees them, with the inertia of the model. It is NaN
-    from a deviation of the axis' moment of inertia on and, in pitch and yaw, from a shift of the centre of gravity on:
-    their effect depends on data of the aircraft, which the record does not contain.
+    Effectiveness means the surface's moment, as the estimator infers it with the model's moments of inertia. The ratio
+    is NaN from a deviation of the axis' moment of inertia on and, in pitch and yaw, from a shift of the centre of
+    gravity on: their effect depends on data of the aircraft that the record does not contain.
     """
     surface, factors = _SURFACES[name]
     truth = np.ones(time.size)

@@ -1,4 +1,4 @@
-"""Data of a flight for its report page, as plain data for JSON; numbers are packed."""
+"""Content of the report page of a flight as plain data for JSON, with the variables over time compressed."""
 
 import base64
 import zlib
@@ -34,7 +34,11 @@ _STEPS_MAX = 2**29  # second differences are four times as large and must fit 32
 
 
 def quantization_step(values: np.ndarray, unit: str) -> float:
-    """Return the quantization step for values in a unit: finer for values of small spread, coarser for huge values."""
+    """Return the step, in the unit `unit`, to which values are rounded on the page.
+
+    Values of small spread get a finer step than usual in the unit, 1e-5 times the power of ten below the spread; values
+    too large for 32 bits get a coarser step.
+    """
     finite = values[np.isfinite(values)]
     step = _STEP_BY_UNIT.get(unit, _DEFAULT_STEP)
     if not finite.size:
@@ -48,13 +52,13 @@ def quantization_step(values: np.ndarray, unit: str) -> float:
 
 
 def pack(columns: Sequence[tuple[np.ndarray, float]]) -> tuple[str, list[list[list[int]]]]:
-    """Compress arrays (time, aircraft) with their quantization steps into one text for the report page.
+    """Compress arrays (time, aircraft), each with its quantization step, into one text for the report page.
 
-    Steps: quantization, second differences (small for a smooth record, so that the upper bytes are nearly all zero),
-    separation of the bytes by significance, deflate, base64. `assets/store.js` decodes the text in the browser.
+    Values are rounded to multiples of the step, differenced twice in time (small numbers for a smooth record), split
+    into bytes by significance, deflated and encoded in base64. `assets/store.js` decodes the text in the browser.
 
     Also returns the gaps of each array, entries [aircraft, first index, last index]: runs of values that are not
-    finite. The packed text repeats the preceding value in a gap.
+    finite. In a gap the compressed values repeat the preceding value; they are 0 in a gap at the start.
     """
     planes, gaps = [], []
     for values, step in columns:
@@ -100,11 +104,11 @@ GOAL_FORM_TEXTS = {
     "flying": "goal in the air, faster than a gale (aircraft)",
     "goal": "goal",
 }
-"""Description of each symbol ("form") of a goal, for the legend."""
+"""Description of each symbol of a goal in the animated scene, for the legend, by name of the symbol."""
 
 
 def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
-    """Return the symbol ("form") of each aircraft's goal in the scene, by the goal's kind and median speed."""
+    """Return for each aircraft the symbol of its goal, a key of `GOAL_FORM_TEXTS`, by the goal's kind and speed."""
     kinds = {str(goal["name"]): str(goal.get("kind", "")) for goal in scenario.get("goal") or []}
     goal_of = {str(table["name"]): str(table.get("goal", "")) for table in scenario.get("aircraft") or []}
     time = dataset["time"].values
@@ -115,7 +119,7 @@ def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
 
 
 def goal_form_legend(forms: Collection[str]) -> "Markup":
-    """Return the legend entries for the goals' symbols in the scene, as HTML."""
+    """Return the legend of the goals' symbols with the names `forms` as HTML."""
     entries = [(_ICON_PATHS[form], text) for form, text in GOAL_FORM_TEXTS.items() if form in forms]
     return render("goal_forms.html", forms=entries)
 
@@ -139,12 +143,12 @@ def _speed_m_s(aircraft: xr.Dataset, time: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Panel:
-    """A plot of one variable over time: `response` solid, `command` (or plan) dashed.
+    """A plot of one variable over time: the variable `response` solid, `command` (or plan) dashed.
 
-    A limit is a number, or a key of the scenario's table `limits`; a minus sign in front takes the opposite value.
-    With `includes_limits` the axis always reaches to the limits. With `compass` a direction is drawn without a jump at
-    north, and the axis is labelled from 0 to 360 degrees. `band` names the variables of the ends of a shaded band; a
-    panel without them is left out.
+    A limit is a number, or a key of the scenario's table `limits`; a minus sign before the key negates the value. With
+    `includes_limits` the axis always reaches to the limits. With `compass` a direction is drawn without a jump at
+    north, and the axis is labelled from 0 to 360 degrees. `band` names the variables at the edges of a shaded band; if
+    the dataset lacks them, the panel is left out.
     """
 
     response: str
@@ -164,12 +168,12 @@ def _surface_panel(surface: str) -> Panel:
 
 
 SURFACE_PLACEHOLDER = _surface_panel("*")
-"""Stands in a section for the panels of the flight's control surfaces, one for each surface."""
+"""Placeholder in a section, replaced by a panel for each control surface of the flight."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A group of panels with a common heading; left out if the response of the first panel is missing."""
+    """A group of panels with a common heading, left out if the dataset lacks the variable of its first panel."""
 
     key: str
     title: str
@@ -293,7 +297,7 @@ _OPTIONAL = {variable.name for variable in CATALOGUE if variable.optional}
 
 
 def _panels(section: Section, surfaces: Sequence[str]) -> list[Panel]:
-    """Return the panels of a section, with one panel for each of the flight's control surfaces."""
+    """Return the panels of a section, with a panel for each of `surfaces` in place of `SURFACE_PLACEHOLDER`."""
     panels = []
     for panel in section.panels:
         panels += [_surface_panel(name) for name in surfaces] if panel is SURFACE_PLACEHOLDER else [panel]
@@ -308,19 +312,22 @@ def _plotted_variables(surfaces: Sequence[str]) -> list[str]:
 
 
 def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Return the variables that a report requires in the dataset, including positions and commands of the surfaces."""
+    """Return the names of the variables that a flight's dataset must contain for a report."""
     names = (*_SCENE, *_EVENTS, *_plotted_variables(surface_names(dataset)))
     return tuple(name for name in dict.fromkeys(names) if name not in DERIVED_VARIABLES and name not in _OPTIONAL)
 
 
 def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Return the variables of a dataset, including derived ones, that are sent to the page."""
+    """Return the names of the variables of a dataset, also derived ones, whose values the page contains."""
     names = dict.fromkeys((*_SCENE, *_plotted_variables(surface_names(dataset))))
     return tuple(name for name in names if name in dataset)
 
 
 def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the sections as plain data: the panels whose variable is in the dataset, with limits as numbers."""
+    """Return the sections of the page as plain data: heading, caption, and the panels whose variable the dataset has.
+
+    Limits are numbers, the distinct values of all aircraft.
+    """
     limits = aircraft_limits(dataset)
     sections = []
     for section in SECTIONS:
@@ -361,7 +368,7 @@ _AIRCRAFT_KEYS = (
 
 
 def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
-    """Raise ValueError unless dataset and summary are complete and belong to the same flight."""
+    """Raise ValueError if dataset or summary lack data for a report, or differ in aircraft or scenario hash."""
     missing = [name for name in needed_variables(dataset) if name not in dataset.data_vars]
     if missing:
         raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
@@ -384,8 +391,8 @@ def flight_data(
 ) -> dict[str, Any]:
     """Return the data of one flight that the page draws, as plain data for JSON.
 
-    A long record is thinned to evenly spaced times; the number under the key `every` is the stride. `dataset` has the
-    derived variables; `scenario` may be empty; `label` is the name of the run on the page.
+    `dataset` contains the derived variables; `scenario` may be empty; `label` is the name of the flight on the page. Of
+    a long record, only every n-th sample and the last one are included; the key `every` has n.
     """
     times, aircraft_count = dataset.sizes["time"], dataset.sizes["aircraft"]
     stride = max(1, -(-times * aircraft_count // _SAMPLES_MAX), -(-times // _TIMES_MAX))
@@ -422,14 +429,14 @@ def flight_data(
 
 
 def scene_keep_outs(scenario: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the keep-outs of a scenario, and those that appear in events, with the time from which they are, s."""
+    """Return the tables of a scenario's keep-outs, also of events, each with `from_s`, the time of appearance, s."""
     standing = [(table, 0.0) for table in scenario.get("keep_out") or []]
     appearing = [(event["keep_out"], event["time_s"]) for event in scenario.get("event") or [] if event.get("keep_out")]
     return [{**table, "from_s": from_s} for table, from_s in [*standing, *appearing]]
 
 
 def goals_over_time(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[tuple[str, float]]]:
-    """Return the goals of each aircraft in their order, each with the time from which it is the goal, s."""
+    """Return for each aircraft its goals in order of time, as (name of the goal, time of the assignment, s)."""
     assigned = {str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry}
     goals = {
         str(entry["name"]): [(assigned.get(entry["name"], str(entry["goal"])), 0.0)] for entry in summary["aircraft"]

@@ -1,4 +1,4 @@
-"""Figures of a flight for print, by name: as files, and as methods for Python (`flown.plot.tracks()`)."""
+"""Figures of a flight for print, by name: written to files, or returned by methods such as `flown.plot.tracks()`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ _VELOCITIES = tuple(f"velocity_{axis}_m_s" for axis in ("north", "east", "down")
 _DRAWN = tuple(name for curve in _CURVES for name in (curve.name, curve.reference) if name is not None)
 _OTHERS = ("range_to_rendezvous_m", "rendezvous_altitude_m", "phase")
 NEEDED_VARIABLES = tuple(dict.fromkeys((*_POSITIONS, *_VELOCITIES, *_DRAWN, *_OTHERS)))
-"""Variables of a flight that these figures need, besides those of the control surfaces."""
+"""Names of the variables that a dataset must contain for the figures of a flight, besides those of the surfaces."""
 
 
 def _always(_: xr.Dataset) -> str:
@@ -64,8 +64,8 @@ def _always(_: xr.Dataset) -> str:
 class FlightFigure:
     """A type of figure of a flight.
 
-    `draw` makes the figure of one flight; `unavailable_reason` returns, for the dataset of a flight, the reason why no
-    such figure can be drawn, or an empty string.
+    `draw` returns the figure of one flight; `unavailable_reason` returns, for the dataset of a flight, the reason why
+    the figure cannot be drawn, or an empty text if it can.
     """
 
     draw: Callable[[FlightSheet], "Figure"]
@@ -119,18 +119,18 @@ FLIGHT_FIGURES: dict[str, FlightFigure] = {
         lambda dataset: "" if recorded_table(dataset, "network") else "a centre plans for all its aircraft",
     ),
 }
-"""Figures by name."""
+"""Types of figures of a flight, by name."""
 
 
 def available_figures(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Return the names of the figures that a flight has."""
+    """Return the names of the figures that can be drawn of a flight."""
     return tuple(name for name, figure in FLIGHT_FIGURES.items() if not figure.unavailable_reason(dataset))
 
 
 def select_figures(dataset: xr.Dataset, names: Sequence[str]) -> dict[str, FlightFigure]:
-    """Return the requested figures of a flight by name; hyphens and underscores are equivalent.
+    """Return the figures with the requested names, by name; hyphens and underscores are equivalent.
 
-    Raises ValueError, with the available names, if a name is unknown or the flight has no such figure.
+    Raises ValueError, with the available names, if a name is unknown or its figure cannot be drawn of the flight.
     """
     figures = {}
     for requested_name in names:
@@ -153,9 +153,10 @@ def draw_flight(
     selection: Mapping[str, FlightFigure] | None = None,
     figure_format: FigureFormat | None = None,
 ) -> tuple[Path, ...]:
-    """Draw figures of a flight into files named NAME-FIGURE with the suffixes of the formats; return their paths.
+    """Draw figures of a flight into new files `<name>-<figure><suffix>` in a folder; return the paths of the files.
 
-    By default draws every available figure, with titles, in the width of a page's text.
+    `selection` (see `select_figures`) are the figures, by default every available figure; `figure_format` is their
+    width and title, by default 165 mm and with a title. Raises FileExistsError if one of the files exists.
     """
     sheet = FlightSheet(dataset, figure_format)
     figures = select_figures(dataset, available_figures(dataset)) if selection is None else selection
@@ -179,9 +180,10 @@ def _method(name: str, description: str) -> "Callable[..., Figure]":
 
 
 class FlightPlots:
-    """Figures of one flight as `matplotlib.figure.Figure`, displayed by notebooks and written by `savefig`.
+    """Figures of one flight as `matplotlib.figure.Figure`, which a notebook displays and `savefig` writes to a file.
 
-    `flown.plot("guidance")` draws a figure by its name in `anser figures`; `flown.plot.names` lists those available.
+    `flown.plot("guidance")` draws a figure by its name in the command `anser figures`; `flown.plot.names` lists the
+    available names.
     """
 
     def __init__(self, dataset: xr.Dataset) -> None:
@@ -189,13 +191,13 @@ class FlightPlots:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the figures that this flight has."""
+        """Names of the figures that can be drawn of this flight."""
         return available_figures(self._dataset)
 
     def __call__(self, name: str, *, width_mm: float = _WIDTH_MM, title: bool = True) -> "Figure":
-        """Draw a figure by name, one of `names`, with a width in mm and with or without the flight's title.
+        """Return the figure with a name of `names`, drawn with a width in mm, with or without the flight's title.
 
-        Raises ValueError if this flight has no figure of this name, or if the width is out of range.
+        Raises ValueError if no figure of this name can be drawn of the flight, or the width is not 60 to 400 mm.
         """
         try:
             selection = select_figures(self._dataset, [name])

@@ -1,4 +1,4 @@
-"""Figures of a flight over time, for print: variables with limits, goals, distances, estimation, network."""
+"""Figures of a flight over time, for print: variables with limits, goal velocities, distances, estimation, network."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,10 +35,10 @@ _SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2, "1": 0.2}
 
 @dataclass(frozen=True)
 class Curve:
-    """A variable to be drawn over time, with its planned or commanded value (`reference`) and its limits.
+    """A variable to be drawn over time, with the variable of its planned or commanded value (`reference`) and limits.
 
-    `low` and `high` are keys of `aircraft_limits`; a minus sign in front of `low` takes the opposite value. With
-    `stop_surface` the limits are the stops of a control surface. `label` replaces the variable's long name.
+    `low` and `high` are keys of the tables of `aircraft_limits`; a minus sign before a key negates the value. If
+    `stop_surface` names a control surface, its stops are the limits. `label` replaces the variable's long name.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Curve:
 
 
 def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str, reference_name: str = "") -> "Figure":
-    """Draw one panel for each curve, below one another; a curve without a finite value is left out.
+    """Return a figure with a panel for each curve over time, up to the arrivals; all-NaN curves are left out.
 
     `label` is the title of the figure, `reference_name` the meaning of the reference variable, such as "commanded".
     """
@@ -65,9 +65,9 @@ def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str,
 def draw_curve(
     axes: "Axes", sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle] | None = None
 ) -> list[str]:
-    """Draw one variable of the aircraft of `line_styles`, by default of all aircraft.
+    """Draw one variable up to the arrivals, with reference and limits, for the aircraft of `line_styles` (None: all).
 
-    Returns a note on limits that lie outside the panel; empty without any.
+    Returns a list with a note on the limits too far away to be drawn; empty if all are drawn.
     """
     values, time = sheet.dataset[curve.name], sheet.time
     line_styles = [
@@ -104,7 +104,7 @@ def draw_curve(
 def _visible_range(
     response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
 ) -> tuple[float, float]:
-    """Return least and greatest value of a panel's axis: all responses, and commands unless far beyond them."""
+    """Return the range of a panel's axis: all responses, commands up to a limited excess, `span_min` at least."""
     responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
     low, high = float(np.nanmin(responses)), float(np.nanmax(responses))
     size = max(high - low, span_min)
@@ -117,9 +117,9 @@ def _visible_range(
 def _limits(
     sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle], factor: float, unit: str
 ) -> list[Limit]:
-    """Return the distinct values of a curve's limits, each labelled with the aircraft concerned.
+    """Return the distinct limits of a curve, each labelled with its value and the names of the aircraft concerned.
 
-    `factor` and `unit` convert the values to the unit of the axis.
+    Values are multiplied by `factor`, which converts them to the unit `unit` of the axis.
     """
     owners: dict[tuple[float, bool], list[str]] = {}
     limits = aircraft_limits(sheet.dataset)
@@ -143,7 +143,7 @@ def _limits(
 
 
 def insert_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
-    """Insert a gap (NaN) at each jump of y by more than `jump`: no line is then drawn across a wrapped angle."""
+    """Return x and y with a NaN inserted at each jump of y by more than `jump`, to cut the line of a wrapped angle."""
     differences = np.abs(np.diff(y))
     indices = np.flatnonzero(np.where(np.isfinite(differences), differences, 0.0) > jump) + 1
     return np.insert(x, indices, x[indices]), np.insert(y, indices, np.nan)
@@ -151,18 +151,18 @@ def insert_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, 
 
 _NED_AXES = ("north", "east", "down")
 GOAL_VELOCITIES = tuple(Curve(f"goal_estimate_velocity_{axis}_m_s", f"goal_velocity_{axis}_m_s") for axis in _NED_AXES)
-"""Estimated goal velocities, with the true ones as reference."""
+"""Curves of the goal velocity's north, east and down components: estimated, with the true velocity as reference."""
 _CHANGE_MIN_M_S = 0.02  # smaller changes are not drawn
 _STANDSTILL_M_S = 0.05
 
 
 def has_changing_goals(dataset: xr.Dataset) -> bool:
-    """Whether the true or the estimated velocity of a goal changes before the arrival."""
+    """Whether the true or the estimated velocity of a goal changes by more than 0.02 m/s before the arrival."""
     return any(_changing_goals(FlightSheet(dataset), curve) for curve in GOAL_VELOCITIES)
 
 
 def draw_goal_velocities(sheet: FlightSheet) -> "Figure":
-    """Draw the changing components of the goal velocities, and list the constant velocities in the note."""
+    """Return a figure of the goals' changing velocity components over time; a note states the constant velocities."""
     panel_curves = [(curve, line_styles) for curve in GOAL_VELOCITIES if (line_styles := _changing_goals(sheet, curve))]
     figure, panels = sheet.panels(len(panel_curves))
     notes = [f"lines: recovered from the line of sight; {sheet.reference_text}: true"]
@@ -201,9 +201,10 @@ _DISTANCE_FLOOR_M = 1e-3  # below the accuracy of the simulation; keeps the loga
 
 
 def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
-    """Compute the zero-effort miss, m (time, aircraft): the least distance to the rendezvous at constant velocities.
+    """Compute the zero-effort miss, m, shape (time, aircraft).
 
-    After the closest approach it is the present distance; at the arrival it is the miss of the summary.
+    The zero-effort miss is the least future distance to the rendezvous if aircraft and goal keep their velocities;
+    after the closest approach, the present distance.
     """
     offset = np.stack([(dataset[f"rendezvous_{a}"] - dataset[a]).values for a in _POSITION], axis=-1)
     rate_components = [(dataset[f"goal_velocity_{a}"] - dataset[f"velocity_{a}"]).values for a in _VELOCITY]
@@ -214,7 +215,7 @@ def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
 
 
 def draw_miss(sheet: FlightSheet) -> "Figure":
-    """Draw the zero-effort miss up to the arrivals on a logarithmic axis, with the greatest miss that is allowed."""
+    """Return a figure of the zero-effort miss up to the arrivals, on a logarithmic axis, with the required miss."""
     figure, (axes,) = sheet.panels(1)
     _draw_lines(axes, sheet, np.maximum(zero_effort_miss_m(sheet.dataset), _DISTANCE_FLOOR_M), sheet.arrival_index)
     axes.set_ylabel("Zero-effort miss (m)")
@@ -224,7 +225,7 @@ def draw_miss(sheet: FlightSheet) -> "Figure":
 
 
 def draw_ranges(sheet: FlightSheet) -> "Figure":
-    """Draw the ranges to the rendezvous in two panels: the upper with a linear, the lower with a logarithmic axis."""
+    """Return a figure of the ranges to the rendezvous up to the arrivals, with a linear and a logarithmic panel."""
     figure, panels = sheet.panels(2)
     values = sheet.dataset[_RANGE]
     factor, unit = axis_scale(values, float(np.nanmax(values.values[: sheet.arrival_index.max() + 1])))
@@ -240,7 +241,7 @@ def draw_ranges(sheet: FlightSheet) -> "Figure":
 
 
 def draw_separation(sheet: FlightSheet) -> "Figure":
-    """Draw the distance of each aircraft to its nearest neighbour, and its ratio to the required separation."""
+    """Return a figure of each aircraft's distance to the nearest, and its ratio to a required separation."""
     required = required_separation(sheet.scenario)
     positions = np.stack([sheet.dataset[name].values for name in _POSITION], axis=-1)
     end_index = np.full(sheet.count, len(sheet.time) - 1)
@@ -298,7 +299,7 @@ _COLUMNS_MAX = 4
 
 
 def draw_knowledge(sheet: FlightSheet) -> "Figure":
-    """Draw the errors of the goal estimates with two standard deviations; below, error ellipses before the arrival."""
+    """Return a figure of the goal estimates: errors and two standard deviations; below, error ellipses of position."""
     columns = min(sheet.count, _COLUMNS_MAX // 2 if sheet.figure_format.is_narrow else _COLUMNS_MAX)
     tile = min(sheet.figure_format.width / columns, 2.2)
     figure = sheet.figure(1.2 + 1.3 * sheet.panel_height + tile)
@@ -331,7 +332,7 @@ def draw_knowledge(sheet: FlightSheet) -> "Figure":
 
 
 def _ellipses(axes: "Axes", sheet: FlightSheet, k: int) -> None:
-    """Draw ellipses of two standard deviations of one aircraft's goal estimate, relative to the true goal."""
+    """Draw ellipses of two standard deviations of aircraft `k`'s goal estimate, relative to the true goal."""
     from matplotlib.patches import Ellipse
 
     line_style, end = sheet.line_styles[k], sheet.time[sheet.arrival_index[sheet.line_styles[k].index]]
@@ -357,7 +358,7 @@ def _ellipses(axes: "Axes", sheet: FlightSheet, k: int) -> None:
 
 
 def draw_network(sheet: FlightSheet) -> "Figure":
-    """Draw links, quality of service, and clock differences with their bound by the theorem of time coordination."""
+    """Return a figure of the network: links, quality of service, and clock differences with their guaranteed decay."""
     network = recorded_table(sheet.dataset, "network")
     series, pairs = network["series"], list(pair_links(sheet.dataset).items())
     figure, (link_axes, quality_axes, clock_axes) = sheet.panels(3)

@@ -1,4 +1,4 @@
-"""Margins of a flight to its requirements and limits, the tightest first."""
+"""Margins of a flight to its requirements and to the limits of the aircraft, the tightest margin first."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,8 +16,9 @@ _Table = Mapping[str, Any]
 class Margin:
     """Margin of a flight to one requirement (the flight fails if not met) or limit (of the plan and the autopilot).
 
-    `value` is the worst of the flight (None if missing), `aircraft` the aircraft with this value (empty for a quantity
-    of the fleet), `time_s` its time; `after_arrival`: the limit was exceeded only in the hold after the arrival.
+    `kind` is "requirement" or "limit"; `value` is the worst of the flight in `unit` (None if missing), `aircraft` names
+    the aircraft with this value (empty if unknown), `time_s` the time of the value (None if unknown); `after_arrival`
+    says whether the limit was exceeded in the hold after the arrival only.
     """
 
     description: str
@@ -33,10 +34,10 @@ class Margin:
 
     @property
     def utilization(self) -> float | None:
-        """Utilization of the limit, 1 at the limit; None without a value.
+        """Utilization of the limit: less than 1 within the limit, 1 at the limit; None without a value.
 
-        It is value / limit, for a lower limit limit / value, and for a negative limit the inverse. If value and limit
-        have opposite signs: 0 if the limit is met, otherwise infinite.
+        The utilization is value / limit for an upper limit, limit / value for a lower limit, and for a negative limit
+        the inverse. If value and limit have opposite signs, or one is 0: 0 if the limit is met, otherwise infinite.
         """
         if self.value is None:
             return None
@@ -81,11 +82,11 @@ _LIMITS = (
 
 
 def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
-    """Return the margins of a flight to requirements and limits: first those not met up to the arrival, then the rest.
+    """Return the margins of a flight to its requirements and to the limits of the aircraft.
 
-    Both groups are sorted by decreasing utilization. Requirements and their evaluation are taken from the summary.
-    Limits are those of each aircraft, over the whole record; of a limit that differs between aircraft, only the
-    tightest margin is listed. `dataset` contains the derived variables.
+    First come those not met up to the arrival, then the rest, both sorted by decreasing utilization. Requirements and
+    their evaluation come from the summary; limits are evaluated over the whole record. Of a limit that differs between
+    aircraft, only the tightest margin is listed. `dataset` contains the derived variables of `add_derived_variables`.
     """
     is_single = len(summary["aircraft"]) == 1
     flight_margins = [
@@ -112,7 +113,10 @@ def _sort_key(margin: Margin) -> tuple[bool, float]:
 
 
 def closest_pair(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
-    """Return least recorded distance between two aircraft, m, its time, s, and both names; None for a single one."""
+    """Return the least recorded distance between two aircraft, m, its time, s, and both names.
+
+    Returns None for a single aircraft, or if no distance is finite. `dataset` contains the derived variables.
+    """
     if "distance_min_m" not in dataset or not np.isfinite(dataset["distance_min_m"].values).any():
         return None
     nearest = dataset["distance_min_m"].values
@@ -146,7 +150,7 @@ def _requirement(entry: _Table, fleet: Sequence[_Table], dataset: xr.Dataset) ->
 
 
 def _extreme_value(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[float | None, str, float | None]:
-    """Return the least or greatest value (time, aircraft), the name of its aircraft, and its time, s."""
+    """Return the greatest or least of `values` (time, aircraft), its aircraft and time (s); None if none is finite."""
     if not np.isfinite(values).any():
         return None, "", None
     sample, index = np.unravel_index(np.nanargmax(values) if greatest else np.nanargmin(values), values.shape)
@@ -162,10 +166,10 @@ def _limit(
     description: str,
     unit: str,
 ) -> Margin:
-    """Return the margin of the values (time, aircraft) to a limit; NaN where the limit does not apply.
+    """Return the margin of `values` (time, aircraft; NaN where the limit does not apply) to a limit.
 
-    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at minus `limit`, reported as an upper
-    limit on minus the value.
+    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at -`limit`, reported as an upper limit
+    on the negated values. `is_before_arrival` is a mask (time, aircraft).
     """
     values = -values if sign == -1 else values
     is_upper = sign != 0

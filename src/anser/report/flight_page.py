@@ -1,4 +1,4 @@
-"""Report page of a flight, or of two flights side by side: one self-contained HTML file."""
+"""Report page of a flight, or of two flights side by side, as one self-contained HTML file."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +29,7 @@ _CARDS_PER_ROW = 4
 def verdict_html(
     summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = (), warning: str = ""
 ) -> "Markup":
-    """Return the verdict on the flight as HTML: arrival, accuracy, failed aircraft, unmet requirements and limits."""
+    """Return the verdict on a flight as HTML: arrivals, accuracy, failed aircraft, unmet requirements and limits."""
     fleet, spread_s, accuracy = summary["aircraft"], summary["fleet"]["arrival_spread_s"], arrival_accuracy(summary)
     not_arrived = [aircraft for aircraft in fleet if aircraft["status"] != "arrived" and "left_s" not in aircraft]
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
@@ -64,7 +64,7 @@ def verdict_html(
 
 
 def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
-    """Return the cards with the main results of the fleet, as HTML."""
+    """Return the main results of a flight as HTML cards: arrival, accuracy, greatest miss, separation, distance."""
     aircraft_rows, fleet = summary["aircraft"], summary["fleet"]
     is_single = len(aircraft_rows) == 1
     arrivals = [aircraft["arrival_s"] for aircraft in aircraft_rows if aircraft["arrival_s"] is not None]
@@ -102,18 +102,18 @@ def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
 
 
 def cards_html(cards: Sequence[tuple[str, str, str, str]]) -> "Markup":
-    """Return cards as HTML, each made of heading, value, unit and note."""
+    """Return cards as HTML, in one or two rows; each card is (heading, value, unit, note)."""
     columns = len(cards) if len(cards) <= _CARDS_PER_ROW else -(-len(cards) // 2)  # two rows of almost equal length
     return render("cards.html", cards=cards, columns=columns)
 
 
 def margins_list(margins: Sequence[Margin]) -> "Markup":
-    """Return a list of bars as HTML: the utilization of each requirement and limit, in the given order."""
+    """Return the utilization of each requirement and limit as HTML, a bar for each margin in the order of `margins`."""
     return render("margins.html", margins=[_margin_row(margin) for margin in margins])
 
 
 def aircraft_table(fleet: Sequence[Mapping[str, Any]]) -> "Markup":
-    """Return the table of a summary's aircraft as HTML; older summaries lack the column with the type of path."""
+    """Return a summary's entries `aircraft` as an HTML table; the column of paths is left out if an entry has none."""
     has_paths = all(aircraft.get("path") is not None for aircraft in fleet)
     return render("aircraft.html", fleet=fleet, columns=_COLUMNS, has_paths=has_paths)
 
@@ -132,7 +132,7 @@ _COLUMNS = [
         ("tables_left_s", "Outside tables", "s", 2),
     )
 ]
-"""Columns of numbers in the table of the aircraft; each key is a key of an aircraft's entry in the summary."""
+"""Columns of numbers in the table of the aircraft: key of an aircraft's entry in a summary, heading, unit, decimals."""
 
 
 def _margin_row(margin: Margin) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def _percent(share: float | None) -> str:
 
 
 def _significant(value: float) -> str:
-    """Format with three significant digits; integers from 1000 on, at most five decimals."""
+    """Format a number with three significant digits and at most five decimals; from 1000 on as an integer."""
     if not np.isfinite(value) or abs(value) >= 1000:
         return format_number(value, 0)
     return format_number(value, max(0, min(5, 2 - int(np.floor(np.log10(max(abs(value), 1e-4)))))))
@@ -187,7 +187,7 @@ _DIFFERENCES_MAX, _VALUE_LENGTH_MAX = 200, 160
 def difference_table(
     labels: Sequence[str], summaries: Sequence[Mapping[str, Any]], scenarios: Sequence[Mapping[str, Any]]
 ) -> "Markup":
-    """Return a table of the results of two runs, and of the scenario keys that differ, as HTML."""
+    """Return a table of the results of two flights, and a table of the scenario keys that differ, as HTML."""
     accuracies = [arrival_accuracy(summary) for summary in summaries]
     figures = []
     for kind, name in _ARRIVALS.items():
@@ -211,18 +211,18 @@ def difference_table(
 
 
 def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[float]], float]) -> float | None:
-    """Return the worst value of a summary entry over the aircraft that have not left the fleet.
+    """Return the worst value, by `worst` (`max` or `min`), of a key over a summary's aircraft that stayed in the fleet.
 
-    None if one of their values is missing, or all aircraft have left. `worst` is `max` or `min`.
+    None if an aircraft lacks the value, or all aircraft have left.
     """
     values = [aircraft[key] for aircraft in summary["aircraft"] if "left_s" not in aircraft]
     return None if not values or None in values else worst(values)
 
 
 def scenario_differences(first_value: Any, second_value: Any, path: str = "") -> list[tuple[str, Any, Any]]:
-    """Return the keys of scenarios with different values, as (key path, first value, second value); None if missing.
+    """Return the keys with different values in two scenarios, as (key path, first value, second value).
 
-    Entries of a list of tables are matched by name.
+    A missing value is None. Entries of a list of tables are matched by name. `path` is the key path of the tables.
     """
     first_table, second_table = _entries_by_name(first_value), _entries_by_name(second_value)
     if isinstance(first_table, dict) and isinstance(second_table, dict):
@@ -266,18 +266,18 @@ _Run = tuple[str, xr.Dataset, Mapping[str, Any]]
 def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
     """Write the report of a flight as one HTML page: verdict, animated scene, plots, scenario.
 
-    Raises FileExistsError if `path` exists, unless `overwrite`, and ValueError if the dataset lacks a variable, or if
-    dataset and summary belong to different flights.
+    Raises FileExistsError if `path` exists and `overwrite` is False, and ValueError if dataset or summary lack data, or
+    belong to different flights.
     """
     check_flight(dataset, summary)
     _write([(str(summary["scenario"]["name"]), dataset, summary)], path, overwrite)
 
 
 def write_comparison(runs: Sequence[_Run], path: Path, *, overwrite: bool = False) -> None:
-    """Write the report of two runs (name, dataset, summary) side by side, over a common time, with equal axes.
+    """Write the report of two flights side by side as one HTML page, over a common time, with equal axes.
 
-    Raises FileExistsError if `path` exists, unless `overwrite`, and ValueError if `runs` does not have two entries, a
-    dataset lacks a variable, or a dataset and its summary belong to different flights.
+    `runs` has two entries (name, dataset, summary). Raises FileExistsError if `path` exists and `overwrite` is False,
+    and ValueError if `runs` does not have two entries, or if a dataset or summary lack data or do not belong together.
     """
     if len(runs) != 2:
         raise ValueError(f"two runs stand side by side, not {len(runs)}")
@@ -293,7 +293,7 @@ def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
 
 
 def flight_page(runs: Sequence[_Run]) -> str:
-    """Return the report page of one flight, or of two side by side: entries name, dataset, summary."""
+    """Return the HTML of the report page of one flight, or of two side by side; a run is (name, dataset, summary)."""
     scenarios = [recorded_table(dataset) for _, dataset, _ in runs]
     datasets = [add_derived_variables(run[1], scenario) for run, scenario in zip(runs, scenarios, strict=True)]
     labels, summaries = [run[0] for run in runs], [run[2] for run in runs]

@@ -1,4 +1,4 @@
-"""The common frame of a flight's figures: width, title, legend, and the line styles that distinguish the aircraft."""
+"""Common layout of a flight's figures: width, title, legend, and the line styles that distinguish the aircraft."""
 
 import functools
 import textwrap
@@ -42,9 +42,10 @@ _LINE_HEIGHT = 1.35 / 72.0  # height of a line of text relative to the font size
 
 @dataclass(frozen=True)
 class FigureFormat:
-    """Format of a figure: width, 60 to 400 mm (one column of a journal has 85 to 90, two have 170 to 180), and title.
+    """Format of a figure: width in mm, and whether the figure has a title.
 
-    Raises ValueError if the width is not a number in this range.
+    One column of a journal is 85 to 90 mm wide, two columns 170 to 180 mm. Raises ValueError if the width is not a
+    number from 60 to 400.
     """
 
     width_mm: float = 6.5 * _MM_PER_INCH
@@ -67,39 +68,39 @@ class FigureFormat:
 
     @property
     def is_narrow(self) -> bool:
-        """Whether the figure has no room for two panels side by side."""
+        """Whether the figure is too narrow for two panels side by side (below 130 mm)."""
         return self.width_mm < 130.0
 
 
 class FlightSheet:
-    """A flight, and the format in which its figures are drawn: size, line styles, legend and title."""
+    """A flight and the common format of its figures: size, line styles of the aircraft, legend and title."""
 
     def __init__(self, dataset: xr.Dataset, figure_format: FigureFormat | None = None) -> None:
         self.dataset, self.figure_format = dataset, figure_format or FigureFormat()
 
     @property
     def count(self) -> int:
-        """Number of aircraft."""
+        """Number of aircraft in the flight."""
         return self.dataset.sizes["aircraft"]
 
     @property
     def has_few_aircraft(self) -> bool:
-        """Whether the fleet is small enough for markers and a legend; in larger fleets names stand at the line ends."""
+        """Whether the fleet is small enough (up to 7 aircraft) for markers on the lines and a legend."""
         return self.count <= _FEW_AIRCRAFT_MAX
 
     @property
     def has_line_names(self) -> bool:
-        """Whether names stand at the line ends."""
+        """Whether the aircraft's names stand at the line ends: in a fleet of 8 to 40 aircraft."""
         return not self.has_few_aircraft and self.count <= NAMES_MAX
 
     @functools.cached_property
     def scenario(self) -> dict[str, Any]:
-        """Scenario of the flight; empty if the dataset does not carry one."""
+        """Scenario of the flight as plain data; empty if the dataset has no scenario."""
         return recorded_table(self.dataset)
 
     @functools.cached_property
     def line_styles(self) -> list[LineStyle]:
-        """Line styles of the aircraft whose initial position is finite."""
+        """Line styles, one for each aircraft with a finite initial position."""
         return aircraft_line_styles(self.dataset)
 
     @functools.cached_property
@@ -109,17 +110,17 @@ class FlightSheet:
 
     @functools.cached_property
     def arrival_index(self) -> np.ndarray:
-        """Index of the last time before each aircraft's hold, shape (aircraft,); without a hold, of the last time."""
+        """Index of the last recorded time before each aircraft's hold, shape (aircraft,); without a hold, the last."""
         is_holding = self.dataset["phase"].values >= HOLD
         return np.where(is_holding.any(axis=0), np.maximum(is_holding.argmax(axis=0), 1), is_holding.shape[0]) - 1
 
     def until_arrival(self, name: str, line_style: LineStyle) -> np.ndarray:
-        """Return a variable of one aircraft up to its arrival, shape (samples,)."""
+        """Return the dataset variable `name` of one aircraft up to its arrival, shape (samples,)."""
         end = int(self.arrival_index[line_style.index]) + 1
         return self.dataset[name].values[:end, line_style.index].astype(np.float64)
 
     def goal_name(self, line_style: LineStyle) -> str:
-        """Return the name of an aircraft's initial goal; without a scenario, a name made from the aircraft's."""
+        """Return the name of an aircraft's first goal; without a scenario, "the goal of" the aircraft."""
         aircraft_tables = self.scenario.get("aircraft", [])
         return (
             str(aircraft_tables[line_style.index]["goal"])
@@ -128,60 +129,60 @@ class FlightSheet:
         )
 
     def name(self, index: int) -> str:
-        """Return the name of an aircraft, escaped for matplotlib."""
+        """Return the name of the aircraft with an index, escaped for matplotlib."""
         return escape_mathtext(self.dataset["aircraft"].values[index])
 
     def label(self, line_style: LineStyle) -> str:
-        """Return the short name of an aircraft, escaped for matplotlib."""
+        """Return the name of an aircraft without the fleet's common prefix, escaped for matplotlib."""
         return escape_mathtext(line_style.label)
 
     def line_properties(self, line_style: LineStyle) -> dict[str, Any]:
-        """Return matplotlib properties of an aircraft's line: colour; markers in a small, dashes in a large fleet."""
+        """Return matplotlib properties of an aircraft's line: colour, and markers (small fleet) or dashes (large)."""
         if self.has_few_aircraft:
             return marker_style(line_style.index) | {"linewidth": 1.5}
         return line_style.properties
 
     def plot(self, axes: "Axes", line_style: LineStyle, x: np.ndarray, y: np.ndarray) -> None:
-        """Draw an aircraft's line; in a small fleet with markers, at other samples for each aircraft."""
+        """Draw an aircraft's line; in a small fleet with markers, at different samples for each aircraft."""
         step = max(x.size // _MARKERS_PER_LINE, 1)
         markers = (line_style.index * step // self.count, step) if self.has_few_aircraft else None
         properties = self.line_properties(line_style)
         axes.plot(x, y, markevery=markers, label=self.name(line_style.index), **properties)
 
     def reference_properties(self) -> dict[str, Any]:
-        """Return matplotlib properties of lines of planned or commanded values; in a large fleet they lie beneath."""
+        """Return matplotlib properties of planned or commanded lines: dashed; in a large fleet grey, underneath."""
         if self.has_few_aircraft:
             return {"color": INK, "linestyle": DASHED, "linewidth": 0.8, "zorder": 3}
         return {"color": "#c9ced4", "linestyle": "solid", "linewidth": 2.0, "zorder": 1}
 
     @property
     def reference_text(self) -> str:
-        """Description of how planned or commanded values are drawn, for a note."""
+        """Look of planned or commanded lines as a word for a note: "dashed", in a large fleet "grey"."""
         return "dashed" if self.has_few_aircraft else "grey"
 
     @functools.cached_property
     def panel_height(self) -> float:
-        """Height of one of several panels, inches: enough for the names of the aircraft beside the panel."""
+        """Height of a panel, inches; in a fleet with names at the line ends, enough for all names."""
         height = float(np.clip(0.26 * self.figure_format.width, _PANEL_HEIGHT_MIN, _PANEL_HEIGHT_MAX))
         return max(height, minimum_panel_height(self.count) + 0.1) if self.has_line_names else height
 
     def figure(self, height: float) -> "Figure":
-        """Return a new figure; `height`, inches, is without legend, title and note."""
+        """Return a new figure of the format's width and of a height, inches, without legend, title and note."""
         return new_figure((self.figure_format.width, height))[1]
 
     def panels(self, count: int) -> tuple["Figure", list["Axes"]]:
-        """Return a new figure, and `count` panels below one another with a common time axis."""
+        """Return a new figure, and its list of `count` panels, one below another with a common time axis."""
         figure = self.figure(_TIME_AXIS_HEIGHT + count * (self.panel_height + _PANEL_GAP))
         panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
         panels[-1].set_xlabel("Time $t$ (s)")
         return figure, panels
 
     def label_capacity(self, height: float) -> int:
-        """Return how many letters of an axis label fit beside a panel of a height (inches)."""
+        """Return the number of letters of a vertical axis label that fit beside a panel of a height, inches."""
         return int(height * 72.0 / (8.5 * _LETTER_WIDTH))
 
     def finish(self, figure: "Figure", panels: Sequence["Axes"], heading: str, note: str) -> "Figure":
-        """Add legend, title (about the subject `heading`) and a note above the first panel to a figure; return it."""
+        """Add legend, title (flight and `heading`) and a note above the first panel; return the enlarged figure."""
         extra_height = 0.0
         if self.count > 1 and self.has_few_aircraft:
             handles = {text: line for axes in panels for line, text in zip(*_entries(axes), strict=True)}
@@ -207,7 +208,7 @@ class FlightSheet:
         return figure
 
     def _lines(self, heading: str, points: float, indentation: float) -> list[str]:
-        """Return a text wrapped to the width of the figure less an indentation (inches); `points` is the font size."""
+        """Return a text as lines that fit the figure's width less an indentation, inches, at a font size in points."""
         return textwrap.wrap(heading, int((self.figure_format.width - indentation) * 72.0 / (points * _LETTER_WIDTH)))
 
     @property

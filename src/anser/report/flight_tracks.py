@@ -1,4 +1,4 @@
-"""Map of a flight up to the arrivals: flown and planned tracks, tracks of the goals, rendezvous points."""
+"""Figure of a flight as a map up to the arrivals: flown and planned tracks, tracks of the goals, rendezvous points."""
 
 from typing import TYPE_CHECKING
 
@@ -32,7 +32,7 @@ _DEFAULT_WIDTH = 6.5  # inches; labels are relatively larger in a narrower figur
 
 
 def draw_tracks(sheet: FlightSheet) -> "Figure":
-    """Draw the map of a flight, east to the right and north up."""
+    """Return a figure with the map of a flight up to the arrivals, east to the right and north up, in m or km."""
     extent, height = _extent(sheet)
     figure = sheet.figure(0.3 + height * sheet.figure_format.width)
     axes = figure.subplots()
@@ -105,9 +105,10 @@ def _has_wind_field(sheet: FlightSheet) -> bool:
 
 
 def _draw_wind(axes: "Axes", sheet: FlightSheet, factor: float, period: float) -> float:
-    """Draw the horizontal wind at the aircraft, at its marks; return the greatest wind speed drawn, m/s.
+    """Draw arrows of the horizontal wind along the tracks, every `period` s; return the greatest wind speed, m/s.
 
-    The wind is the velocity over the ground less the velocity through the air without gusts.
+    `factor` converts m to the unit of the map. The wind is the velocity over the ground less the velocity through the
+    air, without gusts.
     """
     through_air = "airspeed_mean_wind_m_s" if "airspeed_mean_wind_m_s" in sheet.dataset else "airspeed_m_s"
     arrows = []
@@ -137,7 +138,7 @@ def _draw_wind(axes: "Axes", sheet: FlightSheet, factor: float, period: float) -
 
 
 def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) -> None:
-    """Write the name of each initial goal, and in a large fleet of each aircraft, on the side away from the tracks."""
+    """Write the name of each first goal, and in a large fleet of each aircraft, on the side away from the tracks."""
     rendezvous = [_position(sheet, "rendezvous_", line_style, factor, -1) for line_style in sheet.line_styles]
     occupied = [(position, MARKER_SIZE) for position in rendezvous]
     if sheet.has_line_names:
@@ -164,14 +165,14 @@ def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) 
 
 
 def _last_sample_of_first_goal(sheet: FlightSheet, line_style: LineStyle) -> int:
-    """Index of the last sample, up to the arrival, at which the aircraft still flies to its first goal."""
+    """Return the index of the last sample, up to the arrival, at which the aircraft flies to its first goal."""
     return int(np.argmax(np.append(_has_new_goal(sheet, line_style), True))) - 1
 
 
 def _has_new_goal(sheet: FlightSheet, line_style: LineStyle) -> np.ndarray:
-    """Return whether the recorded goal has jumped to a new goal since the previous sample; shape (samples,).
+    """Return for each sample up to the arrival whether the recorded goal has changed to a new goal; shape (samples,).
 
-    A jump is a horizontal motion faster than `_GOAL_SPEED_MAX_M_S`. The samples end at the arrival.
+    A change is a horizontal motion since the previous sample that is faster than `_GOAL_SPEED_MAX_M_S`.
     """
     goal_track = [sheet.until_arrival(f"goal_{axis}_m", line_style) for axis in _AXES]
     steps = np.hypot(*(np.diff(part, prepend=part[0]) for part in goal_track))
@@ -179,11 +180,11 @@ def _has_new_goal(sheet: FlightSheet, line_style: LineStyle) -> np.ndarray:
 
 
 def _position(sheet: FlightSheet, prefix: str, line_style: LineStyle, factor: float, sample: int) -> np.ndarray:
-    """Return east and north of an aircraft, its goal or rendezvous (by prefix) at a sample, times `factor`."""
+    """Return east and north of an aircraft (empty prefix), its goal or its rendezvous at a sample, times `factor`."""
     return factor * np.array([sheet.until_arrival(f"{prefix}{axis}_m", line_style)[sample] for axis in _AXES])
 
 
 def _round_up(value: float) -> float:
-    """Return the smallest number of the series 1, 2, 5, 10, 20, ... that is not below the value."""
+    """Return the least number of the series ..., 0.5, 1, 2, 5, 10, 20, ... that is not below a value."""
     scale = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
     return float(next(step for step in (scale, 2 * scale, 5 * scale, 10 * scale) if step >= value))

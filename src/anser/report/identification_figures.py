@@ -1,4 +1,4 @@
-"""Figures and page of an identification: responses, residuals, and the correlation of the parameters."""
+"""Figures and report page of an identification: responses, residuals, and the correlation of the parameters."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ _COLUMNS = 3
 
 
 def response_figure(dataset: xr.Dataset, prefix: str = "") -> "Figure":
-    """Return measured and modelled responses over time; `prefix` is "validation_" for the other flight."""
+    """Return a figure of measured and modelled responses; prefix "validation_": those of the validation flight."""
     return draw_for_print(lambda data: _draw_responses(data, prefix), dataset)
 
 
@@ -47,7 +47,7 @@ def _panels(count: int) -> tuple["Figure", list[Any]]:
 
 
 def residual_figure(dataset: xr.Dataset) -> "Figure":
-    """Return the residuals over time and their autocorrelation, with the 95 % bounds of white residuals."""
+    """Return a figure of the residuals over time and their autocorrelation, with the 95 % bounds of white noise."""
     return draw_for_print(_draw_residuals, dataset)
 
 
@@ -70,7 +70,7 @@ def _draw_residuals(dataset: xr.Dataset) -> "Figure":
 
 
 def correlation_figure(dataset: xr.Dataset) -> "Figure":
-    """Return the correlation of the errors of the parameters, as a map."""
+    """Return a figure of the correlation matrix of the parameters' estimation errors, as a coloured map."""
     return draw_for_print(_draw_correlation, dataset)
 
 
@@ -94,7 +94,8 @@ def write_identification_report(dataset: xr.Dataset, fits: Sequence[Mapping[str,
     dataset
         Dataset of the identification: parameters, responses, correlation.
     fits
-        R^2 and Theil's inequality coefficient by response, of the flight and of the validation.
+        A table for each response: its name, and R^2 and Theil's inequality coefficient in the identified manoeuvre and,
+        if there is a validation, in the validation.
     folder
         Existing folder; raises FileExistsError if one of the files exists.
     """

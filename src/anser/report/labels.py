@@ -1,4 +1,4 @@
-"""Labels of figures and pages: variables, limits, positions on a map, ends of lines."""
+"""Labels in figures and pages: of variables, limits, positions on a map, and line ends."""
 
 import html
 import textwrap
@@ -25,17 +25,17 @@ _PRINTED_UNITS = {
     "1": "",
 }
 _LINE_LENGTH, _SYMBOL_LENGTH = 26, 8
-"""Characters per line of a label, and how many of them are reserved for a symbol with its unit."""
+"""Characters per line of a label, and the number of these that a symbol with its unit needs."""
 _KILOMETRES_FROM_M = 10_000.0
 
 
 def printed_unit(unit: str) -> str:
-    """Return the unit as printed, from its name in datasets; empty for a number without a unit."""
+    """Return a unit as printed, "m/s" for the unit "m s-1" of datasets; empty for the unit "1"."""
     return _PRINTED_UNITS.get(unit, unit)
 
 
 def html_label(values: xr.DataArray) -> dict[str, str]:
-    """Return the label of a variable: `words` (long name), `unit` as text, and `symbol` as HTML with a subscript."""
+    """Return the parts of a variable's label: `words` (long name), `unit` as printed, `symbol` as HTML."""
     base, _, subscript = html.escape(str(values.attrs["symbol"])).partition("_")
     return {
         "words": str(values.attrs["long_name"]),
@@ -47,7 +47,7 @@ def html_label(values: xr.DataArray) -> dict[str, str]:
 def axis_label(
     values: xr.DataArray, name: str | None = None, unit: str | None = None, length: int = _LINE_LENGTH
 ) -> str:
-    """Return an axis label, wrapped to `length` characters: name (default: long name), symbol and unit."""
+    """Return an axis label, wrapped to `length` characters: name (default: long name), symbol, unit in brackets."""
     lines = textwrap.wrap(str(values.attrs["long_name"]) if name is None else name, length)
     printed = display_unit(values) if unit is None else unit
     symbol = math_symbol(values) + (f" ({printed})" if printed else "")
@@ -57,35 +57,35 @@ def axis_label(
 
 
 def axis_scale(values: xr.DataArray, magnitude: float) -> tuple[float, str]:
-    """Return the factor and unit of an axis for values up to `magnitude`: km instead of m from 10,000 m on."""
+    """Return the factor from a variable's unit to the axis unit, and the axis unit: km for 10,000 m or more."""
     if str(values.attrs["units"]) == "m" and magnitude >= _KILOMETRES_FROM_M:
         return 1e-3, "km"
     return 1.0, display_unit(values)
 
 
 def math_symbol(values: xr.DataArray) -> str:
-    """Return the symbol of a variable for matplotlib; the part after an underscore becomes a subscript."""
+    """Return a variable's symbol as mathematical text for matplotlib: V with subscript c for the symbol "V_c"."""
     base, _, subscript = str(values.attrs["symbol"]).partition("_")
     return f"${base}_{{{subscript}}}$" if subscript else f"${base}$"
 
 
 def display_unit(values: xr.DataArray) -> str:
-    """Return the unit of a variable as printed; empty for a number without a unit."""
+    """Return the unit of a variable as printed, such as "m/s" or "°"; empty for a dimensionless variable."""
     return printed_unit(str(values.attrs["units"]))
 
 
 def aircraft_title(dataset: xr.Dataset) -> str:
-    """Return the name of a survey's aircraft, with its variant if the survey has one."""
+    """Return the aircraft's name and, if present, its variant, from the attributes of a survey's dataset."""
     return " ".join(str(dataset.attrs[key]) for key in ("aircraft", "variant") if key in dataset.attrs)
 
 
 def escape_mathtext(text: object) -> str:
-    """Return text from a file, escaped so that matplotlib does not read it as a formula."""
+    """Return a text with its dollar signs escaped, so that matplotlib does not read a formula."""
     return str(text).replace("$", r"\$")
 
 
 LIMIT_COLOR = "#b3261e"
-"""Colour of keep-outs and of limits."""
+"""Colour of limits and keep-outs in figures."""
 _DATA_HEIGHT_MIN = 0.2  # least share of the panel's height for the data when the axis extends to a limit
 _LIMIT_LABEL_HEIGHT = 0.13  # relative to the panel's height
 _OWNERS_MAX = 3  # greatest number of aircraft that are listed
@@ -93,7 +93,7 @@ _OWNERS_MAX = 3  # greatest number of aircraft that are listed
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of one or more aircraft, drawn as a labelled line in a panel; `value` is in the unit of the panel."""
+    """A limit of one or more aircraft, to be drawn as a labelled line; `value` is in the unit of the axis."""
 
     value: float
     is_upper: bool
@@ -101,9 +101,9 @@ class Limit:
 
 
 def format_owners(names: Sequence[str], fleet_size: int) -> str:
-    """Return the names of the aircraft that a limit concerns; empty if it concerns the whole fleet.
+    """Return a text with the names of the aircraft that a limit concerns; empty if `names` is the whole fleet.
 
-    Of more than `_OWNERS_MAX` names, the last ones are replaced by their number.
+    More than `_OWNERS_MAX` names are shortened, as in "a, b and 5 more".
     """
     if len(names) == fleet_size:
         return ""
@@ -113,12 +113,12 @@ def format_owners(names: Sequence[str], fleet_size: int) -> str:
 
 
 def draw_limit_line(axes: "Axes", value: float) -> None:
-    """Draw a limit line."""
+    """Draw a dashed horizontal line across a panel at the value of a limit."""
     axes.axhline(value, color=LIMIT_COLOR, linestyle=DASHED, linewidth=1.0, zorder=2)
 
 
 def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> None:
-    """Draw a limit line with its label at the left or right, on the forbidden side of the line."""
+    """Draw a limit line with its label at the left or right, on the side beyond the limit."""
     draw_limit_line(axes, limit.value)
     axes.annotate(
         limit.label,
@@ -136,9 +136,9 @@ def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> N
 
 
 def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, float]) -> list[Limit]:
-    """Draw limits, nearest first, and extend the linear axis to them while the data keep enough height.
+    """Draw limits, nearest first, and extend the linear axis to each limit while the data keep enough height.
 
-    `data_range` is the range of the data in the panel. Returns the limits that are too far away and were not drawn.
+    `data_range` is the least and greatest value of the data. Returns the limits that are too far away to be drawn.
     """
     hidden: list[Limit] = []
     label_counts = {True: 0, False: 0}
@@ -165,7 +165,7 @@ def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, 
 NAMES_MAX = 40
 """Greatest number of names in a figure; with more aircraft, no names are written."""
 MARKER_SIZE = 0.6
-"""Size of a marker on a map, relative to the size of a label."""
+"""Size of a marker on a map, relative to the size of a label, for `clear_direction`."""
 _OFFSET, _SLANT = 9.0, 0.3  # points; least sine for an alignment to a side
 _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 
@@ -173,7 +173,7 @@ _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 def annotate_position(
     axes: "Axes", label: str, position: np.ndarray, towards: tuple[float, float], color: str, points: float
 ) -> None:
-    """Write a label beside a position, on the side of the unit vector `towards`; `points` is the font size."""
+    """Write a label beside a position on a map, in the direction of the unit vector `towards`, at a size in points."""
     side, up = towards
     axes.annotate(
         label,
@@ -198,11 +198,11 @@ def unit_vector(vector: np.ndarray) -> tuple[float, float]:
 def clear_direction(
     position: np.ndarray, towards: tuple[float, float], extent: float, occupied: list[tuple[np.ndarray, float]]
 ) -> tuple[float, float]:
-    """Return the direction from a position in which a label is written, a unit vector.
+    """Return the direction, a unit vector (right, up), from a position on a map to its label.
 
-    It is `towards`, or else the nearest of eight directions in which the label overlaps nothing; `towards` if none is
-    clear. `extent` is the greatest extent of the map in its unit. `occupied` holds areas that the label must not
-    overlap, as (centre, size relative to a label); the label is added.
+    The direction is the nearest to `towards`, of eight in steps of 45 degrees, in which the label overlaps no area in
+    `occupied`; if every direction overlaps, `towards`. `extent` is the greatest extent of the map in its unit.
+    `occupied` has areas as (centre, size relative to a label); the area of the new label is added.
     """
     azimuth = np.arctan2(towards[1], towards[0])
     turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
@@ -229,7 +229,7 @@ _APPROACH_DIVISOR = 4  # the last quarter of a line is its approach
 class LineEnd:
     """End of a line in a panel, in data coordinates, and the name to be written there.
 
-    Of lines with equal ends, the one with the higher `approach_y` (mean of its last part) is named above.
+    Of lines with equal ends, the name of the line with the higher `approach_y`, the mean of its last quarter, is above.
     """
 
     x: float
@@ -240,7 +240,7 @@ class LineEnd:
 
 
 def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyle) -> LineEnd:
-    """Return the end of a line at its last finite sample."""
+    """Return the end of a line at its last finite sample; y is NaN for a line without a finite sample."""
     finite = np.flatnonzero(np.isfinite(y))
     if finite.size == 0:
         return LineEnd(float(x[-1]), np.nan, np.nan, label, line_style)
@@ -249,14 +249,14 @@ def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyl
 
 
 def minimum_panel_height(count: int) -> float:
-    """Return the least height of a panel, inches, beside which `count` names have room."""
+    """Return the least height of a panel, inches, that leaves room for `count` names beside the panel."""
     return count * END_FONT_SIZE * _LINE_PITCH / 72.0
 
 
 def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -> None:
-    """Write names at the right of a panel, each close to the end of the line and connected to it, without overlap.
+    """Write the names of lines at the right of a panel, close to the line ends, connected to them, without overlap.
 
-    `axes` has its final limits; `height` is its approximate height, inches.
+    The limits of `axes` must be final; `height` is the approximate height of the panel, inches.
     """
     inside = [end for end in line_ends if np.isfinite(end.y)]
     if not inside:
@@ -292,9 +292,9 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
 
 
 def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
-    """Return positions from 0 to 1 with a least gap, nearest to increasing target positions in the least-squares sense.
+    """Return positions from 0 to 1, at least `gap` apart, nearest to increasing target positions (least squares).
 
-    If the range is too small, the positions exceed it evenly on both sides.
+    If the range is too small, the positions exceed 0 and 1 evenly on both sides.
     """
     # isotonic regression: less the gaps, positions must not decrease; pool adjacent violators to their mean
     groups: list[list[float]] = []

@@ -1,4 +1,4 @@
-"""HTML of report pages from Jinja2 templates; inserted values are escaped unless they are HTML (`Markup`)."""
+"""HTML of report pages from Jinja2 templates; inserted values are escaped, unless of the type `Markup` (HTML)."""
 
 import base64
 import functools
@@ -24,16 +24,17 @@ MISSING = "–"
 
 
 def format_number(value: float | None, digits: int) -> str:
-    """Format a number with a fixed number of decimals and thousands separators; a dash for None."""
+    """Format a number with `digits` decimals and thousands separators; a dash for None, NaN and infinity."""
     if value is None or not np.isfinite(value):
         return MISSING
     return f"{value:,.{digits}f}".replace("-", "−")
 
 
 def render(template: str, *, package: str = "anser.report", **values: Any) -> "Markup":
-    """Return the HTML of a template of a package, marked so that other templates do not escape it again.
+    """Return the HTML of a template with `values` inserted, as `Markup`, which templates insert without escaping.
 
-    A template of another package than `anser.report` may extend and include the templates of `anser.report`.
+    `package` is the package with the template; a template of another package than `anser.report` may extend and include
+    templates of `anser.report`.
     """
     from markupsafe import Markup
 
@@ -41,7 +42,7 @@ def render(template: str, *, package: str = "anser.report", **values: Any) -> "M
 
 
 def svg_markup(figure: "Figure") -> "Markup":
-    """Return a figure as an SVG element for a page."""
+    """Return a figure as an SVG element for an HTML page."""
     from markupsafe import Markup
 
     text = figure_content(figure, ".svg").decode()
@@ -79,10 +80,11 @@ def render_page(
     package: str = "anser.report",
     **values: Any,
 ) -> str:
-    """Return the HTML of a page from a template of a package that extends `page.html`.
+    """Return the HTML of a page from a template, of the package `package`, that extends `page.html`.
 
-    `styles` and `scripts` are names of assets (see `read_asset`), in order; `data` is the identifier and content of the
-    script element with the data.
+    `body_class` is the CSS class of the body; `styles` and `scripts` are names of assets (see `read_asset`), in order;
+    `data` is the identifier and the content (plain data) of the script element with data; `values` are those of the
+    template.
     """
     from markupsafe import Markup
 
@@ -101,17 +103,17 @@ def render_page(
 
 
 def read_asset(name: str) -> str:
-    """Return the text of a style or script file of `anser.report`, or of the package before a colon in the name."""
+    """Return the text of an asset (style or script file) of `anser.report`, or of the package before a colon."""
     package, _, path = name.rpartition(":")
     return files(package or "anser.report").joinpath("assets", *path.split("/")).read_text(encoding="utf-8")
 
 
 def script_json(data: Any) -> str:
-    """Return data as JSON that is safe inside a script element: no text in it can end the element or start another."""
+    """Return data as JSON in which &, < and > are escaped, so that no text can end the script element around it."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _script_hash(script: str) -> str:
-    """Return the hash of a script for the content security policy: browsers run only scripts with a listed hash."""
+    """Return the SHA-256 of a script for the page's content security policy, which lists the scripts that may run."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

@@ -1,4 +1,4 @@
-"""Figures of plans: map and time histories of a plan, and path families of the published planner."""
+"""Figures of plans: map and time histories of a plan, and families of paths of the published planner."""
 
 import textwrap
 from pathlib import Path
@@ -52,15 +52,16 @@ _TIME_LENGTH = 9
 
 
 def marker_period(dataset: xr.Dataset) -> float:
-    """Return the time between the dots on a path, s."""
+    """Return the time between two dots on a path, s: the least of a series of round values with at most 8 dots."""
     times = dataset["time"].values
     return next((step for step in _STEPS_S if (times[-1] - times[0]) / step <= _MARKERS_PER_PATH_MAX), _STEPS_S[-1])
 
 
 def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | None:
-    """Return the names of the two aircraft that come closest in the plan; None without a pair, as for one aircraft.
+    """Return the names of the two aircraft that come closest in the plan; None if the plan has no pair of aircraft.
 
-    `measure` is "distance" (in space) or "separation" (weighted by the required separations; only if required).
+    `measure` is "distance" (in space) or, if a separation is required, "separation" (vertical distances scaled by the
+    ratio of horizontal to vertical separation).
     """
     pair = dataset[f"least_{measure}_pair"].values
     if pair[0] < 0:
@@ -70,7 +71,7 @@ def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | N
 
 
 def draw_plan_map(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw the plan on a map, east to the right and north up, in equal scales."""
+    """Draw paths, goals, keep-outs and the closest pair of a plan on a map in km, east to the right and north up."""
     for name, set_label in (("east_m", axes.set_xlabel), ("north_m", axes.set_ylabel)):
         set_label(f"{dataset[name].attrs['long_name']} (km)")
     _draw_keep_outs(axes, dataset)
@@ -160,7 +161,7 @@ def _goal_direction(dataset: xr.Dataset, k: int, finite: np.ndarray) -> tuple[fl
 
 
 def _last_position(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.ndarray:
-    """Return the last finite position of aircraft or goal number `k`, m; `names` are the variables with coordinates."""
+    """Return the last finite position, m, of aircraft or goal `k`; `names` are the two variables of the coordinates."""
     last_sample = np.flatnonzero(np.isfinite(dataset[names[0]].values[:, k]))[-1]
     return np.array([dataset[name].values[last_sample, k] for name in names])
 
@@ -247,7 +248,7 @@ _CEILING_DISTANCE_MAX = 2.0  # in ranges of the altitudes; a higher ceiling is o
 def draw_plan_variable(
     axes: "Axes", dataset: xr.Dataset, styles: list[LineStyle], name: str, limits: tuple[str, ...], both_signs: bool
 ) -> None:
-    """Draw one variable of all aircraft over time, with its limits; with `both_signs` also at the opposite values."""
+    """Draw a variable of all aircraft over time, with its limits, with `both_signs` also at the negated values."""
     _draw_lines(axes, dataset, styles, name)
     signs = (1.0, -1.0) if both_signs else (1.0,)
     for limit in limits:
@@ -259,7 +260,7 @@ def draw_plan_variable(
 
 
 def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw the altitudes, the lowest allowed altitude and the ceiling; a ceiling far above is only stated as text."""
+    """Draw the altitudes over time, the least allowed altitude and the greatest; a greatest far above is only text."""
     _draw_lines(axes, dataset, line_styles, "altitude_m")
     floor, ceiling = (float(dataset[f"limit_altitude_{end}_m"].values[0]) for end in ("min", "max"))
     altitudes = dataset["altitude_m"].values
@@ -277,7 +278,7 @@ def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[Line
 
 
 def draw_plan_separation(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Draw the least separation over time, or the least distance if none is required; name the closest pair."""
+    """Draw the least separation over time, or the least distance if none is required, and name the closest pair."""
     attributes = dataset.attrs
     has_separation = "separation_m" in dataset
     measure, name = ("separation", "separation_m") if has_separation else ("distance", "distance_min_m")
@@ -316,7 +317,7 @@ def draw_plan_separation(axes: "Axes", dataset: xr.Dataset) -> None:
 
 
 def _format_log_axis(axes: "Axes", values: np.ndarray) -> None:
-    """Format the ticks of a logarithmic axis as plain numbers, and leave height for text at the top."""
+    """Format the ticks of a logarithmic axis as plain numbers, and leave room for text above `values`."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_ylim()
@@ -359,9 +360,10 @@ def _label(values: xr.DataArray) -> str:
 
 
 def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a result of `anser.results.plan_record` into new files `plan.svg` and `plan.png`; return the paths.
+    """Draw map, altitudes, airspeeds, bank angles and separation of a plan into new files `plan.svg` and `plan.png`.
 
-    Raises FileExistsError if one of the files exists.
+    `dataset` is a result of `anser.results.plan_dataset`. Returns the paths of the files. Raises FileExistsError if one
+    of the files exists.
     """
     return save_drawings({"plan": _plan}, dataset, {**PRINT_STYLE, "svg.hashsalt": "anser-plan"}, folder)
 
@@ -416,7 +418,11 @@ _FAMILIES = {
 
 
 def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, ...]:
-    """Draw a family of paths, bent by `b4` (horizontal) or `c4` (vertical), into new files; return the paths."""
+    """Draw a family of paths of the published planner into new files `shape-b4` or `shape-c4`, SVG, PNG and PDF.
+
+    `family` is the shape parameter that bends the paths: "b4" (sideways) or "c4" (vertically). Returns the paths of the
+    files. Raises FileExistsError if one of the files exists.
+    """
     parameter, ordinate, angle, heading = _FAMILIES[family]
 
     def draw(dataset: xr.Dataset) -> "Figure":

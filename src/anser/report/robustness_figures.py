@@ -1,4 +1,4 @@
-"""Figures of a robustness study: success rates, remaining errors, and the failures due to each factor alone."""
+"""Figures of a robustness study: success rates, final errors, and failures due to a change of one factor alone."""
 
 import textwrap
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _STYLE = {**MAP_STYLE, "svg.hashsalt": "anser-robustness", "axes.spines.top": False, "axes.spines.right": False}
 _COLORS = {"model": "#0072b2", "incremental": "#d55e00", "adaptive": "#009e73"}
-"""Okabe and Ito's blue, vermilion and green, distinguishable with colour-blindness."""
+"""Colour of each type of inversion: Okabe and Ito's blue, vermilion and green, also for colour-blind readers."""
 _INVERSION_NAMES = {"model": "model-based", "incremental": "incremental", "adaptive": "adaptive"}
 _CHANNELS = (
     ("airspeed_final_error_max_m_s", "airspeed (m/s)", "tolerance_airspeed_m_s"),
@@ -29,9 +29,10 @@ _CHANGE_RANGE_MIN = 0.1  # least half-width of the axis
 
 
 def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a robustness study, the result of `anser.analysis.robustness`, into SVG and PNG files; return the paths.
+    """Draw a robustness study into new files `success`, `errors`, `spread` and `alone`, SVG and PNG; return the paths.
 
-    Figures of parts of the study that were not flown are left out.
+    `dataset` is a result of `anser.analysis.robustness`. Figures of parts of the study that were not flown are left
+    out. Raises FileExistsError if one of the files exists.
     """
     drawings = {
         "success": ("dispersed", _success_by_condition),
@@ -116,7 +117,7 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
 
 
 def _single_factors(dataset: xr.Dataset) -> "Figure":
-    """Draw bars up to the largest change of each factor without a failure; list factors without any failure below."""
+    """Return a figure of the largest change of each factor, up and down, with which no flight fails, as bars."""
     breaks = first_breaks(dataset)
     inversions = [str(name) for name in dataset["inversion"].values]
 
@@ -175,7 +176,7 @@ def _draw_bar(axes: "Axes", first_break: FirstBreak, middle: float, height: floa
 
 
 def _factor_label(dataset: xr.Dataset, factor: str) -> str:
-    """Return the name of a factor; if its nominal value is 0, with the meaning of 100 %."""
+    """Return the name of a factor; if its nominal value is 0, with the value that corresponds to 100 %."""
     factor_data = dataset.sel(factor=factor)
     scale, unit = float(factor_data["factor_scale"]), str(factor_data["factor_unit"].item())
     name = factor.replace("_", " ")

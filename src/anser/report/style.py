@@ -1,4 +1,4 @@
-"""Style of figures and pages: colours, line styles of aircraft, and reproducible figure files."""
+"""Style of figures and pages: colours, line styles of aircraft, and figure files with reproducible bytes."""
 
 import functools
 import io
@@ -18,37 +18,37 @@ if TYPE_CHECKING:
 
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#595959")
-"""Colours of Okabe and Ito (2008), without yellow, too faint on white, and with dark grey in place of black."""
+"""Colours of Okabe and Ito (2008), without yellow (too faint on white), and with dark grey in place of black."""
 
 DARK_COLORS = ("#3D97E0", "#F0772B", "#1FBF90", "#DE93BC", "#EFB530", "#9AD6F7", "#AEB6BF")
-"""The same hues for a dark background, each with a contrast of at least 3 to 1 (WCAG 2.2, 1.4.11)."""
+"""Hues of `COLORS` for a dark background, each with a contrast of at least 3 to 1 (WCAG 2.2, 1.4.11)."""
 
 
 def color_of(index: int) -> str:
-    """Return the colour of an aircraft by its index in the fleet; a large fleet repeats the colours."""
+    """Return the colour, as "#rrggbb", of the aircraft or line with an index; from the eighth on, colours repeat."""
     return COLORS[index % len(COLORS)]
 
 
 def page_color_of(index: int) -> str:
-    """Return the colour of an aircraft on a page, as a CSS variable that has a value for light and dark backgrounds."""
+    """Return the colour of the aircraft with an index on a page: a CSS variable for light and dark backgrounds."""
     return f"var(--c{index % len(COLORS)})"
 
 
 def page_colors() -> str:
-    """Return the style rule that defines the CSS variables of `page_color_of`."""
+    """Return the CSS rule that defines the variables returned by `page_color_of`."""
     pairs = enumerate(zip(COLORS, DARK_COLORS, strict=True))
     return ":root { " + " ".join(f"--c{k}: light-dark({light}, {dark});" for k, (light, dark) in pairs) + " }"
 
 
 FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
-"""File formats of a figure."""
+"""Suffixes of the file formats in which figures are written."""
 
 INK, MUTED = "#1b1f24", "#6e7781"
 SMALL, LARGE = 7.5, 9.5
 DASHED = (0, (4, 2))
 """Dash pattern of planned and commanded values, for matplotlib."""
 COMMAND_LINE: dict[str, Any] = {"color": INK, "linestyle": DASHED, "linewidth": 0.9}
-"""Line of planned and commanded values in figures of one aircraft."""
+"""Line properties, for matplotlib, of planned and commanded values in figures of one aircraft."""
 _LINE_DASHES: tuple[Any, ...] = (
     "solid",
     (0, (6, 1.2, 1.2, 1.2)),
@@ -83,7 +83,7 @@ PRINT_STYLE: dict[str, Any] = {
     "legend.handlelength": 2.2,
 }
 MAP_STYLE: dict[str, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.titlesize": 9}
-"""Style of maps over the envelope and of studies."""
+"""Matplotlib settings of figures over the flight envelope and of robustness studies."""
 _METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {"Software": None},
@@ -101,16 +101,16 @@ def _matplotlib() -> Any:
 
 
 def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
-    """Return the module matplotlib, and an empty figure of `size` (width, height), inches."""
+    """Return the module matplotlib, and a new empty figure of `size` (width, height), inches."""
     return _matplotlib(), _figure_class()(figsize=size, layout="constrained")
 
 
 @functools.cache
 def _figure_class() -> Any:
-    """Return a subclass of matplotlib's figure that a notebook displays without pyplot."""
+    """Return a subclass of matplotlib's figure class that a notebook displays without pyplot."""
 
     class Drawing(_matplotlib().figure.Figure):
-        """A figure that needs no window."""
+        """A figure without a window, displayed by notebooks as PNG."""
 
         def _repr_png_(self) -> bytes:
             return figure_content(self, ".png", dpi=120)
@@ -119,18 +119,18 @@ def _figure_class() -> Any:
 
 
 def draw_for_print(draw: Callable[[xr.Dataset], "Figure"], dataset: xr.Dataset) -> "Figure":
-    """Return the figure that `draw` makes of a dataset, in the print style."""
+    """Return the figure that `draw` returns for a dataset, drawn with the matplotlib settings `PRINT_STYLE`."""
     with _matplotlib().rc_context(PRINT_STYLE):
         return draw(dataset)
 
 
 def series_style(index: int) -> dict[str, Any]:
-    """Return colour and dashes of the line with an index in a panel; distinguishable in greyscale."""
+    """Return colour and dashes, for matplotlib, of the line with an index in a panel; dashes differ for 5 lines."""
     return {"color": color_of(index), "linestyle": _LINE_DASHES[index % len(_LINE_DASHES)]}
 
 
 def marker_style(index: int) -> dict[str, Any]:
-    """Return colour and marker of an aircraft by its index; markers alone distinguish 21 aircraft."""
+    """Return colour and marker, for matplotlib, of the aircraft with an index; markers differ for 21 aircraft."""
     return {
         "color": color_of(index),
         "marker": _MARKERS[index % len(_MARKERS)],
@@ -141,16 +141,17 @@ def marker_style(index: int) -> dict[str, Any]:
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
-    """Write a figure to files, in formats by suffix; raises FileExistsError if one exists, unless `overwrite`."""
+    """Write a figure to files, in formats by suffix; raises FileExistsError if a file exists, unless `overwrite`."""
     for path in paths:  # in memory first: on a full disk, matplotlib would raise misleading errors
         write_file(path, figure_content(figure, path.suffix, dpi=160), overwrite=overwrite)
         figure.set_layout_engine("none")  # the layout is computed only once
 
 
 def figure_content(figure: "Figure", suffix: str, dpi: float | None = None) -> bytes:
-    """Return the content of a figure's file (`.svg`, `.png` or `.pdf`); `dpi` None: the resolution of the figure.
+    """Return the content of a file of a figure, in the format of `suffix` (".svg", ".png" or ".pdf").
 
-    The content is that of `figure.savefig`, which draws each figure twice: the first time for its layout alone.
+    `dpi` is the resolution in dots per inch; None: the figure's. The content equals that of `figure.savefig`, which
+    takes longer, since it draws a figure twice.
     """
     from matplotlib.backend_bases import get_registered_canvas_class
 
@@ -175,7 +176,11 @@ def save_drawings(
     *,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Draw figures of a dataset in a matplotlib style into files `NAME` with each suffix; return the paths."""
+    """Draw figures of a dataset into files of a folder, each with its name in `drawings` and each of `suffixes`.
+
+    `drawings` are functions that return a figure of the dataset; `style` are settings of matplotlib. Returns the paths
+    of the files. Raises FileExistsError if a file exists and `overwrite` is False.
+    """
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():
@@ -192,7 +197,7 @@ _PREFIX_MIN = 3
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Line style of one aircraft: its index in the dataset, short name, colour, dash pattern, and width in points."""
+    """Line style of one aircraft: index in the dataset, short name, colour, dash pattern, and width in points."""
 
     index: int
     label: str
@@ -202,12 +207,12 @@ class LineStyle:
 
     @property
     def properties(self) -> dict[str, Any]:
-        """Line properties for matplotlib."""
+        """Colour, dashes and width of the line by matplotlib's names."""
         return {"color": self.color, "linestyle": self.dashes, "linewidth": self.width}
 
 
 def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
-    """Return the line styles of the aircraft whose initial position is finite."""
+    """Return the line styles of the aircraft of a flight or plan, without those whose first position is not finite."""
     names, prefix = [str(name) for name in dataset["aircraft"].values], shared_prefix(dataset)
     width = 1.5 if len(names) <= _SMALL_FLEET_MAX else 1.0 if len(names) <= 3 * _SMALL_FLEET_MAX else 0.6
     return [
@@ -218,7 +223,7 @@ def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
 
 
 def shared_prefix(dataset: xr.Dataset) -> str:
-    """Return the common start of the aircraft names in a large fleet, which labels omit; empty for a small fleet."""
+    """Return the common start of the aircraft names, which labels omit, in a fleet of 8 or more; otherwise empty."""
     names = [str(name) for name in dataset["aircraft"].values]
     if len(names) <= _SMALL_FLEET_MAX:
         return ""

@@ -1,4 +1,4 @@
-"""SVG charts of report pages: arrivals, influences, links, and the map of a campaign."""
+"""SVG charts of report pages: arrival errors, influences of inputs, network links, and the map of a campaign."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
@@ -22,7 +22,7 @@ _ARRIVAL_HEIGHT, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0
 
 
 def arrival_strip(summary: Mapping[str, Any]) -> "Markup | str":
-    """Return a chart (SVG) of the arrival errors (s) in a `summary.json`; empty for fewer than two errors."""
+    """Return an SVG chart of the arrival errors in a summary, in s or ms; empty for fewer than two errors."""
     errors = [
         (k, str(aircraft["name"]), float(aircraft["arrival_s"]) - float(aircraft["planned_arrival_s"]))
         for k, aircraft in enumerate(summary["aircraft"])
@@ -71,7 +71,7 @@ def _shortened(name: str, length: int) -> str:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Return three to eight round numbers that span `low` to `high` and include 0."""
+    """Return the values of an axis' ticks: multiples of a round step that span `low` to `high`."""
     reach = max(high - low, 1e-9)
     size = 10.0 ** np.floor(np.log10(reach))
     step = next(size * m for m in (0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if reach / (size * m) <= 5.5)
@@ -85,11 +85,11 @@ _SOBOL = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _RANK = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _SOBOL_TITLE = "part of the variance: first index (narrow), total index (wide)"
 _RANK_BARS, _SOBOL_BARS = (("rank", 9, 0),), (("total", 15, 5), ("first", 6, 0))
-"""Measure, height and colour of the bars, from back to front."""
+"""Bars of an input, from back to front: measure, height in pixels, and index of the colour."""
 
 
 def influence_strip(influences: Sequence[Mapping[str, Any]], output: str) -> "Markup | str":
-    """Return a chart of the influences (of `Influences.as_dict`) on one output; empty without any."""
+    """Return an SVG chart of an output's sensitivity to each input, from `Influences.as_dict`; empty without any."""
     by_path: dict[str, dict[str, Mapping[str, Any]]] = {}
     for influence in influences:
         if influence["output"] == output:
@@ -146,19 +146,19 @@ _PAIRS_MAX = 45
 
 
 def pair_links(dataset: xr.Dataset) -> dict[tuple[str, str], np.ndarray]:
-    """Return for each pair of aircraft names (receiver, sender) whether the sender was heard, at each recorded time."""
+    """Return for each pair of aircraft (names) a mask of the times, (time,), at which the first hears the second."""
     names, heard = [str(name) for name in dataset["aircraft"].values], dataset["heard_from"].values
     return {(names[i], names[k]): (heard[:, i] >> k) & 1 == 1 for i, k in combinations(range(len(names)), 2)}
 
 
 def link_spans(time: np.ndarray, is_linked: np.ndarray) -> list[tuple[float, float]]:
-    """Return the spans of time, from and to, in which a pair is linked."""
+    """Return the spans of time (from, to), s, in which a pair of aircraft is linked, from a mask of the times."""
     edges = np.flatnonzero(np.diff(is_linked.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     return [(float(time[start]), float(time[min(stop, len(time) - 1)])) for start, stop in edges]
 
 
 def links_strip(dataset: xr.Dataset) -> "Markup | str":
-    """Return a chart of links and quality of service over time; empty for a fleet with a central planner."""
+    """Return an SVG chart of a network's links and quality of service over time; empty with a central planner."""
     if "heard_from" not in dataset:
         return ""
     time, pairs = dataset["time"].values, list(pair_links(dataset).items())
@@ -203,7 +203,7 @@ def _quality(series: Mapping[str, Any] | None, top: float, x: Callable[[float], 
 
 
 _TRACK_POINTS_MAX = 240
-"""Greatest number of points of a track."""
+"""Greatest number of points of a track on the map."""
 _MARGIN = 0.05
 _SIZE = 1000.0
 _HEIGHT_RANGE = (0.45, 1.0)
@@ -213,7 +213,7 @@ _AFTER_S = 2.0
 
 
 def campaign_map(report: "CampaignReport") -> "Markup | str":
-    """Draw the replayed flights, seen from above, as SVG; return an empty string without replayed flights."""
+    """Return an SVG map of the tracks of a campaign's replayed flights; empty if no flight was replayed."""
     if not report.replays:
         return ""
     replayed = report.dataset.sel(flight=[replay.number for replay in report.replays])
@@ -243,7 +243,11 @@ def campaign_map(report: "CampaignReport") -> "Markup | str":
 
 
 def _tracks(replay: "ReplayedFlight", arrivals: np.ndarray) -> list[np.ndarray]:
-    """Return the track (east, north, m) of each aircraft until shortly after its arrival time, s, evenly thinned."""
+    """Return the tracks of a replayed flight, arrays (points, 2) of east and north, m, for each aircraft with a track.
+
+    A track ends shortly after the aircraft's arrival time in `arrivals`, s (NaN: with the record), and is thinned to
+    at most `_TRACK_POINTS_MAX` points.
+    """
     data, lines = replay.tracks, []
     time = data["time"].values
     for k, arrival in enumerate(np.broadcast_to(arrivals, data.sizes["aircraft"])):

@@ -1,4 +1,4 @@
-"""Arrivals: closest pass of the rendezvous, whether it counts as an arrival, and accuracy of a fleet's arrivals."""
+"""Arrivals: closest pass of the rendezvous, the conditions of an arrival, and the accuracy of a fleet's arrivals."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 
 ARRIVED = STATUS_MESSAGES[0]
 AS_PLANNED = frozenset({ARRIVED, STATUS_MESSAGES[LEFT_FLEET]})
-"""Statuses that are no failure: of an arrival, and of an aircraft that left the fleet by an event."""
+"""Statuses that are no failure: "arrived", and the status of an aircraft that left the fleet by an event."""
 _ENDED_BEFORE = "not arrived: the flight ended before the planned arrival"
 _STILL_CLOSING = "not arrived: still closing on the rendezvous when the search for the arrival ended"
 _NO_RECORD = "not arrived: no finite position in the record"
@@ -23,7 +23,7 @@ _NO_RECORD = "not arrived: no finite position in the record"
 
 @dataclass(frozen=True)
 class Arrival:
-    """Outcome of one aircraft's approach."""
+    """Outcome of one aircraft's approach: time of the arrival, miss, end of the approach, and status."""
 
     # time of the arrival, s, and distance from the rendezvous at the arrival, m; both NaN without an arrival
     time_s: float
@@ -51,8 +51,9 @@ def arrival_outcome(
     """Decide whether the closest pass of the rendezvous is an arrival, and return the outcome of the approach.
 
     The pass is an arrival if the aircraft flew its plan at least until the planned arrival, and the distance increased
-    again before the end of the search: 10 s after the planned arrival, the end of the record, or the time at which the
-    aircraft left its plan. An aircraft that crashed, broke off or was still closing has not arrived.
+    again before the end of the search: the earliest of 10 s after the planned arrival, the end of the record, and the
+    time at which the aircraft left its plan. An aircraft that crashed or broke off before, or was still closing, has
+    not arrived.
     """
     time_s, miss_m = closest_pass
     approach_end_s = min(off_plan_s, end_s)
@@ -82,9 +83,9 @@ def closest_approach(
 ) -> tuple[float, float]:
     """Return the time (s) and distance (m) of the closest pass of a moving rendezvous.
 
-    The offset is linear in time between samples, and its length is minimised exactly. Only the record up to
-    `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal. Time and
-    distance are NaN if no interval between two finite samples begins up to that time.
+    The offset is interpolated linearly between samples, and its length is minimised exactly. Only the record up to
+    `planned_arrival_s + margin_s` counts: closer passes in the later hold around the goal do not. Time and distance are
+    NaN if no interval between two consecutive finite samples starts by then.
 
     Raises ValueError if the shapes do not match, or the record has fewer than two samples.
     """
@@ -108,9 +109,9 @@ def closest_approach(
 def least_distance(
     offset: np.ndarray,  # offsets between the points of each pair, m; shape (time, pair, 3)
 ) -> np.ndarray:
-    """Compute the least distance of each pair of points, whose offset is linear in time between samples.
+    """Compute the least distance of each pair of points over time, m, with linear motion between samples.
 
-    Returns the least distance by pair, m, shape (pair,); NaN for a pair without two consecutive finite samples.
+    Returns shape (pair,); NaN for a pair without two consecutive finite samples.
     """
     _, distance = _segment_minima(offset, np.ones((offset.shape[0] - 1, 1)))
     minimum = np.min(np.where(np.isfinite(distance), distance, np.inf), axis=0)
@@ -118,9 +119,10 @@ def least_distance(
 
 
 def _segment_minima(points: np.ndarray, fraction_max: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the point nearest to the origin on each straight segment between consecutive points.
+    """Find the point nearest to the origin on each straight segment between consecutive `points` (time, ..., axis), m.
 
-    Returns its position on the segment (fraction, at most `fraction_max`) and its distance from the origin, m.
+    Returns two arrays (time - 1, ...): the point's position on its segment, a fraction of at most `fraction_max`, and
+    its distance from the origin, m; NaN for a segment with an endpoint that is not finite.
     """
     # A segment with a non-finite value has a non-finite distance.
     points = np.where(np.isfinite(points), points, np.nan)
@@ -145,7 +147,7 @@ class ArrivalAccuracy:
     required_spacing_s: float | None = None  # required interval between two arrivals of a sequence, s; otherwise None
 
     def describe(self, aircraft: int) -> str:
-        """Describe the accuracy in words, for a fleet of `aircraft` aircraft; empty without a value."""
+        """Return the accuracy as text, for a fleet of `aircraft` aircraft; empty if an arrival is missing."""
         if self.value_s is None:
             return ""
         value = format_duration(self.value_s)
@@ -157,12 +159,12 @@ class ArrivalAccuracy:
 
 
 def format_duration(seconds: float) -> str:
-    """Format a duration in s, or in ms if below 0.1 s."""
+    """Format a duration, s, with its unit: "1.50 s", or below 0.1 s in milliseconds, "15 ms"."""
     return f"{1000 * seconds:.2g} ms" if seconds < _MILLISECONDS_BELOW_S else f"{seconds:.2f} s"
 
 
 def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str:
-    """Format the first and last planned arrival time of a fleet of `aircraft` aircraft, for a heading."""
+    """Format the first and the last planned arrival time (s) of `aircraft` aircraft, as in "all arrive at 60.00 s"."""
     first_text, last_text = f"{first_s:.2f}", f"{last_s:.2f}"
     if first_text != last_text:
         return f"arrivals from {first_text} to {last_text} s"
@@ -170,11 +172,11 @@ def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str
 
 
 def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[str, Any]:
-    """Return the entry `arrival` of a summary: arrival rule and largest arrival errors, s.
+    """Return the entry `arrival` of a summary, from the entries of its aircraft.
 
-    Computed from the summary's aircraft entries; aircraft that left the fleet before their arrival are excluded. The
-    spacing error is that of the gap between two aircraft with successive planned arrivals; where aircraft between them
-    have left, the gap is a multiple of the spacing.
+    Contents: the arrival rule, whether the arrival time is common, and the largest deviation of an arrival from its
+    planned time, s; in a sequence with a required spacing also the spacing and its largest error, s. An error is None
+    if an arrival is missing. Aircraft that left the fleet before their arrival do not count.
     """
     staying = [entry for entry in aircraft if "left_s" not in entry]
     arrivals = [entry["arrival_s"] for entry in staying]
@@ -196,7 +198,7 @@ def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[s
 
 
 def _spacing_error(earlier: _Entry, later: _Entry, spacing_s: float) -> float:
-    """Deviation of the gap between two arrivals of a sequence from the spacing, or from its planned multiple, s."""
+    """Return the deviation (s) of the interval of two arrivals from the spacing, or from its planned multiple."""
     gap_s, planned_s = (later[key] - earlier[key] for key in ("arrival_s", "planned_arrival_s"))
     places = max(1, round(planned_s / spacing_s)) if spacing_s > 0.0 else 1
     return abs(gap_s - places * spacing_s)
@@ -205,7 +207,7 @@ def _spacing_error(earlier: _Entry, later: _Entry, spacing_s: float) -> float:
 def arrival_accuracy(summary: Mapping[str, Any]) -> ArrivalAccuracy:
     """Return the arrival accuracy of a flight from its summary.
 
-    A summary without an entry `arrival` (older versions) means simultaneous arrivals.
+    A summary of an older version, without the entry `arrival`, is of a flight with simultaneous arrivals.
     """
     requirement = summary.get("arrival") or {"common": True, "error_max_s": None}
     if len(summary["aircraft"]) > 1 and requirement["common"]:

@@ -1,7 +1,7 @@
-"""Checksums of result files, verified before any content is used.
+"""Checksums (SHA-256) of result files, verified before the content is used.
 
-In a binary file, the checksum follows the end of the format's data: programs for NetCDF (HDF5) and NumPy files ignore
-the trailing bytes. A JSON document has the checksum under the key `sha256`.
+The checksum of a binary file follows the data of its format: programs for NetCDF (HDF5) and NumPy files ignore the
+trailing bytes. A JSON document has the checksum under the key `sha256`.
 """
 
 import hashlib
@@ -25,26 +25,26 @@ class DamagedFileError(ValueError):
 
 
 def damaged_file_error(path: Path, arrived: str, expected: str = "the file as anser wrote it") -> DamagedFileError:
-    """Return the error for a damaged file, with its path, the content found (`arrived`) and the content expected."""
+    """Return the error for the damaged file at `path`; its message says what `arrived`, and what is `expected`."""
     return DamagedFileError(f"{path}: arrived {arrived}; expected {expected}")
 
 
 def append_checksum(path: Path) -> None:
-    """Append to a complete binary file the checksum of its content."""
+    """Append the checksum of a complete binary file to the end of the file."""
     trailer = checksum_trailer(file_digest(path))
     with path.open("ab") as file:
         file.write(trailer)
 
 
 def checksum_trailer(digest: str) -> bytes:
-    """Return the bytes that carry a SHA-256 (hexadecimal `digest`) at the end of a file."""
+    """Return the bytes at the end of a binary file that contain its SHA-256 (`digest`, hexadecimal)."""
     return _MARK + digest.encode() + b"\n"
 
 
 def verify_checksum(path: Path) -> bool:
     """Verify the content of a binary file by the checksum at its end.
 
-    Returns whether the file has a checksum; files of older versions have none.
+    Returns True if the checksum is right, False if the file has no checksum, as in older versions.
 
     Raises DamagedFileError if the content differs from the checksum.
     """
@@ -62,7 +62,7 @@ def verify_checksum(path: Path) -> bool:
 
 
 def file_digest(path: Path, size: int | None = None) -> str:
-    """Return the SHA-256, hexadecimal, of the first `size` bytes of a file; of the whole file if None."""
+    """Return the SHA-256 (64 hexadecimal digits) of the first `size` bytes of a file; None: of the whole file."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         bytes_left = path.stat().st_size if size is None else size
@@ -73,7 +73,7 @@ def file_digest(path: Path, size: int | None = None) -> str:
 
 
 def add_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a JSON document with the checksum of its content as the last key."""
+    """Return a copy of a JSON document with the checksum of its values under a last key, `sha256`."""
     content = {key: value for key, value in document.items() if key != CHECKSUM_KEY}
     return {**content, CHECKSUM_KEY: _content_digest(content)}
 
@@ -81,7 +81,7 @@ def add_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
 def read_document(path: Path) -> tuple[dict[str, Any], bool]:
     """Read a JSON document and verify its checksum.
 
-    Returns the document without its checksum, and whether it has a checksum; documents of older versions have none.
+    Returns the document without its checksum, and whether the file has a checksum; in older versions it has none.
 
     Raises DamagedFileError if the file is not a JSON object, or the content differs from the checksum. Raises OSError
     if the file cannot be read, or is larger than 32 MiB.
@@ -103,6 +103,6 @@ def _reject_constant(name: str) -> None:
 
 
 def _content_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a document's values, independent of spacing and order of the keys."""
+    """Return the SHA-256 (hexadecimal) of a document's content, independent of spacing and order of the keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

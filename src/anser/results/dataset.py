@@ -1,4 +1,4 @@
-"""Conversion of a flight's history (SI units, radians) to a labelled dataset in the units of the catalogue."""
+"""Conversion of a flight's history (SI units, radians) to a labelled dataset in the units of `anser.variables`."""
 
 from collections.abc import Mapping, Sequence
 
@@ -44,15 +44,17 @@ def to_dataset(
     surfaces: Sequence[Sequence[str]] = (),
     air_layers: Layers = STANDARD_LAYERS,
 ) -> xr.Dataset:
-    """Convert a flight's history to an xarray dataset over (time, aircraft), one variable per catalogue entry.
+    """Convert a flight's history to an xarray dataset over (time, aircraft), with a variable for each key.
+
+    Geodetic position, calibrated and equivalent airspeed, and pressure and density altitude are computed and added.
 
     Parameters
     ----------
     time_s
         Times of the record, s, increasing; shape (time,).
     history
-        One array (time, aircraft) per key of `anser.variables.recorded_keys`, SI units and radians; NaN for surfaces
-        that an aircraft does not have.
+        One array (time, aircraft) per key of `anser.variables.recorded_keys(surfaces)`, and optionally of
+        `OPTIONAL_KEYS`, SI units and radians; NaN for surfaces that an aircraft does not have.
     aircraft_names
         Unique names of the aircraft, in the order of the history's columns.
     attributes
@@ -61,14 +63,15 @@ def to_dataset(
     surfaces
         Names of the control surfaces by aircraft; empty: `anser.variables.STANDARD_SURFACES` for every aircraft.
     air_layers
-        Air of the flight, see `anser.environment.air`, for pressure altitude and other airspeeds.
+        Layers of the flight's air, see `anser.environment.air`, for the airspeeds and altitudes to be computed.
 
     Returns
     -------
     xr.Dataset
         Variables with the attributes `units`, `frame`, `long_name` and `symbol`. Angles are in (-180, 180] deg;
-        latitude and longitude are those of the flat Earth of theory section 1. The attribute `surfaces` lists the names
-        of the control surfaces (see `surface_names`); a `comment` marks surfaces that some aircraft do not have.
+        latitude and longitude are those of the flat Earth of theory section 1. Added attributes: `surfaces`, the names
+        of the control surfaces (see `surface_names`), and `qnh_hpa`, the altimeter setting. A surface that some
+        aircraft do not have is marked by the attribute `comment` of its variables.
 
     Raises
     ------
@@ -76,7 +79,7 @@ def to_dataset(
         If a key is unknown or missing, a shape is wrong, time does not increase, a name is repeated, the geodetic
         reference is missing, or the surfaces do not match the aircraft.
     TypeError
-        If a number type differs from the catalogue, or an attribute is neither text nor number.
+        If a number type cannot be cast to that of the catalogue, or an attribute is neither text nor number.
     """
     time = np.asarray(time_s, dtype=np.float64)
     if time.ndim != 1 or time.size == 0 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
@@ -110,14 +113,14 @@ def to_dataset(
 
 
 def air_variables(airspeed: np.ndarray, altitude: np.ndarray, layers: Layers) -> dict[str, np.ndarray]:
-    """Compute calibrated and equivalent airspeed (m/s) and pressure and density altitude (m), by key of the catalogue.
+    """Compute calibrated and equivalent airspeed (m/s), pressure and density altitude (m), by key of `anser.variables`.
 
     Parameters
     ----------
     airspeed, altitude
-        True airspeed (m/s) and geometric altitude (m), of one shape.
+        True airspeed (m/s) and geometric altitude (m), two arrays of equal shape, which the results have too.
     layers
-        Air of the flight, see `anser.environment.air`.
+        Layers of the flight's air, see `anser.environment.air`.
     """
     with np.errstate(all="ignore"):  # the motion of a lost aircraft is not finite
         air = air_in_layers(layers, np.asarray(altitude, dtype=float))
@@ -131,21 +134,21 @@ def air_variables(airspeed: np.ndarray, altitude: np.ndarray, layers: Layers) ->
 
 
 def qnh_attributes(layers: Layers) -> dict[str, float]:
-    """Return the altimeter setting of a flight's air, hPa, as an attribute of its dataset."""
+    """Return the altimeter setting (QNH) of a flight's air, hPa, as the dataset attribute `qnh_hpa`."""
     return {"qnh_hpa": altimeter_setting_in_layers(layers) / 100.0}
 
 
 def surface_names(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the names of the control surfaces in a dataset, from its attribute `surfaces`.
 
-    The attribute is one text with the names separated by blanks, as CF lists names. Datasets of older versions without
-    the attribute have the standard surfaces.
+    The attribute contains the names separated by blanks, as usual in CF. A dataset of an older version, without the
+    attribute, has the standard surfaces elevator, aileron and rudder.
     """
     return tuple(str(dataset.attrs.get("surfaces", " ".join(STANDARD_SURFACES))).split())
 
 
 def value_range(values: xr.DataArray) -> tuple[float, float, float, float]:
-    """Return the first, the last, the least and the greatest value of a variable over time."""
+    """Return first, last, least and greatest value of a variable over time, in its unit; NaN values are not skipped."""
     numbers = values.values
     return float(numbers[0]), float(numbers[-1]), float(numbers.min()), float(numbers.max())
 

@@ -14,26 +14,26 @@ from anser.version import source_version
 
 
 def finite_or_none(value: Any) -> float | None:
-    """Convert to float; None if the value is missing or not finite."""
+    """Return a value as a float for JSON; None if the value is None, NaN or infinite."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
 def plain_attributes(attributes: Any) -> dict[str, Any]:
-    """Return the attributes of a dataset with NumPy values converted to Python values."""
+    """Return dataset attributes by name, with NumPy scalars converted to plain Python values."""
     return {name: getattr(value, "item", lambda v=value: v)() for name, value in attributes.items()}
 
 
 def write_json(document: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
-    """Write a JSON file.
+    """Write a document to a JSON file, without a checksum.
 
-    Raises FileExistsError if `path` exists and `overwrite` is False. Raises ValueError if the document contains a
-    number without JSON representation (NaN, infinity).
+    Raises FileExistsError if `path` exists and `overwrite` is False, ValueError if the document contains a number
+    without JSON representation (NaN, infinity), OSError if the file cannot be written.
     """
     write_file(path, json.dumps(document, indent=1, allow_nan=False) + "\n", overwrite=overwrite)
 
 
 def software_versions() -> dict[str, str]:
-    """Return the versions of anser, with its commit, and of the libraries that determine its numbers, by name."""
+    """Return the versions of anser, JAX, equinox, NumPy and Python by name, and anser's git commit, `anser_commit`."""
     source = source_version()
     libraries = {name: version(name) for name in ("jax", "equinox", "numpy")}
     return {
@@ -45,19 +45,19 @@ def software_versions() -> dict[str, str]:
 
 
 def version_attributes() -> dict[str, str]:
-    """Return the software versions as attributes of a dataset: `version_jax`, `version_numpy`, ..."""
+    """Return `software_versions` as attributes of a dataset: `version_anser`, `version_jax`, ..."""
     return {f"version_{name}": version for name, version in software_versions().items()}
 
 
 def install_hint(library: str, extra: str) -> str:
-    """Return the message that a library is not installed, with the extra of anser that provides it."""
+    """Return the message that a library is not installed, with the pip commands for anser's `extra` that brings it."""
     return f'{library} is not installed: pip install "anser[{extra}]" (in a clone: pip install -e ".[{extra}]")'
 
 
 def notebook_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str] = ()) -> str:
-    """Return an HTML table with a title above and notes below, from plain text.
+    """Return an HTML table with a title above and notes below; all texts are escaped.
 
-    The entries hold the cells by column name, the same columns in every entry.
+    Each entry is a row: its cells by column name, in every entry the same columns. Without entries, no table appears.
     """
     heads = "".join(f"<th>{escape(name)}</th>" for name in (entries[0] if entries else ()))
     lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in entry.values())}</tr>" for entry in entries)
@@ -69,5 +69,5 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def escape_spreadsheet_text(text: str) -> str:
-    """Return text for a cell of a CSV file: an apostrophe precedes what a spreadsheet would read as a formula."""
+    """Return text for a cell of a CSV file, with an apostrophe in front if a spreadsheet would read it as a formula."""
     return f"'{text}" if text.startswith(_FORMULA_STARTS) else text

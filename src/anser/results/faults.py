@@ -1,4 +1,4 @@
-"""Faults that an adaptive autopilot found in its aircraft: name, time and size, as data and in words."""
+"""Faults that an adaptive autopilot detected in its aircraft: name, time and size, as data and as text."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,31 +21,31 @@ _SURFACE_UNIT = "of the effectiveness lost"
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that the autopilot of an aircraft found."""
+    """A fault of an aircraft that its adaptive autopilot detected."""
 
-    name: str  #: Name of the fault: "centre of gravity", "ice", "engine", or the control surface.
-    time_s: float  #: Time at which the fault was confirmed, s.
-    size: float  #: Estimated size at the end of the record, a fraction, not negative.
-    unit: str  #: Quantity of which the size is a fraction.
+    name: str  #: Name of the fault: "centre of gravity", "ice", "engine", or the name of the faulty control surface.
+    time_s: float  #: Time from the start of the flight at which the fault was confirmed, s.
+    size: float  #: Last estimated size, not negative, as a fraction of the quantity in `unit`.
+    unit: str  #: Quantity of which the size is a fraction, as text: "of the thrust lost", "of the mean chord, aft".
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fault as plain data for `summary.json`."""
+        """Return the fields of the fault by name, as plain data for `summary.json`."""
         return asdict(self)
 
 
 def fault_time(time_s: np.ndarray, codes: np.ndarray) -> float | None:
-    """Return the time at which a fault was found, s; None without any. `codes` is the variable `fault`."""
+    """Return the first time (s) at which `codes`, the variable `fault`, has a fault; None if never."""
     reported = np.flatnonzero(codes != NO_FAULT)
     return float(time_s[reported[0]]) if reported.size else None
 
 
 def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surfaces: Sequence[str]) -> Fault | None:
-    """Return the fault in the record of one aircraft; None if its autopilot found none.
+    """Return the fault in the record of one aircraft; None if its autopilot reported no fault.
 
     Parameters
     ----------
     time_s, codes, sizes
-        Times, s, and the variables `fault` and `fault_size`; shape (time,).
+        Times of the record, s, the codes in the variable `fault`, and the sizes in `fault_size`; shape (time,).
     surfaces
         Names of the aircraft's control surfaces, in the order of the airframe.
     """
@@ -62,7 +62,7 @@ def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surface
 
 
 def dataset_fault(dataset: xr.Dataset) -> Fault | None:
-    """Return the fault in the dataset of one aircraft's flight; None if none was found or none is recorded."""
+    """Return the fault in the dataset of one aircraft's flight; None if none was detected or none is recorded."""
     if "fault" not in dataset:
         return None
     time_s, codes, sizes = (dataset[name].values for name in ("time", "fault", "fault_size"))
@@ -70,7 +70,7 @@ def dataset_fault(dataset: xr.Dataset) -> Fault | None:
 
 
 def format_fault(fault: Mapping[str, Any]) -> str:
-    """Format name, size and time of a fault from its plain data, such as the entry of a summary."""
+    """Return name, size and time of a fault as text, from the data of `Fault.as_dict` or a summary's entry `fault`."""
     if fault["name"] == _NAMES[ICE]:
         drag, lift = 100.0 * ICE_DRAG * fault["size"], 100.0 * ICE_LIFT * fault["size"]
         size_text = f"drag up by {drag:.0f} %, lift down by {lift:.0f} %"
@@ -80,6 +80,6 @@ def format_fault(fault: Mapping[str, Any]) -> str:
 
 
 def fault_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return a line for each aircraft of a summary whose autopilot found a fault."""
+    """Return a line of text, with the aircraft's name, for each fault in a summary."""
     entries = [entry for entry in summary["aircraft"] if entry.get("fault")]
     return [f"{entry['name']}: fault: {format_fault(entry['fault'])}" for entry in entries]

@@ -1,4 +1,4 @@
-"""Results of many flights: one row of results per flight, and labelled arrays over the flights."""
+"""Results of the flights of a batch or campaign: a row of results per flight, and labelled arrays over the flights."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightRow:
-    """Results of one flight of a batch or campaign."""
+    """Results of one flight of a batch or campaign: entries of its summary, time series, and outputs of a study."""
 
     # the entries of these names in `summary.json`; empty for a flight that could not start
     aircraft: list[dict[str, Any]]
     fleet: dict[str, Any]
     requirements: list[dict[str, Any]]
-    met: bool  # whether every aircraft arrived and every requirement is met
+    met: bool  # whether every aircraft arrived (with events: every aircraft that stayed), and all requirements are met
     reason: str = ""  # reason for a failed start; empty otherwise
     # recorded time series by key of `anser.variables.CATALOGUE`: shape (aircraft, time), in dataset units
     series: Mapping[str, np.ndarray] = field(default_factory=dict, compare=False)
@@ -38,12 +38,12 @@ class FlightRow:
 
     @classmethod
     def failed_start(cls, reason: str) -> "FlightRow":
-        """Return the row of a flight that could not start, with the reason."""
+        """Return the row of a flight that could not start: no results, not met, and the reason."""
         return cls([], {}, [], met=False, reason=reason)
 
 
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
-"""Least distance required from a goal of each kind, m: part of the product's scope, not of a scenario."""
+"""Least distance required from a goal, m, by kind of goal: fixed by the product's scope, not set by a scenario."""
 
 
 def build_flight_row(
@@ -53,7 +53,10 @@ def build_flight_row(
     end_s: float | None = None,  # end of the record, s; None: the scenario's duration
     goals: Sequence[str] = (),  # name of the final goal by aircraft, if goals were reassigned
 ) -> FlightRow:
-    """Compute the results of one flight from its summary."""
+    """Compute the results of one flight from its summary, without time series and outputs of a study.
+
+    `met` requires an arrival of every aircraft, also of an aircraft that left the fleet by an event.
+    """
     end_s = scenario.timing.duration_s if end_s is None else end_s
     aircraft = [_aircraft_entry(summary, k, float(planned_s[k]), scenario, end_s) for k in range(len(planned_s))]
     for entry, goal in zip(aircraft, goals, strict=bool(goals)):
@@ -107,9 +110,9 @@ def _aircraft_entry(
 
 
 def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return for each aircraft the kind of goal that sets its required distance.
+    """Return for each aircraft the kind of goal, a key of `CLEARANCE_MIN_M`, that sets its least required distance.
 
-    After a reassignment of goals, it is the kind with the greater distance.
+    If goals were reassigned, the first and the last goal count, and the kind with the greater distance is returned.
     """
     kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
     return [
@@ -137,7 +140,7 @@ FLEET_QUANTITIES = {
 }
 
 FlightColumn = tuple[tuple[str, ...], np.ndarray, dict[str, Any]]
-"""A quantity of many flights: dimensions, values, attributes.
+"""A quantity of many flights: dimensions, values, and attributes of the quantity (unit, long name).
 
 The dimensions are those of one flight's value (none, or `aircraft`); the values have a leading axis over flights."""
 
@@ -147,9 +150,9 @@ def tabulate_flights(
     aircraft: int,  # number of aircraft
     outputs: Mapping[str, tuple[str, str]] = MappingProxyType({}),  # unit and description of further outputs by name
 ) -> dict[str, FlightColumn]:
-    """Arrange the results of many flights as one array per quantity, by name.
+    """Arrange the results of many flights as one column per quantity, by name: dimensions, values, attributes.
 
-    A failed start has NaN, the status "no flight" and the reason.
+    A flight that could not start has NaN, the status "no flight" for each aircraft, and the reason as text.
     """
 
     def aircraft_values(key: str, missing: Any) -> np.ndarray:
@@ -183,7 +186,7 @@ def tabulate_flights(
 
 
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
-    """Return the named quantities that the fleet has: a single aircraft has neither spread nor separation."""
+    """Return those of `names` in a dataset of flights; for a single aircraft, without arrival spread and separation."""
     given = [name for name in names if name in dataset]
     return tuple(name for name in given if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 
@@ -198,11 +201,10 @@ def worst_of_fleet(
 ) -> np.ndarray:
     """Return the worst value of each flight: the maximum over the aircraft, or the minimum if `upper` is False.
 
-    A flight with a missing arrival counts as infinitely bad in every quantity, even with a value: a crash far from the
-    goal must not improve the least distance. A missing value counts as a missing arrival, unless the flight met every
-    requirement without the value (an aircraft that left the fleet).
-
-    The result has the shape (flights,); it is infinite (minus infinite if `upper` is False) for the worst outcome.
+    Returns shape (flights,). If a flight missed a requirement, and an aircraft has no arrival or no value, the result
+    is infinite (minus infinite if `upper` is False): a crash far from the goal must not improve the least distance. In
+    a flight that met every requirement, missing values are ignored, as of an aircraft that left the fleet; if all are
+    missing, the infinity has the opposite sign.
     """
     values, is_met = np.asarray(columns[name]), np.asarray(columns["met"])
     has_arrived = is_met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)

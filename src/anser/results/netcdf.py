@@ -1,4 +1,4 @@
-"""Recorded flights on disk: compressed NetCDF-4 files with a checksum, and the check of the required variables."""
+"""Recorded flights on disk: compressed NetCDF-4 files with a checksum, and the check of times, names and positions."""
 
 import errno
 from pathlib import Path
@@ -11,17 +11,17 @@ from anser.results.checksums import append_checksum, damaged_file_error, verify_
 
 FORMAT_VERSION = 1
 _VERSION = "format_version"
-"""Attribute of every file with a checksum; older files have neither."""
+"""Name of the attribute with the format version, in every file with a checksum; older files lack both."""
 _UNREADABLE = OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError, MemoryError
-"""Exceptions of the libraries for damaged files of older versions, without a checksum."""
+"""Exceptions that the libraries raise for damaged files of older versions, which have no checksum."""
 _EXPECTED = "a file as anser wrote it"
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset to a losslessly compressed NetCDF-4 file, with a checksum.
 
-    Booleans are stored as int8 with flag attributes, aircraft names as text. The file appears under its name only when
-    complete.
+    Booleans are stored as int8 with flag attributes, aircraft names as text. An interrupted call leaves no file at
+    `path`.
 
     Raises
     ------
@@ -45,12 +45,14 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
-    """Read a dataset that `write_netcdf` wrote; all values are loaded and equal the written ones.
+    """Read a dataset that `write_netcdf` wrote, into memory; times are plain seconds, not dates.
+
+    A file of an older version, without checksum and format version, is read as well.
 
     Raises
     ------
     DamagedFileError
-        If the file cannot be read, was changed, or has another format version.
+        If the file cannot be decoded, differs from its checksum, or has another format version.
     """
     verified = verify_checksum(path)
     try:
@@ -78,9 +80,10 @@ _POSITION = "north_m", "east_m", "altitude_m"
 
 
 def flight_problem(dataset: xr.Dataset) -> str | None:
-    """Return a defect in the times, names or positions of a flight, with the content expected; None without one.
+    """Return a message on the first defect in a flight's times, aircraft names or positions; None without a defect.
 
-    Positions are always finite: the state of a crashed or diverged aircraft stays at its last finite value.
+    The message says what arrived and what was expected. Every position must be finite, also of a crashed or diverged
+    aircraft, whose recorded state stays at its last finite value.
     """
     for name in ("time", "aircraft", *_POSITION):
         if name not in dataset.variables:

@@ -1,6 +1,7 @@
-"""Summary of a decentralised fleet's network: links, clock differences, and their guaranteed convergence.
+"""Summary of a decentralised fleet's network: links, clock differences, and their guaranteed rate of convergence.
 
-The guarantee is that of the theorem of time coordination.
+Each aircraft flies its path by a clock. By the theorem of time coordination, the clocks converge at a guaranteed rate
+if the fleet is connected within every time window.
 """
 
 from collections.abc import Mapping
@@ -27,13 +28,15 @@ def summarize_network(
     scenario: Scenario,  # scenario with `fleet.planner = "decentralised"`
     agreed_after_s: float,  # duration of the fleet's consensus on the plan, s
 ) -> dict[str, Any]:
-    """Summarize links, clocks and guaranteed convergence of a decentralised fleet, until the first path is frozen.
+    """Return the entry `network` of a flight's summary, as plain data: links, clocks, guaranteed convergence, paths.
 
-    An aircraft that broke off, stopped or left the fleet counts no longer from then on. `links_up` is the mean fraction
-    of the pairs with a link, `quality_of_service_min` and `_mean` count over windows of `window_s`,
-    `promised_rate_per_s` is the guaranteed rate of convergence at the least quality of service, and `offers` is the
-    number of paths offered, and `outdated_paths` lists the aircraft whose last path ends farther than `tube_m` from the
-    rendezvous, because the fleet agreed on no other path in time.
+    Links and clocks count until the first path is frozen shortly before its arrival, and of an aircraft until it
+    leaves its plan or crashes. `links_up` is the mean fraction of the pairs of aircraft with a link;
+    `quality_of_service_min` and `_mean` are over time windows of `window_s`; `promised_rate_per_s` is the guaranteed
+    rate at which the differences of the clocks decay, at the least quality of service; `condition_met` says whether
+    the quality was positive in every window; `offers` is the number of new paths that aircraft offered to the fleet.
+    `outdated_paths` lists the aircraft whose last path ends farther than `tube_m` from the rendezvous (see
+    `_outdated_paths`), `message` states the results as text, and `series` are samples at intervals of about 1 s.
     """
     network, names = scenario.network or Network(), [aircraft.name for aircraft in scenario.aircraft]
     stride = round(network.period_s / scenario.timing.step_s)
@@ -87,9 +90,10 @@ def _coordination_of_participants(
     takes_part: np.ndarray,  # shape (time, aircraft); never true again after it was false
     network: Network,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the quality of service of each complete window, and the coordination error at each time, s.
+    """Return the quality of service in each complete window, and the coordination error at each time, s.
 
-    A window counts the aircraft that take part at its last sample.
+    The coordination error is the norm of the clocks' deviations from their mean. Only participating aircraft count, in
+    a window those at its last sample; with fewer than two, the quality is 1 and the error 0.
     """
     count = quality_of_service(links, network.period_s, network.window_s).size
     quality, clock_error = np.ones(count), np.zeros(len(clocks))
@@ -106,9 +110,10 @@ def _coordination_of_participants(
 def _outdated_paths(
     time_s: np.ndarray, history: Mapping[str, np.ndarray], names: list[str], network: Network
 ) -> list[dict[str, Any]]:
-    """List the aircraft whose path ends farther than the tube from the rendezvous, at its planned arrival.
+    """List the aircraft whose last path ends farther than `network.tube_m` from the rendezvous at the planned arrival.
 
-    Entries: `aircraft`, `from_s` (time since which the path was neither corrected nor replaced, s) and `distance_m`.
+    Entries: `aircraft` (name), `from_s` (time since which the path was neither corrected nor replaced, s) and
+    `distance_m` (between the end of the path and the rendezvous). Planned arrivals after the record are left out.
     """
     outdated = []
     for k, name in enumerate(names):
@@ -127,9 +132,9 @@ def _outdated_paths(
 
 
 def decode_links(heard_from: np.ndarray, count: int) -> np.ndarray:
-    """Return whether each receiver heard each sender, shape (time, receiver, sender), from bit masks.
+    """Return whether each receiver heard each sender, shape (time, receiver, sender), in a fleet of `count` aircraft.
 
-    Bit k of a mask (time, receiver) stands for a message from aircraft k.
+    Bit k of `heard_from` (time, receiver) states that a message from aircraft k arrived.
     """
     return (heard_from[:, :, None] >> np.arange(count)) & 1 == 1
 

@@ -1,4 +1,4 @@
-"""Outputs of a recorded plan: the machine-readable summary `plan.json`, format version 1, and a CSV of the paths."""
+"""Files of a plan: the machine-readable summary `plan.json` (format version 1), and the paths as CSV."""
 
 import csv
 from pathlib import Path
@@ -17,7 +17,7 @@ _PLANNED = "planned"
 
 
 def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
-    """Summarize a plan as plain data, the content of `plan.json`.
+    """Return the summary of a plan as plain data, the content of `plan.json`.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
     -------
     dict
         Plain numbers, text, lists and dicts (write with `anser.results.write_summary`); missing numbers are None.
-        Margins are positive within the limit; `bounds` states whether the limits are proven between the samples as
-        well.
+        Margins are positive within the limit. `bounds` is "proven" if the planner proves limits between the samples
+        as well, otherwise "sampled".
     """
     attrs = dataset.attrs
     arrivals = dataset["arrival_time_s"].values
@@ -59,10 +59,10 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    """Compute the margin of each aircraft's path to each limit, by limit name, in the limit's unit; shape (aircraft,).
+    """Compute the margin of each aircraft's path to each limit, in the limit's unit: shape (aircraft,), by limit name.
 
-    Negative if the limit is exceeded, NaN without a limit. Computed from the proven bound if there is one, otherwise
-    from the samples.
+    A margin is negative if the limit is exceeded, infinite or NaN without a limit. It is computed from the extreme
+    that the planner proves between the samples, if the dataset has it, otherwise from the sampled extreme.
     """
     margins = {}
     for limit in LIMITS:
@@ -74,7 +74,7 @@ def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Return the entry of aircraft number `k` in the summary of a plan."""
+    """Return the entry of the aircraft with index `k` in `plan.json`; `margins` is the result of `plan_margins`."""
 
     def number(key: str) -> float | None:
         return finite_or_none(dataset[key].values[k])
@@ -109,7 +109,7 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
 
 
 def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
-    """Return the summary's entry on the closest pair of aircraft; `quantity` is "distance" or "separation"."""
+    """Return the entry on the closest pair by `quantity` ("distance", "separation"): value, names, time, distances."""
     pair = dataset[f"least_{quantity}_pair"].values
     value_m, time_s, horizontal_m, vertical_m = (
         finite_or_none(dataset[f"least_{quantity}_{suffix}"].item()) for suffix in ("m", "at_s", "level_m", "height_m")
@@ -124,9 +124,10 @@ def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict
 
 
 def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
-    """Return the entry on the closest pair by separation; None if no separation is required.
+    """Return the entry on the least separation in the plan; None if no separation is required.
 
-    The margin is horizontal, m; a vertical distance counts scaled by the ratio of horizontal to vertical separation.
+    The margin is the least separation minus the required horizontal separation, m. Separations are horizontal metres: a
+    vertical distance counts multiplied by the ratio of required horizontal to vertical separation.
     """
     attrs = dataset.attrs
     if "separation_horizontal_m" not in attrs:
@@ -145,7 +146,7 @@ def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] |
 
 
 def _keep_out_entries(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
-    """Return an entry for each keep-out, with the aircraft that comes nearest to it."""
+    """Return an entry for each keep-out: name, nearest aircraft, its distance outside (m, negative inside) and time."""
     entries = []
     for k in range(dataset.sizes.get("keep_out", 0)):
         margins = dataset["keep_out_room_m"].values[:, k]
@@ -178,7 +179,7 @@ TRAJECTORY_COLUMNS = (
     "load_factor",
     "thrust_surplus_m_s2",
 )
-"""Columns after `time_s` and `aircraft`; course, path angle, climb rate and bank are relative to the air."""
+"""Columns of the CSV after `time_s` and `aircraft`; course, path angle, climb rate and bank are relative to the air."""
 
 _DIGITS = 6
 
@@ -186,10 +187,8 @@ _DIGITS = 6
 def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
     """Write the paths of a plan to a new CSV file (RFC 4180): one row per aircraft and time.
 
-    Raises FileExistsError if `path` exists.
-
-    Rows are sorted by aircraft, then by time: the regular sample times up to the arrival, and the arrival. Aircraft
-    with a non-finite path have no rows.
+    Rows are sorted by aircraft, then by time: the regular sample times before the arrival, and the arrival. Samples
+    that are not finite are left out. Raises FileExistsError if `path` exists.
     """
     times, is_regular = dataset["time"].values, dataset["even"].values
     columns = [dataset[name].values for name in TRAJECTORY_COLUMNS]

@@ -1,4 +1,4 @@
-"""Record of a plan: samples of the paths, extremes, closest approaches and the planner's report, as a dataset."""
+"""Dataset of a plan: samples of the paths, their extremes, closest approaches, and the planner's limits and bounds."""
 
 import functools
 from collections.abc import Callable, Iterator, Mapping
@@ -17,7 +17,7 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """Closest pair of aircraft in a fleet and its distance (m), at every sample time and over the whole plan."""
+    """Closest pair of aircraft in a plan and its distance (m), at each sample time and over the whole plan."""
 
     distance_m: np.ndarray  # least distance at each time (time,); NaN with fewer than two aircraft under way
     pair: np.ndarray  # indices of the closest pair (time, 2); -1 without a pair
@@ -32,9 +32,9 @@ class ClosestApproach:
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Greatest or least values along each path at closely spaced times, not proven between them.
+    """Length, mean airspeed and extremes of each path over closely spaced times, without proof in between.
 
-    Leading axis aircraft, SI units and radians.
+    Arrays of shape (aircraft,), in SI units and radians.
     """
 
     length: np.ndarray  # length of the path through the air, m
@@ -45,7 +45,10 @@ class PlanExtremes:
 
 @dataclass(frozen=True)
 class PlanSamples:
-    """Samples of a fleet's paths; NaN after an aircraft's arrival."""
+    """Samples of a fleet's planned paths over time, closest approaches and distances from keep-outs.
+
+    Samples of an aircraft after its arrival are NaN.
+    """
 
     time_s: np.ndarray  # sample times (time,), s, increasing: regular times and the arrivals
     is_regular: np.ndarray  # whether each time is a regular one (time,)
@@ -62,13 +65,16 @@ class PlanSamples:
 
     @functools.cached_property
     def closest_by_distance(self) -> ClosestApproach:
-        """Closest approaches by distance in space."""
+        """Closest approaches by distance in space, computed on the first use."""
         return self.find_closest_by_distance()
 
 
 @dataclass(frozen=True)
 class PlanDetails:
-    """The scenario of a plan and the planner's report on it; arrays and tuples have one entry per aircraft."""
+    """Scenario of a plan, and the planner's data on the paths: limits, proven bounds, lengths, holds, problems.
+
+    Arrays and tuples have one entry per aircraft, apart from `problems` and `notes`.
+    """
 
     scenario: Scenario  # scenario that was planned
     paths: tuple[str, ...]  # short description of each path
@@ -101,20 +107,21 @@ _GOAL_KEYS = ("goal_north", "goal_east", "goal_altitude")
 
 
 def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
-    """Arrange the samples and details of a plan as a labelled dataset.
+    """Arrange the samples and details of a plan as a labelled dataset, in the units of `anser.variables`.
 
     Returns
     -------
     xr.Dataset
-        Over (time, aircraft): the history under catalogue names, and the goals. Over (time,): the least distance and,
-        if a separation is required, the least separation, each with the closest pair. Over (aircraft,): arrival,
-        length, speeds, extremes, limits and proven bounds. Over (keep_out,): the volumes. Over (aircraft, keep_out):
-        the margins. Missing values are NaN; variables that the planner does not report are left out.
+        Over (time, aircraft): the history under the names of `anser.variables`, and the goal positions. Over (time,):
+        the least distance between two aircraft and, if required, the least separation, each with the closest pair. Over
+        (aircraft,): arrival, length, mean airspeed, holds, and of each limit the planned extreme, the limit and the
+        proven bound. Over (keep_out,): the cylinders. Over (aircraft, keep_out): the least distance outside. Missing
+        values are NaN; variables that the planner does not report are left out.
 
     Raises
     ------
     ValueError
-        If samples and details do not match, or a key of the history is missing in the catalogue.
+        If samples and details do not match, or `anser.variables` lacks a key of the history.
     """
     _check(samples, details)
     fleet = details.scenario.aircraft
@@ -157,7 +164,7 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
 
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
-    """Add to `data` the closest pair, at every time and over the plan; `name`: "distance" or "separation"."""
+    """Add the closest pair at every time and over the plan to `data`; `name` is "distance" or "separation"."""
     for key, dims, value, unit, long_name in (
         (f"{name}_pair", ("time", "end"), closest.pair, "1", "Indices of the two aircraft; -1: none"),
         (f"least_{name}_pair", "end", closest.minimum_pair, "1", "Indices of the closest pair; -1: none"),
@@ -170,7 +177,7 @@ def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> N
 
 
 def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
-    """Add to `data` the variables that describe whole paths, over (aircraft,)."""
+    """Add the variables that describe whole paths, with the dimension `aircraft`, to `data`."""
     fleet = details.scenario.aircraft
     arrival, extremes = _VARIABLES["arrival_time"], samples.extremes
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), catalogue_attributes(arrival))
@@ -204,9 +211,10 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
 
 
 def limit_columns(samples: PlanSamples, details: PlanDetails) -> Iterator[tuple[Limit, dict[str, np.ndarray]]]:
-    """Yield each limit with its columns over (aircraft,), in the units of datasets, by prefix of their names.
+    """Yield each limit with its columns, arrays (aircraft,) in the unit of datasets, by the prefix of their names.
 
-    The columns are the planned extreme (""), the limit ("limit_") and, if there is one, the proven bound ("bound_").
+    The columns are the planned extreme (prefix ""), the limit ("limit_"; NaN: none) and, if the planner proves the
+    limit, the proven extreme ("bound_").
     """
     planned = {
         **samples.extremes.values,

@@ -1,4 +1,4 @@
-"""Requirements of a scenario on a flight, and the evaluation of a flight against them."""
+"""Requirements of a scenario on a flight, and the evaluation of a flight against its requirements."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -41,15 +41,18 @@ _AT_LEAST = {
 }
 
 _OF_PAIRS = frozenset({"separation_ratio_min", "separation_min_m"})
-"""Requirements of pairs of aircraft: met by a single aircraft, and judged with the aircraft that left the fleet."""
+"""Requirements on pairs of aircraft: a single aircraft meets them; aircraft that left the fleet count as well."""
 
 REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
-"""Names of the requirements; `max` or `min` in the name states on which side of the limit the flight must stay."""
+"""Names of the requirements; `max` in a name marks an upper limit, `min` a lower limit."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A limit that the values of a flight must keep."""
+    """A limit that values of a flight must not exceed (`max` in the name) or fall below (`min`).
+
+    Raises ValueError if the name is not in `REQUIREMENT_NAMES`.
+    """
 
     name: str  # one of `REQUIREMENT_NAMES`, which ends with the unit
     limit: float  # limit in the unit of the name
@@ -61,7 +64,7 @@ class Requirement:
 
 
 def scenario_requirements(scenario: Scenario) -> tuple[Requirement, ...]:
-    """Return the requirements of a scenario, except the distances from the goals, which no scenario can change."""
+    """Return the requirements of a scenario, without the least distances from the goals (see `CLEARANCE_MIN_M`)."""
     config, limits = scenario.requirements, [scenario.limits_for(item) for item in scenario.aircraft]
     slowest, fastest = tuple(item.speed_min_m_s for item in limits), tuple(item.speed_max_m_s for item in limits)
     limits_by_name = {
@@ -89,10 +92,10 @@ def evaluate_requirements(
     # for each aircraft the kind of its goal, and the least distance required from it, m
     clearances: Sequence[tuple[str, float]],
 ) -> list[dict[str, Any]]:
-    """Evaluate a flight against its requirements.
+    """Evaluate a flight against its requirements, and against the least distances from its goals.
 
-    Returns an entry {name, limit, value, met} for each requirement, and for each kind of goal. `value` is the worst of
-    the fleet, for a kind of goal that with the least margin. A missing value is None and not met; a single aircraft
+    Returns an entry {name, limit, value, met} for each requirement, and for each kind of goal. `limit` and `value` are
+    those with the least margin in the fleet. A missing value is None, and the requirement is not met; a single aircraft
     meets every separation.
     """
     evaluations = [_evaluate_requirement(requirement, aircraft, fleet) for requirement in requirements]
@@ -109,11 +112,10 @@ def evaluate_requirements(
 
 
 def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Entry], fleet: _Entry) -> dict[str, Any]:
-    """Return the entry {name, limit, value, met} of one requirement.
+    """Return the entry {name, limit, value, met} of one requirement, with the value of least margin to its limit.
 
-    Only separations of aircraft that left the fleet count.
-    The value is the one with the least margin to the limit. A missing value (None) does not meet the requirement; a
-    requirement to which no value belongs, such as the separation of a single aircraft, is met with the value None.
+    Aircraft that left the fleet count for the separations only. A missing value (None) does not meet the requirement. A
+    requirement without any value, such as the separation of a single aircraft, is met with the value None.
     """
     name, is_upper = requirement.name, requirement.name in _AT_MOST
     if name in _OF_PAIRS and len(aircraft) == 1:

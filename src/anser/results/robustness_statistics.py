@@ -1,4 +1,4 @@
-"""Statistics of a robustness study: success rates with intervals, first failures, and correlations with failures."""
+"""Statistics of a robustness study: success rates, least changes that lead to failure, correlations with failure."""
 
 import math
 from collections import Counter
@@ -15,7 +15,7 @@ _NO_STEADY_FLIGHT = "no_steady_flight"
 
 @dataclass(frozen=True)
 class SuccessRate:
-    """Number and share of the flights in which the autopilot reached the commanded values."""
+    """Success rate of the autopilot over flights of a study; a successful flight reached the commanded values."""
 
     drawn: int  # number of sampled aircraft
     no_steady_flight: int  # number of aircraft without a steady flight at the start
@@ -29,12 +29,12 @@ class SuccessRate:
 
 
 def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
-    """Return the mask of the flights in one part of a study; shape (flights,)."""
+    """Return the mask, shape (flights,), of the flights in a part of a study: "dispersed", "spread" or "alone"."""
     return _decode_flags(dataset["part"]) == part
 
 
 def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> SuccessRate:
-    """Return the success rate of one inversion over selected flights of a study (mask, shape (flights,))."""
+    """Return the success rate of one type of dynamic inversion over the flights of a mask `selection` (flights,)."""
     flights = dataset.sel(inversion=inversion)
     outcome = _decode_flags(flights["outcome"])
     flown, is_success = selection & (outcome != "not_flown"), selection & (outcome == "reached")
@@ -55,12 +55,15 @@ def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> Succe
 
 
 def _decode_flags(flags: xr.DataArray) -> np.ndarray:
-    """Return the text values of a coded variable, from its attribute `flag_meanings`."""
+    """Return the meaning of each code in a coded variable as text, from its attribute `flag_meanings`."""
     return np.array(flags.attrs["flag_meanings"].split())[flags.values]
 
 
 def _failure_reason(flights: xr.Dataset, flight: int) -> str:
-    """Return why one flight of one inversion failed: the active limit, or the channels with a remaining error."""
+    """Return the reason for the failure of the flight with index `flight`, in a dataset of one type of inversion.
+
+    The reason is the name of the active limit, or else of the channels whose final error exceeds the tolerance.
+    """
     name = str(_decode_flags(flights["reason"].isel(flight=[flight]))[0])
     if name != "unexplained":
         return name
@@ -75,7 +78,7 @@ def _failure_reason(flights: xr.Dataset, flight: int) -> str:
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest change of a single factor, in one direction, with which a flight fails to reach the commanded values."""
+    """Smallest change of a single factor, up or down, with which a flight fails to reach the commanded values."""
 
     factor: str
     inversion: str
@@ -89,9 +92,10 @@ class FirstBreak:
 
 
 def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
-    """Find the first failure for each factor and inversion, in both directions, in the part "alone" of a study.
+    """Return the least change of each factor that leads to failure, from the part "alone" of a study.
 
-    An aircraft without a steady flight also counts as a failure: no autopilot can fly the aircraft.
+    The list has an entry for each factor, type of inversion and direction of the change. A changed aircraft without a
+    steady flight at the start counts as a failure too.
     """
     breaks = []
     factor_index, change = dataset["alone"].values, dataset["spread_percent"].values / 100
@@ -127,7 +131,7 @@ def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
 
 @dataclass(frozen=True)
 class FailureCorrelation:
-    """Correlation of the failures in a study with one factor."""
+    """Correlation of failure (1: failed, 0: success) with the change of one factor, over the flights of a study."""
 
     factor: str
     # the stronger of two correlations: "value", with the factor's change; "amount", with the magnitude of the change
@@ -136,9 +140,10 @@ class FailureCorrelation:
 
 
 def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> list[FailureCorrelation]:
-    """Return the factors that correlate with failure over the selected flights, the strongest first.
+    """Return the factors that correlate with failure over the flights of a mask, the strongest correlation first.
 
-    Correlations below 3 standard deviations are insignificant and omitted.
+    Correlations below 3 / sqrt(n), three standard deviations of the correlation of n independent values, are omitted.
+    The list is empty if no flight or every flight failed.
     """
     outcome = _decode_flags(dataset["outcome"].sel(inversion=inversion))
     is_used = selection & (outcome != "not_flown")

@@ -14,7 +14,7 @@ def wilson_interval(
     count: int,
     confidence: float = 0.95,  # nominal coverage, 0..1
 ) -> tuple[float, float]:
-    """Return Wilson's confidence interval of a probability, from the number of successes in independent flights.
+    """Return Wilson's confidence interval of a probability of success, from the successes in independent flights.
 
     Source: E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, J. American
     Statistical Association 22(158), 1927; recommended by L. D. Brown, T. T. Cai, A. DasGupta, *Interval estimation for
@@ -42,9 +42,9 @@ def log_interval(
     estimates: np.ndarray,  # two or more positive estimates of similar precision
     confidence: float = 0.95,  # nominal coverage, 0..1
 ) -> tuple[float, float, float]:
-    """Return the geometric mean of independent positive estimates and its interval (Student's, of the logarithms).
+    """Return the geometric mean of independent positive estimates, and the bounds of its confidence interval.
 
-    Returns the geometric mean, the lower and the upper bound.
+    The interval is Student's for the mean of the logarithms. Returns the mean, the lower and the upper bound.
 
     Raises ValueError if there are fewer than two estimates, or an estimate is not positive.
     """
@@ -62,12 +62,12 @@ def order_statistic_interval(
     share: float,  # probability of the quantile, 0..1: 0.95 for the value that 95 % of the flights stay below
     confidence: float = 0.95,  # least coverage, 0..1
 ) -> tuple[float, float]:
-    """Return a confidence interval of a quantile that assumes no distribution: two of the sorted values.
+    """Return a confidence interval of a quantile, valid for any distribution: two of the sorted values.
 
-    The number of values below the quantile is binomial; each bound excludes the quantile with at most half of the
-    allowed error probability. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
+    The number of values below the quantile is binomial; the probability that the quantile lies beyond a bound is at
+    most (1 - confidence) / 2. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
 
-    Returns the lower and the upper bound; -inf or inf with too few values.
+    Returns the lower and the upper bound; -inf or inf if there are too few values for a bound.
 
     Raises ValueError if a value is NaN.
     """
@@ -83,7 +83,7 @@ def order_statistic_interval(
 
 @functools.lru_cache(maxsize=1024)
 def _bounding_ranks(count: int, share: float, confidence: float) -> tuple[int, int]:
-    """Return the ranks, from 1, of the two sorted values that bound a quantile; 0 or `count` + 1: no such value."""
+    """Return the ranks, from 1, of two sorted values that bound a quantile; 0 or `count` + 1: no such bound."""
     count_below, tail = stats.binom(count, share), 0.5 * (1.0 - confidence)
     # the k-th smallest value is above the quantile if fewer than k values are below the quantile
     low = int(count_below.ppf(tail))  # the greatest k with P(fewer than k below) <= tail
@@ -92,9 +92,9 @@ def _bounding_ranks(count: int, share: float, confidence: float) -> tuple[int, i
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """Return a quantile as one of the values: the least value with at least `share` of the values at or below it.
+    """Return a quantile as one of the values: the least value with a fraction `share` or more at or below this value.
 
-    The result may be infinite.
+    Values and result may be infinite.
     """
     ordered = np.sort(np.asarray(values, dtype=float))
     rank = math.ceil(round(share * ordered.size, 6))  # 0.55 x 100 is 55.00000000000001
@@ -102,11 +102,12 @@ def quantile(values: np.ndarray, share: float) -> float:
 
 
 def mcnemar_exact(first_only: int, second_only: int) -> float:
-    """Return the two-sided p-value of McNemar's exact test of equal success in pairs of flights of two variants.
+    """Return the two-sided p-value of McNemar's exact test, over pairs of flights of two variants.
 
-    The hypothesis is that in pairs with exactly one success both variants succeed equally often. Source: Q. McNemar,
-    *Note on the sampling error of the difference between correlated proportions or percentages*, Psychometrika 12(2),
-    1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
+    The hypothesis is that in pairs with exactly one success both variants succeed equally often; without such a pair
+    the p-value is 1. Source: Q. McNemar, *Note on the sampling error of the difference between correlated proportions
+    or percentages*, Psychometrika 12(2), 1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd
+    ed., section 11.1.2.
 
     Parameters
     ----------
@@ -119,15 +120,15 @@ def mcnemar_exact(first_only: int, second_only: int) -> float:
 
 
 _PAIRS_MIN = 4
-"""Least number of pairs for an interval."""
+"""Least number of pairs for which a confidence interval of the rank correlation is computed."""
 
 
 def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Return Spearman's rank correlation of inputs and outputs, and its confidence interval.
+    """Return Spearman's rank correlation of inputs and outputs, and the bounds of its confidence interval.
 
-    Only ranks count, so that an infinite output is simply the greatest. The interval is Fisher's, with the variance of
-    D. G. Bonett, T. A. Wright, *Sample size requirements for estimating Pearson, Kendall and Spearman correlations*,
-    Psychometrika 65(1), 2000: (1 + r²/2) / (n - 3).
+    Only ranks count: an infinite output is the greatest. The interval is Fisher's, for the correlation r of n pairs
+    with the variance (1 + r²/2) / (n - 3) of D. G. Bonett, T. A. Wright, *Sample size requirements for estimating
+    Pearson, Kendall and Spearman correlations*, Psychometrika 65(1), 2000.
 
     Parameters
     ----------
@@ -161,7 +162,7 @@ _RESAMPLING_SEED = 1
 
 
 class SobolIndices(NamedTuple):
-    """Sobol indices: the share of each input in the variance of an output; arrays with one entry per input."""
+    """Sobol indices: fraction of an output's variance due to each input; arrays with one entry per input."""
 
     # share of the input alone, and half the width of its confidence interval
     first: np.ndarray
@@ -172,12 +173,12 @@ class SobolIndices(NamedTuple):
 
 
 def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
-    """Return the input samples for the estimation of Sobol indices: consecutive blocks of inputs + 2 points.
+    """Return the input samples for the estimation of Sobol indices, in the unit cube: blocks of `inputs` + 2 points.
 
-    A block is a point A, for each input the point A with that input replaced from a point B, and B; A and B together
-    form a point of a scrambled Sobol sequence. Source: A. Saltelli et al., *Variance based sensitivity analysis of
-    model output*, Computer Physics Communications 181(2), 2010, table 2, without the points for second-order indices;
-    SALib samples them.
+    A block contains a point A, then for each input the point A with the input's value taken from a point B, then B; A
+    and B together form a point of a scrambled Sobol sequence. Computed by SALib. Source: A. Saltelli et al., *Variance
+    based sensitivity analysis of model output*, Computer Physics Communications 181(2), 2010, table 2, without the
+    points for second-order indices.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
 
     Returns
     -------
-    Shape (count * (inputs + 2), inputs).
+    Points of shape (count * (inputs + 2), inputs), 0..1.
     """
     from SALib.sample import sobol
 
@@ -199,12 +200,12 @@ def sobol_indices(
     inputs: int,
     confidence: float = 0.95,  # coverage of the intervals, 0..1
 ) -> SobolIndices:
-    """Estimate first and total Sobol indices from outputs at `saltelli_points`, or at complete blocks of them.
+    """Estimate first-order and total Sobol indices from the outputs at whole blocks of the points of `saltelli_points`.
 
     First-order indices by the estimator of Saltelli et al. (2010), total indices by Jansen's (ibid., table 2, b and f).
     Definition of the total index: T. Homma, A. Saltelli, *Importance measures in global sensitivity analysis of
     nonlinear models*, Reliability Engineering & System Safety 52(1), 1996. Intervals by resampling the blocks. SALib
-    computes both.
+    computes indices and intervals.
 
     Raises ValueError if there are fewer than two blocks or incomplete blocks, an output is not finite, or the outputs
     are constant.

@@ -1,4 +1,4 @@
-"""Distances between the aircraft of a fleet, and from keep-outs, at the recorded times."""
+"""Distances between the aircraft of a fleet, and from keep-outs, at the times of a record."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -16,10 +16,11 @@ _NEAR_SPANS = 3.0
 
 
 def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
-    """Return the attributes of a dataset on the separation of several aircraft; none for a single aircraft.
+    """Return the dataset attributes on the separation of a fleet; empty for a single aircraft.
 
-    `separation_required` is 1 if the scenario requires a separation, otherwise 0. `near_distance_m`, the distance of a
-    near miss, is three wing spans of the widest aircraft; it is omitted if no airframe has a span.
+    `separation_required` is 1 if the scenario requires a separation, otherwise 0. `near_distance_m` is the distance
+    below which a pass of two aircraft is a near miss, m: three wing spans of the widest aircraft; omitted if no
+    airframe has a span.
     """
     if len(scenario.aircraft) == 1:
         return {}
@@ -32,7 +33,7 @@ def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
 
 
 def is_judged_by_separation(summary: Mapping[str, Any]) -> bool:
-    """Whether a flight had to meet a separation; true for a single aircraft, which meets any."""
+    """Whether a summary's requirements include a separation of the aircraft; also true for a single aircraft."""
     names = (entry["name"] for entry in summary["requirements"])
     return len(summary["aircraft"]) == 1 or any(name.startswith("separation") for name in names)
 
@@ -41,7 +42,7 @@ def proximity_warning(
     least_m: Sequence[float | None] | np.ndarray,  # least distance of two aircraft by flight, m; NaN or None if missing
     attributes: Mapping[Any, Any],  # attributes of the dataset, from `separation_attributes`
 ) -> str:
-    """Return a warning if two aircraft came closer than three wing spans in any flight; otherwise empty."""
+    """Return a warning as text if two aircraft came closer than three wing spans in any flight; otherwise empty."""
     near_m = attributes.get("near_distance_m")
     if near_m is None:
         return ""
@@ -64,9 +65,9 @@ def nearest_aircraft_distance(
     # horizontal and the vertical ratio counts. None: the result is the distance in space, m
     separation_m: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Compute the distance (m) of each aircraft to the nearest aircraft, or the least ratio to the separation.
+    """Compute the distance (m) of each aircraft to the nearest aircraft, or the least ratio of distance to separation.
 
-    The result has the shape (time, aircraft); NaN without another aircraft.
+    Returns shape (time, aircraft); NaN if no other aircraft has a finite position.
     """
     nearest = np.full(positions_m.shape[:2], np.inf)
     # one aircraft at a time: the memory of all pairs would grow with the square of the fleet
@@ -84,9 +85,9 @@ def nearest_aircraft_distance(
 
 
 def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tuple[float, float]) -> float | None:
-    """Return the least ratio of distance to required separation over a record; None for a single aircraft.
+    """Return the least ratio of distance to required separation at the samples of a record; None for a single aircraft.
 
-    Includes the approaches and the holds. `separation_m` are the horizontal and vertical separation, m.
+    Approaches and holds count. `separation_m` is the required horizontal and vertical separation, m.
     """
     positions = np.stack([history[key] for key in ("north", "east", "altitude")], axis=-1)
     minimum = np.nanmin(nearest_aircraft_distance(positions, separation_m), initial=np.inf)
@@ -94,9 +95,9 @@ def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tu
 
 
 def least_keep_out_room(time_s: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray:
-    """Return the least distance of each aircraft outside the keep-outs over a record, m; negative inside.
+    """Return the least distance of each aircraft outside the keep-outs, m, at the samples of a record; negative inside.
 
-    The keep-out of an event counts from the event on. The result has the shape (aircraft,); infinite without keep-outs.
+    The keep-out of an event counts from the event on. Returns shape (aircraft,); infinite without keep-outs.
     """
     appearing = [(event.keep_out, event.time_s) for event in scenario.event if event.keep_out is not None]
     least = np.full(history["north"].shape[1], np.inf)

@@ -1,4 +1,4 @@
-"""Machine-readable summary of a flight (`summary.json`, format version 1): computation, files, required keys."""
+"""Machine-readable summary of a flight (`summary.json`, format version 1): computation, files, check of the keys."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +58,7 @@ class _SummaryKeys(_Section):
 
 
 def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
-    """Return the problem of the first invalid key in a summary, and the content expected; None if all are valid."""
+    """Return, of the first missing or invalid key of a summary, what arrived and what is expected; None if valid."""
     try:
         _SummaryKeys.model_validate(summary)
     except ValidationError as error:
@@ -85,27 +85,26 @@ def summarize(
 ) -> dict[str, Any]:
     """Compute the summary of a flight from its complete history.
 
-    Arrivals are those of `arrival_outcome`; without an arrival, time and miss are None. Speeds (without gusts) and
-    position error count up to the arrival or, without an arrival, while the plan is flown (the hold has no planned
+    Arrivals follow the rule of `arrival_outcome`; without an arrival, time and miss are None. Speeds (without gusts)
+    and position error count up to the arrival or, without an arrival, while the plan is flown (the hold has no planned
     position). Clearance, separation, the distance outside the keep-outs and the time outside the aerodynamic tables
     count over the whole record; the keep-out of an event counts from the event on. Path and lateral bend are those of
-    the first plan, which describes the whole path; `nominal` is true for a path without a bend. Only paths of the
-    published planner have a bend; for other planners `lateral_bend_m` and `nominal` are None.
-    In a flight with an adaptive autopilot each aircraft has `fault`: the fault that it found, or None. Missing values
-    are None, never NaN.
+    the first plan; `nominal` is true for a path without a bend. Only paths of the published planner have a bend; with
+    another planner `lateral_bend_m` and `nominal` are None. In a flight with an adaptive autopilot each aircraft has
+    `fault`: the detected fault, or None. Missing values are None, never NaN.
 
     Parameters
     ----------
     time_s
         Times of the record, s, increasing; shape (time,), at least two.
     history
-        Arrays (time, aircraft) in SI units and radians, keyed as in `anser.variables`.
+        Arrays (time, aircraft) in SI units and radians, by key of `anser.variables`.
     wall_s
-        Duration of the computation, s.
+        Duration of the computation by the wall clock, s.
     paths
-        Descriptions of the paths in the first plan, by aircraft; empty if unknown.
+        Description of each aircraft's path in the first plan; empty: unknown.
     events
-        Events of the flight and their effects on the plan.
+        Events of the flight and their effects on the plan, entries of the list `events`; empty: no events.
     goals
         Name of the final goal by aircraft, if goals were reassigned; empty: the scenario's goals.
     surfaces
@@ -119,7 +118,7 @@ def summarize(
     Raises
     ------
     ValueError
-        If the record does not match the scenario.
+        If the shape of the record, or the number of entries in `surfaces`, does not match the scenario.
     """
     time = np.asarray(time_s, dtype=np.float64)
     expected = (time.size, len(scenario.aircraft))
@@ -166,7 +165,7 @@ def summarize(
 
 
 def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> FleetSummary:
-    """Compute from a complete record the summary that `SummaryRecorder` updates at every sample of a flight."""
+    """Compute from a complete record the `FleetSummary` that `SummaryRecorder` updates step by step in a flight."""
     columns = range(history["north"].shape[1])
     aircraft = [_summarize_aircraft(time, {key: values[:, k] for key, values in history.items()}) for k in columns]
     fleet: dict[str, Any] = jax.tree.map(lambda *values: np.array(values), *aircraft)
@@ -178,9 +177,9 @@ def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scena
 
 
 def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray) -> float:
-    """Arrival time of one aircraft's last plan, s.
+    """Return the planned arrival time of one aircraft's last plan, s, from its status and planned arrival over time.
 
-    The plan of an aircraft that left the fleet is its exit path; if it had arrived before, its last path to the goal.
+    For an aircraft that left the fleet: the end of its exit path; if it had arrived before, the arrival at its goal.
     """
     is_in_hold = (arrival_s <= time) & (np.cumsum(status == LEFT_FLEET) == 0)
     has_left = (status == LEFT_FLEET).any() and is_in_hold.any()
@@ -188,7 +187,7 @@ def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray
 
 
 def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Compute the fields of a `FleetSummary` for one aircraft, by name, from its record (SI units and radians)."""
+    """Compute the fields of a `FleetSummary` that belong to one aircraft, by name, from its record (SI, rad)."""
     status, off_plan = record["status"], np.flatnonzero(is_off_plan(record["status"]))
     end_index = int(off_plan[0]) if off_plan.size else time.size - 1
     searched = slice(0, max(end_index, 1) + 1)  # at least two samples
@@ -235,7 +234,7 @@ def read_summary(path: Path) -> dict[str, Any]:
     Raises
     ------
     DamagedFileError
-        If the file is not a complete summary of this format version.
+        If the file is damaged, has another format version, or lacks a required key.
     """
     summary, _ = read_document(path)
     version = summary.get("format_version")
@@ -252,7 +251,7 @@ def read_summary(path: Path) -> dict[str, Any]:
 def _gust_entries(
     time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
 ) -> dict[str, float | None]:
-    """Return the effects of gusts: load-factor extremes, time outside its limits, s, travel of each surface, deg."""
+    """Return gust size, load-factor extremes, times beyond limits and surface travel of an aircraft, by key."""
     load, limits, intervals = record["load_factor"], scenario.limits, np.diff(time)
     is_exceeded = (load < limits.load_factor_min) | (load > limits.load_factor_max)
     travel = {
@@ -274,7 +273,7 @@ def _gust_entries(
 def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> AirspeedStatistics:
     """Return the time integral (m), minimum and maximum (m/s) of the airspeed from the start to the time `end`, s.
 
-    All three are NaN if no airspeed in this time is finite.
+    All three are NaN if no airspeed up to `end` is finite, or `end` is NaN.
     """
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
@@ -286,9 +285,9 @@ def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> Air
 
 
 def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
-    """Return the least distance between two aircraft over the record, m; None for a single aircraft.
+    """Return the least distance between two aircraft over the record, m, with linear motion between samples.
 
-    The distance is NaN if no pair has two consecutive finite samples.
+    None for a single aircraft; NaN if no pair has two consecutive finite samples.
     """
     position = np.stack([history["north"], history["east"], history["altitude"]], axis=-1)
     # One aircraft at a time: the memory of all pairs would grow with the square of the fleet.
@@ -297,6 +296,6 @@ def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
 
 
 def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float:
-    """Return the minimum or maximum of the finite values, by `extreme` (`np.min`, `np.max`); NaN without values."""
+    """Return the extreme (by `np.min` or `np.max`) of the finite values; NaN if none is finite."""
     finite = values[np.isfinite(values)]
     return float(extreme(finite)) if finite.size else np.nan

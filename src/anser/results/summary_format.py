@@ -1,4 +1,4 @@
-"""Summary of a flight in a few lines of text."""
+"""Summary of a flight as a few lines of text, and as an HTML table."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ _TABLE_ROWS_MAX = 40  # in the HTML table
 
 
 def format_summary(summary: Mapping[str, Any]) -> str:
-    """Format arrivals, misses and unmet requirements as text; for a large fleet, only the first aircraft."""
+    """Return a summary as text: verdict, a line for each of the first aircraft (up to six), results of the fleet."""
     entries = summary["aircraft"]
     shown = entries if len(entries) <= _AIRCRAFT_LINES_MAX else entries[: _AIRCRAFT_LINES_MAX - 1]
     lines = [
@@ -25,7 +25,7 @@ def format_summary(summary: Mapping[str, Any]) -> str:
 
 
 def format_summary_html(summary: Mapping[str, Any]) -> str:
-    """Format the summary as an HTML table for a notebook."""
+    """Return a summary as HTML for a notebook: verdict, a table of the first aircraft (up to 40), fleet results."""
     entries = summary["aircraft"]
     shown = entries if len(entries) <= _TABLE_ROWS_MAX else entries[: _TABLE_ROWS_MAX - 1]
     cells = [
@@ -42,7 +42,7 @@ def format_summary_html(summary: Mapping[str, Any]) -> str:
 
 
 def format_verdict(summary: Mapping[str, Any]) -> str:
-    """Return the verdict on a flight in one line: arrivals, and the requirements that are not met."""
+    """Return the verdict on a flight in one line: number of arrivals, and names of the requirements not met."""
     entries = summary["aircraft"]
     arrived = sum(entry["status"] == "arrived" for entry in entries)
     unmet = [requirement["name"] for requirement in summary["requirements"] if not requirement["met"]]
@@ -76,7 +76,7 @@ def _fleet_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def format_fleet(summary: Mapping[str, Any]) -> list[str]:
-    """Format arrival accuracy and least separation, if available."""
+    """Return two texts, as far as available: the accuracy of the arrivals, and the least distance of two aircraft."""
     separation_m = summary["fleet"]["separation_min_m"]
     arrivals = arrival_accuracy(summary).describe(len(summary["aircraft"]))
     return [

@@ -1,4 +1,4 @@
-"""Labels of variables in datasets: units, long names and coordinates. Conversion of values to these units."""
+"""Labels of variables in datasets (units, long names, coordinates), and conversion of values to dataset units."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,9 +9,9 @@ from anser.variables import CATALOGUE, Variable
 
 
 def to_dataset_units(variable: Variable, array: Any, xp: Any = np) -> Any:
-    """Convert values of a history (SI, rad) to the variable's unit in datasets; angles in (-180, 180] deg.
+    """Convert values of a history (SI, rad) to the variable's unit in datasets; angles are wrapped to (-180, 180] deg.
 
-    `xp` is the array module, `numpy` or `jax.numpy`.
+    `xp` is the module of the arrays, `numpy` or `jax.numpy`.
     """
     if variable.unit == "degree":
         # Angles inside the interval are unchanged: the remainder would round them.
@@ -21,7 +21,7 @@ def to_dataset_units(variable: Variable, array: Any, xp: Any = np) -> Any:
 
 
 def catalogue_attributes(variable: Variable) -> dict[str, object]:
-    """Return the dataset attributes of a catalogue variable: unit, frame, long name, symbol, ..."""
+    """Return a variable's dataset attributes: unit, frame, long name, symbol and, if discrete, the CF flags."""
     labels: dict[str, object] = {
         "units": variable.unit,
         "frame": variable.frame,
@@ -37,14 +37,14 @@ def catalogue_attributes(variable: Variable) -> dict[str, object]:
 
 
 def unit_attributes(unit: str, long_name: str) -> dict[str, Any]:
-    """Return unit and long name as dataset attributes; an empty unit is omitted."""
+    """Return unit and long name as dataset attributes `units` and `long_name`; an empty unit is omitted."""
     return {"units": unit, "long_name": long_name} if unit else {"long_name": long_name}
 
 
 def flag_attributes(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
-    """Return the dataset attributes of a coded variable (int32) with the meaning of each code, 0 to n - 1.
+    """Return the dataset attributes of a coded variable (int32) with the meanings of the codes 0, 1, 2, ...
 
-    The attribute separates meanings by blanks; blanks within a meaning become underscores.
+    `flag_meanings` is one text with the meanings separated by blanks; blanks within a meaning become underscores.
     """
     names = " ".join(meaning.replace(", ", ",").replace(" ", "_") for meaning in meanings)
     return {
@@ -63,9 +63,9 @@ def record_coordinates(time_s: np.ndarray, aircraft_names: Sequence[str]) -> dic
 
 
 def scatter_rows(values: Any, mask: np.ndarray) -> np.ndarray:
-    """Return an array with the values, in order, at the true entries of a mask, and NaN elsewhere.
+    """Return an array with `values` (n, ...), in order, at the n true entries of `mask`; shape (*mask.shape, ...).
 
-    Integers and booleans get 0 elsewhere.
+    The further entries are NaN, or 0 for integers and booleans.
     """
     array = np.asarray(values)
     scattered = np.full((*mask.shape, *array.shape[1:]), 0 if array.dtype.kind in "ib" else np.nan, array.dtype)
@@ -74,28 +74,28 @@ def scatter_rows(values: Any, mask: np.ndarray) -> np.ndarray:
 
 
 MISSING_CODE = -1
-"""Missing value of codes and booleans; the missing value of other variables is NaN."""
+"""Missing value of discrete variables (codes, booleans), stored as int32; of quantities, NaN is the missing value."""
 _BY_KEY = {variable.key: variable for variable in CATALOGUE}
 
 
 def catalogue_variable(key: str) -> Variable:
-    """Return the catalogue variable with a key."""
+    """Return the variable of `anser.variables.CATALOGUE` with a key; raises KeyError for an unknown key."""
     return _BY_KEY[key]
 
 
 def convert_series(key: str, values: np.ndarray) -> np.ndarray:
-    """Convert values of a history (SI, rad) to the variable's unit in datasets; codes and booleans to int32."""
+    """Convert values of a history (SI, rad) to the unit in datasets of the variable `key`; discrete values to int32."""
     variable = catalogue_variable(key)
     return to_dataset_units(variable, values) if is_quantity(variable) else values.astype(np.int32)
 
 
 def missing_series(key: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of missing values of a variable, for a flight that lacks the variable or could not start."""
+    """Return an array of missing values of the variable `key`: NaN, or `MISSING_CODE` for a discrete variable."""
     return (
         np.full(shape, np.nan) if is_quantity(catalogue_variable(key)) else np.full(shape, MISSING_CODE, dtype=np.int32)
     )
 
 
 def is_quantity(variable: Variable) -> bool:
-    """Whether the variable is a quantity; otherwise a code or a boolean."""
+    """Whether the variable is a physical quantity (float64), not a code or a boolean."""
     return variable.dtype == "float64"

@@ -27,7 +27,7 @@ NEEDED_VARIABLES = (
     *_QUATERNION,
     *_POSITION_VARIABLES,
 )
-"""Variables of a flight that the geographic exports need."""
+"""Variables that the dataset of a flight must contain for the exports to KML and CZML."""
 
 # forward, left, up from forward, right, down: half a turn about the first axis
 _FRD_FROM_FLU = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
@@ -35,9 +35,9 @@ _FRD_FROM_FLU = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class Track:
-    """Track of a moving point: samples with a finite position, shape (samples,), height above the WGS-84 ellipsoid.
+    """Track of a moving point: arrays of shape (samples,) at the recorded times with a finite position.
 
-    `sample_index` holds the indices of the recorded times.
+    `sample_index` are the indices of these times in the record; `height_m` is above the WGS-84 ellipsoid.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Track:
 
 
 def aircraft_track(dataset: xr.Dataset, index: int) -> Track:
-    """Return the track of an aircraft, as far as its position and attitude are finite."""
+    """Return the track of the aircraft with an index, at the times with a finite position and attitude."""
     columns = [dataset[name].values[:, index] for name in ("longitude_deg", "latitude_deg", "altitude_m")]
     attitude = np.stack([dataset[name].values[:, index] for name in _QUATERNION])
     name = str(dataset["aircraft"].values[index])
@@ -57,7 +57,7 @@ def aircraft_track(dataset: xr.Dataset, index: int) -> Track:
 
 
 def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
-    """Return the track of each goal, from the aircraft that fly to it: a single one for several aircraft."""
+    """Return a track for each goal, at the times at which an aircraft flies to the goal."""
     spans = [_goal_spans(dataset, summary, index) for index in range(len(summary["aircraft"]))]
     names = dict.fromkeys(goal for of_aircraft in spans for goal, _ in of_aircraft)
     time_s = dataset["time"].values
@@ -72,7 +72,10 @@ def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
 
 
 def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, Track]]:
-    """Return goal and track of an aircraft's rendezvous point, up to the arrival, for each goal that it flew to."""
+    """Return the goal's name and the track of the rendezvous point, for each goal of the aircraft with an index.
+
+    A track ends at the arrival; without an arrival, at the planned arrival; without a planned arrival, with the record.
+    """
     aircraft = summary["aircraft"][index]
     end_times = (aircraft[key] for key in ("arrival_s", "planned_arrival_s") if aircraft[key] is not None)
     is_before_end = dataset["time"].values <= next(end_times, np.inf)
@@ -84,7 +87,7 @@ def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: in
 
 
 def _goal_spans(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, np.ndarray]]:
-    """Return the goals that an aircraft flew to, in their order, each with whether it did at the recorded times."""
+    """Return the goals of an aircraft in order of time, each with a mask (time,) of the times at which it applies."""
     time_s = dataset["time"].values
     goals = goals_over_time(summary, json.loads(dataset.attrs.get("scenario", "{}")))[index]
     ends_s = [from_s for _, from_s in goals[1:]] + [np.inf]
@@ -92,10 +95,10 @@ def _goal_spans(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> 
 
 
 def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
-    """Compute the attitude of an aircraft in the Earth-fixed frame (ECEF), at the times of its track.
+    """Compute the attitude of an aircraft relative to the Earth-fixed axes (ECEF), at the times of its track.
 
-    Returns unit quaternions, scalar last, shape (samples, 4), from body axes forward, left, up (Cesium's model axes) to
-    ECEF. Signs are chosen such that neighbouring quaternions can be interpolated.
+    Returns unit quaternions, scalar last, shape (samples, 4), of the rotation from body axes forward, left, up (the
+    model axes of Cesium) to ECEF. Signs are such that consecutive quaternions can be interpolated.
     """
     scalar, *vector = (dataset[name].values[track.sample_index, index] for name in _QUATERNION)
     # theory section 1: this quaternion's rotation matrix takes NED vectors to body axes; in scipy's convention the
@@ -109,14 +112,14 @@ def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.nd
 
 
 def iso_timestamp(start: datetime, time_s: float) -> str:
-    """Format a time of the flight, s from `start`, as ISO 8601 in UTC to the microsecond."""
+    """Format a time of the flight, s after `start`, as ISO 8601 in UTC with microseconds."""
     return (start.astimezone(UTC) + timedelta(seconds=float(time_s))).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def _track_on_local_map(
     dataset: xr.Dataset, name: str, prefix: str, index: int | np.ndarray, is_selected: np.ndarray
 ) -> Track:
-    """Return the track of a point of the local map; `index` is the aircraft of all samples, or of each."""
+    """Return the track of a goal or rendezvous (by prefix) at selected times, from the record of aircraft `index`."""
     samples = np.arange(dataset.sizes["time"])
     north, east, altitude = (
         dataset[f"{prefix}{axis}_m"].values[samples, index] for axis in ("north", "east", "altitude")
@@ -140,18 +143,18 @@ def _geodetic_deg(dataset: xr.Dataset, north: np.ndarray, east: np.ndarray) -> t
 
 _KML, _GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
 _TRACK_VARIABLES = ("airspeed_m_s", "roll_deg", "pitch_deg", "yaw_deg")
-"""Variables attached to each aircraft track; Google Earth plots them with the elevation profile."""
+"""Variables attached to each aircraft track, which Google Earth plots with the elevation profile."""
 _SCHEMA = "state"
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
 """Characters that XML 1.0 cannot contain, not even escaped."""
 
 
 def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
-    """Return a flight as a KML 2.2 file with `gx:Track`: folders of aircraft, rendezvous and goals; `start` is time 0.
+    """Return the content of a KML 2.2 file of a flight: tracks of aircraft, rendezvous points and goals.
 
-    Heights are absolute. `gx:angles` are heading, tilt and roll as KML defines them, each clockwise about its axis seen
-    from the tip of the axis: tilt and roll are minus the flight's pitch and roll. The file refers to no external model
-    or image.
+    `start` is the date and time at time 0 of the flight. Heights are absolute. `gx:angles` are heading, tilt and roll
+    as KML defines them, each clockwise about its axis seen from the tip of the axis: tilt and roll are minus the
+    flight's pitch and roll, deg. The file refers to no external model or image.
     """
     root = ET.Element("kml", {"xmlns": _KML, "xmlns:gx": _GX})
     document = _child(root, "Document")
@@ -194,7 +197,7 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
 def _placemark(
     parent: ET.Element, track: Track, style: str, start: datetime, description: str = ""
 ) -> ET.Element | None:
-    """Add a placemark with a track; return the XML element of the track, or None if no position is finite."""
+    """Add a placemark with a track to an XML element; return the element of the track, or None for an empty track."""
     if not track.sample_index.size:
         return None
     mark = _child(parent, "Placemark")
@@ -250,10 +253,11 @@ _RATE = 4.0  # seconds of flight in a second of playback
 
 
 def to_czml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
-    """Return a flight (contents of `flight.nc` and `summary.json`) as a CZML 1.0 file; `start` is the flight's time 0.
+    """Return the content of a CZML 1.0 file of a flight, from the contents of `flight.nc` and `summary.json`.
 
-    An aircraft is a point with a label, a trail and a flat box that shows the attitude. A goal is a point with a label;
-    a rendezvous is a point, joined to the goal by a line. The file refers to no external model or image.
+    `start` is the date and time at time 0 of the flight. An aircraft is a point with a label, a trail and a flat box
+    that shows the attitude. A goal is a point with a label; a rendezvous is a point, joined to the goal by a line. The
+    file refers to no external model or image.
     """
     packets = list(_packets(dataset, summary, start))
     return json.dumps(packets, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
@@ -359,7 +363,7 @@ def _label(text: str, color: tuple[int, ...]) -> dict[str, Any]:
 
 
 def _description(aircraft: Mapping[str, Any]) -> str:
-    """Return the text of the aircraft's info box. Cesium renders it as HTML, so text from files is escaped."""
+    """Return the HTML text of an aircraft's info box in Cesium, from its entry in the summary; texts are escaped."""
     parts = [f"goal: {aircraft['goal']}", f"status: {aircraft['status']}"]
     for name, unit in (("planned_arrival", "s"), ("arrival", "s"), ("miss", "m")):
         value = aircraft[f"{name}_{unit}"]

@@ -1,4 +1,4 @@
-"""Export formats by name; tables for other programs: a flight as CSV, Parquet or MATLAB file, campaigns as Parquet."""
+"""Export formats by name, and tables for other programs: a flight as CSV, Parquet or MATLAB, a campaign as Parquet."""
 
 import importlib.util
 import io
@@ -28,16 +28,17 @@ def has_parquet() -> bool:
 
 
 def to_csv(dataset: xr.Dataset) -> bytes:
-    """Return a flight as CSV: `time_s`, `aircraft`, then every variable, with full precision; flags are 0 or 1.
+    """Return the content of a CSV file of a flight: columns `time_s`, `aircraft`, then every variable.
 
-    Text that a spreadsheet would read as a formula gets an apostrophe in front.
+    Rows are sorted by aircraft, then by time. Numbers have full precision, booleans are 0 or 1. Text that a spreadsheet
+    would read as a formula gets an apostrophe in front.
     """
     columns = {escape_spreadsheet_text(name): _csv_column(values) for name, values in _columns(dataset)}
     return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n").encode()
 
 
 def to_parquet(dataset: xr.Dataset) -> bytes:
-    """Return a flight as Parquet: the columns of the CSV with units and long names, and the flight's attributes.
+    """Return the content of a Parquet file of a flight: the columns of `to_csv`, units, labels, and attributes.
 
     Raises ImportError if pyarrow is not installed.
     """
@@ -51,9 +52,10 @@ def to_parquet(dataset: xr.Dataset) -> bytes:
 def encode_parquet(
     columns: Mapping[str, np.ndarray], labels: Mapping[str, Mapping[str, Any]], metadata: Mapping[Any, Any]
 ) -> bytes:
-    """Return columns of equal length as a Parquet file, with labels by column and attributes of the table.
+    """Return the content of a Parquet file of columns of equal length.
 
-    Raises ImportError if pyarrow is not installed.
+    `labels` has the attributes of each column, of which unit, names, frame, symbol and flag meanings are stored;
+    `metadata` has the attributes of the table. Raises ImportError if pyarrow is not installed.
     """
     try:
         import pyarrow as pa
@@ -84,7 +86,7 @@ def _csv_column(values: np.ndarray) -> np.ndarray:
 
 
 def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
-    """Return the name and values of each column, of equal length, sorted by aircraft, then by time."""
+    """Return name and values of each column of a flight's table, with rows sorted by aircraft, then by time."""
     dataset = _with_aircraft(dataset)
     times, aircraft = dataset.sizes["time"], dataset.sizes["aircraft"]
     names = dataset["aircraft"].values.astype(object)
@@ -96,10 +98,10 @@ def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
 
 
 def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a flight over time and aircraft; a flight of `anser.simulate` has its one aircraft as an attribute.
+    """Return a flight's dataset with the dimensions time and aircraft alone.
 
-    Variables with further dimensions, such as the estimates of an adaptive autopilot, become a variable for each of
-    their entries; those without time are left out.
+    A dataset of `anser.simulate`, without the dimension `aircraft`, gets it, with the name in its attribute. A variable
+    with further dimensions becomes a variable for each entry along them; without time, such a variable is left out.
     """
     for name, values in dataset.items():
         further = [str(dimension) for dimension in values.dims if dimension not in ("time", "aircraft")]
@@ -114,7 +116,7 @@ def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _label(values: xr.DataArray, dimension: str, index: int) -> str:
-    """Label of an entry along a dimension, in the characters of a name."""
+    """Return the coordinate, or else the index, of an entry along a dimension, with "_" for special characters."""
     text = str(values[dimension].values[index]) if dimension in values.coords else str(index)
     return "".join(character if character.isalnum() else "_" for character in text)
 
@@ -125,12 +127,12 @@ _WORST = {"miss_m": "Greatest miss of its aircraft", "arrival_s": "Last arrival 
 def write_campaign_tables(
     dataset: xr.Dataset, estimates: Mapping[str, Any], influences: Mapping[str, Any], folder: Path
 ) -> tuple[Path, ...]:
-    """Write the tables of a campaign into a folder, replacing earlier ones; return their paths.
+    """Write the tables of a campaign into a folder and return their paths; existing files are replaced.
 
-    `flights.parquet` has a row for each flight: sampled inputs, results, and the worst value over the aircraft
-    (infinite if missing for an aircraft). `aircraft.parquet` has a row for each aircraft of each flight.
-    `answers.parquet` contains the quantiles and the success probability with confidence intervals, `indices.parquet`
-    the sensitivity indices. Raises ImportError if pyarrow is not installed.
+    `flights.parquet` has a row for each flight: sampled inputs, results, and greatest miss and last arrival of its
+    aircraft (see `worst_of_fleet`). `aircraft.parquet` has a row for each aircraft of each flight. `answers.parquet`
+    contains the quantiles and the success probability with confidence intervals, `indices.parquet` the sensitivity
+    indices. Raises ImportError if pyarrow is not installed.
     """
     attributes = {key: str(value) for key, value in dataset.attrs.items()}
     labels = {str(name): variable.attrs for name, variable in dataset.variables.items()}
@@ -172,7 +174,7 @@ def _aircraft_table(dataset: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _estimates_table(estimates: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Return the columns of `answers.parquet`: a row for each quantile, and "met" for the success probability."""
+    """Return the columns of `answers.parquet`: a first row "met", the success probability, and a row per quantile."""
     success = {"name": "met", "words": "every requirement met", "unit": "1", "share": None, "upper": None}
     records = [
         success | {"value": estimates["probability"], "low": estimates["low"], "high": estimates["high"]},
@@ -192,7 +194,7 @@ def _indices_table(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _column(values: list[Any], *, texts: bool = False) -> np.ndarray:
-    """Return a list of values as an array: numbers with NaN for None; a column with text or flags keeps None."""
+    """Return a column as an array: numbers as float with NaN for None; with texts or booleans, objects with None."""
     if texts or any(isinstance(value, str | bool) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
@@ -203,11 +205,12 @@ _MATLAB_LABELS = ("units", "long_name", "frame")
 
 
 def to_mat(dataset: xr.Dataset) -> bytes:
-    """Return a flight as a MATLAB 5 file, readable by MATLAB and Octave; raises ValueError if a name is invalid there.
+    """Return the content of a MATLAB 5 file of a flight, readable by MATLAB and Octave.
 
-    Contents: `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for each
-    time and a column for each aircraft, the structures `units`, `long_name`, `frame` with a field for each variable,
-    and the structure `attributes`.
+    The file has `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for
+    each time and a column for each aircraft, the structures `units`, `long_name`, `frame` with a field for each
+    variable, and the structure `attributes`. Raises ValueError if the name of a variable or attribute is no MATLAB
+    name.
     """
     dataset = _with_aircraft(dataset)
     matrices = {"time_s": dataset["time"].values[:, None]} | {
@@ -229,7 +232,7 @@ def to_mat(dataset: xr.Dataset) -> bytes:
 
 
 TABLES = "csv", "parquet", "mat"
-"""Formats that need the dataset alone, without a summary of goals and arrivals."""
+"""Names of the formats that are made from the dataset of a flight alone, without its summary."""
 FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] = {
     "czml": to_czml,
     "kml": to_kml,
@@ -237,14 +240,13 @@ FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] =
     "parquet": lambda dataset, summary, start: to_parquet(dataset),
     "mat": lambda dataset, summary, start: to_mat(dataset),
 }
-"""Function that makes the content of a file in each format, by name of the format.
+"""Functions that return the content of a file of a flight, by name of the format, which is also the file's suffix.
 
-The arguments are a flight's dataset, its summary and its start (date and time). The name is also the suffix of the
-files."""
+The arguments are the flight's dataset, its summary, and the date and time of its start."""
 
 
 def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:
-    """Return a flight at the recorded times nearest to multiples of `period_s` (s) after the first, and at the last."""
+    """Return a flight at the recorded times nearest to a grid of `period_s` seconds, and at the last recorded time."""
     time = dataset["time"].values
     if period_s <= np.min(np.diff(time), initial=np.inf):
         return dataset
