@@ -15,7 +15,7 @@ from anser.results.variable_labels import unit_attributes
 COLLINEARITY_MAX = 1000.0
 """Condition number of the regressors, scaled to unit length, above which an estimate is refused as indeterminate."""
 COLLINEARITY_NOTABLE = 30.0
-"""Condition number above which a caution is given (D. A. Belsley, E. Kuh, R. E. Welsch, *Regression Diagnostics*, 1980)."""
+"""Condition number for a caution (D. A. Belsley, E. Kuh, R. E. Welsch, *Regression Diagnostics*, 1980)."""
 _LABELS = {
     "estimate": "Estimate",
     "standard_error": "Standard error",
@@ -187,7 +187,7 @@ def coloured_covariance(
     *,
     is_record: bool = True,
 ) -> ErrorCovariance:
-    """Compute the covariance of parameters with the errors A^-1 sum_i S_i^T v_i, for coloured errors v_i of the samples.
+    """Compute the covariance of parameters with the errors A^-1 sum_i S_i^T v_i, for coloured errors v_i of samples.
 
     The derivation is in the theory, page identification. The autocovariances up to a greatest lag are estimated from
     the residuals and tapered to zero (M. S. Bartlett, 1950), so that the spectrum has 3 samples / lags degrees of

@@ -131,7 +131,7 @@ def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def jump_cautions(record: FlightRecord, method: str) -> list[str]:
-    """Return a caution if surfaces move in jumps but the method assumes straight lines between samples; else nothing."""
+    """Return a caution (or nothing) on surfaces that jump between samples if the method assumes straight lines."""
     held = held_surfaces(record)
     if held and method == "frequency":
         return []
