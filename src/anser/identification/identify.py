@@ -108,7 +108,7 @@ class Identification(PrintedTable):
         return [row for estimate in self.estimates for row in estimate.rows()]
 
     def fit_rows(self) -> list[dict[str, Any]]:
-        """Return by response: R^2 and Theil's inequality coefficient of the fit and (`validation_...`) the validation."""
+        """Return by response: R^2 and Theil's inequality coefficient, of the fit and of the validation, if any."""
         rows: list[dict[str, Any]] = [{"response": name} for name in self.fit.responses]
         for prefix, fit in (("", self.fit), ("validation_", self.validation)):
             if fit is None:
