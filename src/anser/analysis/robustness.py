@@ -108,7 +108,7 @@ At each, a tenth of thrust and deflections is left; equivalent airspeeds are 114
 
 @dataclasses.dataclass(frozen=True)
 class Cases:
-    """Dispersions of the flights of a study, one row per flight."""
+    """Flights of a robustness study, one row per flight: part, flight point, and changes of the factors."""
 
     # indices into `PARTS` and of the flight point, shape (n,)
     part: np.ndarray

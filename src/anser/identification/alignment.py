@@ -73,9 +73,9 @@ def _match_windows(
     basis: Float[np.ndarray, "sample column"],
     step_s: float,
 ) -> ChannelMatch:
-    """Fit values by the best of several delayed windows plus a combination of the columns of an orthonormal basis.
+    """Return the match of values with the best of several delayed windows, plus a combination of orthonormal columns.
 
-    Delays run from -max in the first window to +max in the last, one sample apart.
+    Delays run from -max in the first window to +max in the last, one sample apart; factor = window / values.
     """
     y = values - basis @ (basis.T @ values)
     Y = windows - (windows @ basis) @ basis.T

@@ -156,7 +156,7 @@ def _is_without_lag(record: FlightRecord) -> bool:
 
 
 def _jumps(deflection: Series) -> bool:
-    """Return whether a surface moves, by more than `_JUMP_SHARE` of its range between two neighbouring samples."""
+    """Return whether a moved surface changes by over `_JUMP_SHARE` of its range between two neighbouring samples."""
     if np.std(deflection) < SURFACE_MIN:
         return False
     return float(np.max(np.abs(np.diff(deflection)))) > _JUMP_SHARE * float(np.ptp(deflection))
@@ -210,7 +210,7 @@ class _LinearSeries(NamedTuple):
     known: Float[np.ndarray, "sample state"]  # known part of the states' rates, without its mean
 
     def matrix(self, parameters: Mapping[str, float], arguments: Sequence[str]) -> Float[np.ndarray, "state argument"]:
-        """Return the matrix of the parameters of each axis by the states or inputs `arguments`, 0 if absent."""
+        """Return columns of the state or input matrix, for the names `arguments`; an absent parameter is zero."""
         return np.array([[parameters.get(f"{axis}_{name}", 0.0) for name in arguments] for axis in self.axes])
 
 

@@ -215,7 +215,7 @@ def _is_excited(name: str, values: Series) -> bool:
 
 
 def _varies(values: Series, least: float) -> bool:
-    """Return whether the standard deviation of smoothed values exceeds `least` and half that of the noise."""
+    """Return whether the smoothed values' standard deviation exceeds both `least` and half of the noise's."""
     smoothed = smooth(values, 1.0)
     return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), least)
 

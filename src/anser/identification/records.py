@@ -111,7 +111,7 @@ class FlightRecord:
         return self.channels[key]
 
     def stack(self, *keys: str) -> Float[np.ndarray, "channel sample"]:
-        """Return channels as rows of one array; raises ValueError if the record lacks one of the channels."""
+        """Return channels, by key, as rows of one array; raises ValueError if the record lacks one of the channels."""
         return np.stack([self[key] for key in keys])
 
     def window(self, start_s: float, end_s: float) -> "FlightRecord":

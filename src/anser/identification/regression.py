@@ -36,7 +36,7 @@ class Regression(NamedTuple):
     def check_collinearity(self) -> Collinearity:
         """Return the collinearity of the noise-free regressors, as deviations from the mean if a constant is estimated.
 
-        Raises ValueError if noise is half the power of a regressor or more, or if regressors are collinear.
+        Raises ValueError if noise is more than half of a regressor's power, or if regressors are collinear.
         """
         X = self.require_excitation()
         return collinearity(X.T @ X - len(X) * np.diag(self.noise**2), self.names)

@@ -110,7 +110,7 @@ class Simulator:
         self.reset()
 
     def reset(self) -> NamedState:
-        """Return to the start: time, motion and inputs; returns the state there."""
+        """Reset time, motion and inputs to the start, and return the state there."""
         return self.restore(self._start)
 
     @property
@@ -178,7 +178,7 @@ class Simulator:
         return {"motion": motion, "inputs": np.array(self._inputs), "number": self._number}
 
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
-        """Return to a checkpoint from `save` of this or an equal simulator; returns the state there.
+        """Reset to a checkpoint from `save` of this or an equal simulator, and return the state there.
 
         Raises ValueError unless the argument is a checkpoint with as many states, inputs and aircraft.
         """
