@@ -1,4 +1,4 @@
-"""Analyses of an aircraft with its autopilot: linear models, margins, step tests, envelope, robustness."""
+"""Analyses of an aircraft with its autopilot: trim, linear models, margins, step tests, envelope, robustness."""
 
 import lazy_loader
 

@@ -1,7 +1,4 @@
-"""List, description, check and survey of airframes.
-
-A survey holds the coefficients over the flow angles, the thrust, and level flight over airspeed.
-"""
+"""Airframes: list, description, check against published data, and survey of coefficients, thrust and level flight."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -44,6 +41,7 @@ _ANGLES, _SPEEDS = 61, 28
 _ALPHA = 2.0 * DEG_RAD
 """Fixed angle of attack of the coefficients over sideslip, rad."""
 _F16_SPEEDS_M_S = (60.0, 320.0)
+"""Airspeeds of the F-16 and of airframes whose data have no range of airspeeds, m/s."""
 _COEFFICIENT_MEANINGS = ("Lift", "Drag", "Side force", "Roll moment", "Pitch moment", "Yaw moment")
 POWERS = (0.0, 25.0, 50.0, 75.0, 100.0)
 """Engine powers for the thrust curves, percent."""
@@ -58,15 +56,16 @@ def survey_airframe(
     # least and greatest airspeed; None: the range of the airframe's data, 60 to 320 m/s for data without a range
     airspeeds_m_s: tuple[float, float] | None = None,
 ) -> "xr.Dataset":
-    """Compute the coefficients, the thrust and the level flights of an airframe over a range of airspeeds.
+    """Compute the coefficients over alpha and beta, the thrust, and the level flights of an airframe over airspeed.
 
-    Raises as `resolve_airframe`.
+    Raises ValueError if the aircraft is unknown or impossible, ScenarioError if the aircraft file is not valid.
 
     Returns
     -------
     xr.Dataset
-        Coefficients over `alpha` and over `beta`, thrust over `airspeed` and `power`, and level flights over
-        `airspeed`: angle of attack, power, deflections, and a flag for flights within the limits.
+        CL, CD, CY, Cl, Cm, Cn over `alpha` and over `beta` (deg; at 2 deg of alpha), thrust (N) over `airspeed` (m/s)
+        and `power` (percent), and level flights over `airspeed`: alpha (deg), power (percent), deflections (deg), NaN
+        without a trim, and the flag `trimmable` for flights within all limits.
     """
     enable_compilation_cache()
     airframe, attributes = resolve_airframe(aircraft, variant)
@@ -114,7 +113,7 @@ def survey_airframe(
 
 
 def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
-    """Return the least and the greatest airspeed (m/s) for which an airframe's data are valid."""
+    """Return least and greatest airspeed (m/s) for which an airframe's data are valid; if unknown, 60 and 320 m/s."""
     if isinstance(airframe, DerivativeAircraft | DaveMlAircraft):
         low, high = (float(end) for end in airframe.validity.airspeed)
         if low > 0.0 and high < np.inf:
@@ -132,7 +131,10 @@ def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
 def _coefficients(
     airframe: AbstractAirframe, environment: Environment, V: Scalar, alphas: Array, betas: Array
 ) -> Float[Array, "angle 6"]:
-    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad); without `_sizes`, per dynamic pressure."""
+    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad), without rates, surfaces neutral.
+
+    Without reference area and lengths, forces (N) and moments (N m) are divided by the dynamic pressure (Pa) only.
+    """
     sizes = _sizes(airframe)
     S, b, c = (jnp.ones(()),) * 3 if sizes is None else sizes
     air = environment.atmosphere.at(0.0)
@@ -164,9 +166,9 @@ def _thrusts(
 
 @dataclass(frozen=True)
 class AirframeEntry:
-    """Entry in the list of airframes; if an entry point could not be loaded, `problem` states the reason.
+    """Entry in the list of airframes: name, origin, mass, span, valid airspeeds and surfaces.
 
-    Such an entry has no mass, span, airspeeds and surfaces.
+    If an entry point could not be loaded, `problem` states the reason, and mass to surfaces are missing.
     """
 
     name: str
@@ -179,7 +181,7 @@ class AirframeEntry:
 
 
 def list_airframes() -> list[AirframeEntry]:
-    """List the airframes of the library, then the airframes of entry points."""
+    """Return the airframes of the library, then those of entry points (plug-ins of installed packages)."""
     entries = [_library_entry(name, "library, file" if name in LIBRARY_FILES else "library") for name in AIRFRAMES]
     for name, point in entry_points().items():
         origin = f"entry point {point.value}"
@@ -198,7 +200,7 @@ def _library_entry(name: str, origin: str) -> AirframeEntry:
 
 
 def find_aircraft_file(name: str) -> AirframeFile | DaveMlFile | None:
-    """Return the content of the aircraft file of a library name or path; None for an airframe defined in code."""
+    """Return the content of the aircraft file with a library name or path; None for an airframe defined in code."""
     if is_aircraft_path(name):
         return read_airframe(name)
     return library_file(name) if name in LIBRARY_FILES else None
@@ -212,11 +214,11 @@ _ENGINES: dict[type, str] = {
     NoEngine: "none",
     PistonPropeller: "piston engine with propeller",
 }
-"""Descriptions of the engines by class; an engine of a user's own class is described by the name of the class."""
+"""Descriptions of the engines by class; an engine of a different class is described by the class name."""
 
 
 def describe_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
-    """Return the quantities that describe an airframe, each as (name, value, unit), formatted as text."""
+    """Return mass, inertia, size, surfaces, engine and valid ranges of an airframe as texts (name, value, unit)."""
     properties, actuators = airframe.mass_properties, airframe.actuators
     J = np.asarray(properties.inertia_b)
     quantities = [("mass", f"{float(properties.mass):.6g}", "kg")]
@@ -244,13 +246,13 @@ def describe_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
 
 
 def trim_speed_range(dataset: Any) -> tuple[float, float] | None:
-    """Return the slowest and the fastest trimmable airspeed of a survey, m/s; None if no airspeed is trimmable."""
+    """Return the slowest and the fastest trimmable airspeed of a dataset of `survey_airframe`, m/s; None if none is."""
     speeds: Sequence[float] = dataset["airspeed"].values[dataset["trimmable"].values]
     return (float(min(speeds)), float(max(speeds))) if len(speeds) else None
 
 
 def check_dave_ml(path: str) -> ModelCheck:
-    """Compare a DAVE-ML file with its check data, find suspicious data, and list inputs and outputs.
+    """Return the comparison of a DAVE-ML file with its check data, suspicious data, and lists of inputs and outputs.
 
     Raises ScenarioError if the file is not a DAVE-ML file.
     """
@@ -259,10 +261,11 @@ def check_dave_ml(path: str) -> ModelCheck:
 
 
 def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[CheckedValue, ...], tuple[Finding, ...]]:
-    """Compare an aircraft with the check data of its file, and find suspicious data.
+    """Return the comparison of an aircraft with the check data of its file, and probable errors of the data.
 
-    For the F-16, which has no check data, suspicious points of the tables are found. Raises ValueError if the airframe
-    comes from an entry point (no file and no tables can be checked), ScenarioError if the aircraft file is not valid.
+    The F-16 has no check data: the comparison is empty, and probable errors are those of the tables. Raises ValueError
+    if the airframe comes from an entry point (no file and no tables can be checked), ScenarioError if the aircraft file
+    is not valid.
     """
     enable_compilation_cache()
     file = find_aircraft_file(aircraft)

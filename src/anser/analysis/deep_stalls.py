@@ -1,7 +1,4 @@
-"""Deep stall of the F-16: pitch trims with fixed surfaces, followed as the centre of gravity moves.
-
-Also the steady descents at these trims, the dataset and the JSON document.
-"""
+"""Deep stall of the F-16: pitch trims with fixed surfaces as the centre of gravity moves, and the steady descents."""
 
 from collections.abc import Sequence
 from typing import Any, cast
@@ -30,9 +27,10 @@ _SPEED_STEPS = 60
 
 
 class PitchBranch(eqx.Module):
-    """Points of a curve of pitch trims: angle of attack (rad), centre of gravity, and dCm/dalpha (negative: stable).
+    """Points on a curve of pitch trims (Cm = 0) over angle of attack and centre of gravity.
 
-    `balanced` is True if the pitching moment vanishes at the point, and False from the first point without a trim.
+    Per point: alpha (rad), x_cg (fraction of the mean chord), slope dCm/dalpha (1/rad, negative: stable), and whether
+    Cm is zero there (`balanced`; False if no trim was reached).
     """
 
     alpha: Vector
@@ -52,7 +50,7 @@ class SteadyDescent(eqx.Module):
 def pitching_moment(
     airframe: AbstractF16, mach: ScalarLike, elevator: ScalarLike, alpha: ScalarLike, x_cg: ScalarLike
 ) -> Scalar:
-    """Compute the pitching-moment coefficient Cm without sideslip and rates.
+    """Return the pitching-moment coefficient Cm of an F-16 without sideslip and rates.
 
     Elevator and angle of attack are in rad, `x_cg` replaces the airframe's centre of gravity (fraction of the chord).
     Aileron and rudder are at 0, the flap is at its schedule for the Mach number.
@@ -83,10 +81,10 @@ def follow_pitch_trim(
     step: ScalarLike,  # length of a step, rad; positive: alpha grows at first
     count: int,  # number of points
 ) -> PitchBranch:
-    """Follow a pitch trim as the centre of gravity moves, around folds.
+    """Return `count` points on the curve of pitch trims through a start point, also around folds of the curve.
 
     Pseudo-arclength continuation in (alpha in rad, x_cg): a step along the tangent of Cm(alpha, x_cg) = 0, then Newton
-    steps on Cm and on the distance along the tangent (H. B. Keller, "Numerical solution of bifurcation and nonlinear
+    steps back to Cm = 0 perpendicular to the tangent (H. B. Keller, "Numerical solution of bifurcation and nonlinear
     eigenvalue problems", 1977). Slopes of tables jump at the breakpoints; the next Newton step uses the slope of the
     neighbouring interval.
     """
@@ -95,7 +93,7 @@ def follow_pitch_trim(
         return pitching_moment(airframe, mach, elevator, point[0], point[1])
 
     def corrected(predicted: Float[Array, "2"], direction: Float[Array, "2"]) -> Float[Array, "2"]:
-        """Return the zero of Cm on the line through `predicted` perpendicular to `direction`."""
+        """Return the point with Cm = 0 on the line through `predicted` perpendicular to `direction`."""
         normal = jnp.stack([-direction[1], direction[0]])
 
         def newton(_: object, point: Float[Array, "2"]) -> Float[Array, "2"]:
@@ -130,7 +128,7 @@ def steady_descent(
     elevator: ScalarLike,
     alpha: ScalarLike,
 ) -> SteadyDescent:
-    """Compute the airspeed at which aerodynamic force and idle thrust carry the weight, and the path angle there.
+    """Return the steady descent in which aerodynamic force and idle thrust balance the weight at a given alpha.
 
     Altitude in m, elevator and alpha in rad, gravity in m/s^2. Pitching moment and lateral axes need not balance.
     """
@@ -157,7 +155,7 @@ def steady_descent(
 
 
 CENTRES_OF_GRAVITY = (0.30, 0.35, 0.365, 0.38, 0.40)
-"""Default centres of gravity for the curves of the pitching moment, fractions of the chord."""
+"""Default centres of gravity for the curves of the pitching moment, fractions of the mean chord."""
 _GRID_DEG = 0.25
 _STEP_DEG, _POINTS = 0.1, 1200
 _X_CG_MIN = 0.1
@@ -193,17 +191,21 @@ def deep_stall(
     mach: float = 0.2,
     altitude_m: float = 5000.0,
 ) -> xr.Dataset:
-    """Find the angles of attack at which the pitching moment balances with a fixed elevator, and follow the trims.
+    """Compute the pitch trims of the F-16 at high angle of attack with a fixed elevator (deep stall), and the descents.
 
-    Sideslip and rates are 0, the flap is at its schedule. The curve of trims starts at the rearmost centre of gravity
-    and is followed forward through the fold, at which the stable and the unstable trim merge.
+    Sideslip and rates are 0, the flap is at its schedule. The curve of trims over the centre of gravity starts at the
+    stable trim with the rearmost centre of gravity, and is followed through the fold, the foremost centre of gravity
+    with a deep stall, at which the stable and the unstable trim merge.
 
-    Raises ValueError if the deflection is beyond the stops, or the data do not contain `alpha_from_deg`.
+    Raises ValueError if the deflection is beyond the stops, the data do not contain `alpha_from_deg`, or `x_cg_over_c`
+    is empty.
 
     Parameters
     ----------
+    variant
+        Variant of the F-16.
     x_cg_over_c
-        Centres of gravity, fractions of the chord.
+        Centres of gravity, fractions of the mean chord.
     elevator_deg
         Fixed deflection; None: fully nose-down.
     alpha_from_deg
@@ -216,9 +218,10 @@ def deep_stall(
     Returns
     -------
     xr.Dataset
-        `pitching_moment` over (x_cg, alpha); the followed curve `branch_alpha`, `branch_x_cg`, `branch_slope` over
-        (point); the trims at the requested centres of gravity `trim_alpha`, `trim_x_cg`, `trim_stable`, `trim_speed`,
-        `trim_path_angle`, `trim_pitch` over (trim).
+        Coefficient `pitching_moment` over (x_cg, alpha); the curve of trims `branch_alpha` (deg), `branch_x_cg`,
+        `branch_slope` (1/rad) over (point), a single NaN without a stable trim; the trims at the requested centres of
+        gravity `trim_alpha` (deg), `trim_x_cg`, `trim_stable`, with the steady descent `trim_speed` (m/s),
+        `trim_path_angle` and `trim_pitch` (deg), over (trim).
     """
     enable_compilation_cache()
     airframe, environment = cast(AbstractF16, load_airframe("f16", variant)), standard_environment()
@@ -283,11 +286,11 @@ _TRIM_KEYS = {
     "path_angle_deg": "trim_path_angle",
     "pitch_deg": "trim_pitch",
 }
-"""Variable of the dataset for each key of a trim in the JSON document."""
+"""Key of a trim in the JSON document, and the variable of the dataset."""
 
 
 def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the trims and the onset of deep stall as plain data for JSON."""
+    """Return greatest pitching moments, trims and onset of the deep stall (`appears`) as plain data for JSON."""
     onset = deep_stall_onset(dataset)
     return {
         "format_version": 1,
@@ -310,9 +313,9 @@ def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
-    """Return the foremost centre of gravity with a deep stall (fraction of the chord), and the alpha there, deg.
+    """Return the foremost centre of gravity with a deep stall (fraction of the mean chord), and the alpha there, deg.
 
-    None if the followed curve of trims is empty or ends before it turns back.
+    None if the curve of trims is empty, or if the curve ends before its fold.
     """
     x_cg = dataset["branch_x_cg"].values
     finite = np.flatnonzero(np.isfinite(x_cg))
@@ -325,7 +328,7 @@ def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
 
 
 def _roots(alphas: np.ndarray, moments: np.ndarray) -> list[tuple[float, bool]]:
-    """Return the angles of attack (deg) at which a moment curve crosses 0, and whether each is stable (it falls)."""
+    """Return the angles of attack (deg) at which the pitching moment crosses 0, each with a flag: stable (Cm falls)."""
     intervals = np.flatnonzero(moments[:-1] * moments[1:] < 0.0)
     return [
         (
@@ -342,7 +345,10 @@ def _branch(
     alpha_range_deg: tuple[float, float],
     x_cg_max: float,
 ) -> PitchBranch:
-    """Follow the curve of trims in both directions from the last stable trim; without one, return a NaN point."""
+    """Return the curve of trims through the stable trim with the greatest alpha; a NaN point without a stable trim.
+
+    The curve ends at the range of alpha, at `x_cg_max` and 0.1, and where no trim is reached.
+    """
     stable = [trim for trim in trims if trim[2]]
     if not stable:
         missing = jnp.full(1, jnp.nan)

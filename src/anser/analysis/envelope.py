@@ -1,6 +1,6 @@
-"""Envelope of an aircraft: trim map over altitude and Mach number, and step commands flown from its points.
+"""Flight envelope of an aircraft: trims over altitude and Mach number, and path commands flown from the trim points.
 
-Also the commands, accepted errors and autopilot limits that the other surveys share.
+Commands, accepted errors and autopilot limits are shared with the surveys of margins and robustness.
 """
 
 import dataclasses
@@ -36,14 +36,14 @@ from anser.steady.trim import TrimMapPoint, TrimTarget, trim_target
 from anser.units import DEG_RAD, RAD_DEG
 
 RESERVE_MIN = 0.1
-"""Least reserve of a point "with reserve": fraction of the power, up and down, and of each surface's travel."""
+"""Least reserve of a trim point "with reserve": fraction of full power, up and down, and of each surface's travel."""
 
 GRID_DIMENSIONS = ("condition", "altitude", "mach")
-"""Dimensions of the grid."""
+"""Dimensions of the grid of steady flights."""
 
 
 class TrimMap(NamedTuple):
-    """Steady flights over a grid of condition (one of `CONDITIONS`), altitude and Mach number."""
+    """Trims over a grid of steady flight (`CONDITIONS`: level, climb, ...), altitude and Mach number."""
 
     # axes of the grid: altitude in m, and Mach number
     altitudes: np.ndarray
@@ -55,18 +55,18 @@ class TrimMap(NamedTuple):
     is_commanded: tuple[bool, ...]  # whether each surface is commanded; the others follow a schedule
 
     def gridded(self, values: Any) -> np.ndarray:
-        """Reshape values of the trim points, shape (points, ...), to shape (condition, altitude, mach, ...)."""
+        """Return values of shape (points, ...) with the shape (condition, altitude, mach, ...) of the grid."""
         array = np.asarray(values)
         return array.reshape(len(CONDITIONS), *self.airspeeds.shape, *array.shape[1:])
 
     def variable(self, values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
-        """Return the dataset variable of values of the trim points; `dimensions` names the further axes."""
+        """Return values of shape (points, ...) as a dataset variable over the grid; `dimensions` names further axes."""
         return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
 
     def with_reserve(self) -> Any:
-        """Return the dataset variable that is true at points with at least `RESERVE_MIN` in reserve.
+        """Return a dataset variable, true at trimmable points with `RESERVE_MIN` of power and deflections left or more.
 
-        The reserve is that of the power and of the commanded surfaces.
+        The power counts up to full and down to idle; of the surfaces only those that are commanded.
         """
         points = self.points
         power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
@@ -75,7 +75,7 @@ class TrimMap(NamedTuple):
         return self.variable(np.asarray(points.trimmable) & (reserve >= RESERVE_MIN), "1", long_name)
 
     def coordinates(self, condition: str) -> dict[str, Any]:
-        """Return the dataset coordinates of the grid; `condition` is the long name of the axis of steady flights."""
+        """Return the dataset coordinates of the grid; `condition` is the label of the axis of steady flights."""
         return {
             "condition": ("condition", np.array([c.name for c in CONDITIONS]), unit_attributes("", condition)),
             "condition_meaning": ("condition", np.array([c.meaning for c in CONDITIONS])),
@@ -87,7 +87,7 @@ class TrimMap(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SteadyFlight:
-    """Type of steady flight: climb angle (deg), and load factor of a coordinated level turn to the right."""
+    """Type of steady flight: climb angle (deg), and load factor of a coordinated turn to the right (1: straight)."""
 
     name: str
     meaning: str
@@ -97,7 +97,7 @@ class SteadyFlight:
 
 @dataclasses.dataclass(frozen=True)
 class StepCommand:
-    """Step of the commanded path: airspeed (m/s), path angle (deg) and course (deg)."""
+    """Step of the commanded airspeed (m/s), path angle (deg) and course (deg); 0 for a channel without a step."""
 
     name: str
     meaning: str
@@ -127,23 +127,23 @@ COMMANDS = (
     StepCommand("all", "+10 m/s, +3 deg, +20 deg", speed_m_s=10.0, path_angle_deg=3.0, course_deg=20.0),
 )
 ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
-"""Default altitudes. The lowest is above 0, the bound of the data: from 0 any command would leave the data."""
+"""Default altitudes, m. The lowest is above 0, the bound of the data, which any command would leave from there."""
 MACHS = np.linspace(0.15, 0.95, 18)
 _COARSE_MACHS = [0, 4, 8, 13, 17]
 _F16_SPEED_M_S = 150.0
-"""Airspeed of the F-16's step tests, for which the speed steps are chosen."""
+"""Airspeed of the F-16's step tests, to which the sizes of the speed steps refer, m/s."""
 TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
-"""Accepted error: the greater of a part of the step and an absolute error, m/s and rad."""
+"""Accepted error of airspeed, path angle and course: the greater of a part of the step and m/s, rad, rad."""
 
 
 def trim_map(
     survey: Survey, altitudes_m: Sequence[float] | None, machs: Sequence[float] | None, *, coarse: bool
 ) -> TrimMap:
-    """Trim the steady flights of `CONDITIONS` over a grid of altitudes (m) and Mach numbers.
+    """Return the trims of all steady flights in `CONDITIONS` over a grid of altitudes (m) and Mach numbers.
 
-    An axis that is None has the default values, thinned if `coarse`. Raises ValueError if an axis does not consist of
-    finite, increasing numbers, a Mach number is negative, no default altitude lies within the aircraft's data, or the
-    grid has no trimmable point.
+    An axis that is None has the values of `default_axes`, fewer if `coarse`. Raises ValueError if an axis does not
+    consist of finite, increasing numbers, a Mach number is negative, no default altitude lies within the aircraft's
+    data, or the grid has no trimmable point.
     """
     survey.report("trimming", 0.0)
     airframe, environment = survey.airframe, survey.environment
@@ -164,8 +164,9 @@ def default_axes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the default altitudes (m) and Mach numbers of an aircraft's grid.
 
-    The altitudes are those of `ALTITUDES_M` within the aircraft's data. The Mach numbers are those of `MACHS` for an
-    F-16; otherwise they follow from the airspeeds of the aircraft's data, at the lowest altitude.
+    The altitudes are those of `ALTITUDES_M` within the aircraft's data (ValueError if there is none). The Mach numbers
+    are `MACHS` for an F-16; otherwise equally spaced over the airspeeds of the aircraft's data at the lowest altitude.
+    `coarse`: every fifth altitude and five Mach numbers.
     """
     if isinstance(airframe, AbstractF16):
         return ALTITUDES_M[5::5] if coarse else ALTITUDES_M, MACHS[_COARSE_MACHS] if coarse else MACHS
@@ -181,21 +182,21 @@ def default_axes(
 
 
 def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray:
-    """Return the factors on speed steps and on accepted speed errors at airspeeds (m/s); 1 for an F-16."""
+    """Return factors on speed steps and accepted speed errors: airspeed (m/s) / 150 m/s, or 1 for an F-16."""
     return np.ones_like(airspeeds) if isinstance(airframe, AbstractF16) else airspeeds / _F16_SPEED_M_S
 
 
 def command_meanings(airframe: AbstractAirframe) -> list[str]:
-    """Return the descriptions of `COMMANDS` for an aircraft, with its speed steps (`speed_scale`)."""
+    """Return the descriptions of `COMMANDS`; speed steps are 10 m/s for an F-16, otherwise 1/15 of the airspeed."""
     if isinstance(airframe, AbstractF16):
         return [command.meaning for command in COMMANDS]
     return [command.meaning.replace("10 m/s", "1/15 of the airspeed") for command in COMMANDS]
 
 
 def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.ndarray:
-    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of `size`, (..., 3).
+    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of `size`, shape (..., 3).
 
-    `scale` is the factor of the speed steps, see `speed_scale`.
+    `scale`, from `speed_scale`, multiplies the absolute error of the airspeed.
     """
     tolerance = np.broadcast_to(TOLERANCE, np.shape(size)).copy()
     tolerance[..., 0] *= scale
@@ -203,7 +204,7 @@ def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.nda
 
 
 def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike = (0.0,)) -> FlightLimits:
-    """Return the autopilot limits of a survey, wider than the aircraft's.
+    """Return the autopilot limits of the surveys, wide enough not to interfere with the commands.
 
     For the F-16: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g. A level turn at 4 g has a bank of
     75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For another airframe: half the least
@@ -228,7 +229,7 @@ def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike
 
 
 def _steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float) -> TrimTarget:
-    """Return the trim targets of `CONDITIONS`, flattened over (condition, altitude, mach); SI units."""
+    """Return the trim targets of `CONDITIONS` as one batch, Mach number varying fastest, then altitude; SI units."""
     climbs = np.array([condition.path_angle_deg * DEG_RAD for condition in CONDITIONS])[:, None, None]
     bank_tangents = np.sqrt([condition.turn_load_factor**2 - 1 for condition in CONDITIONS])[:, None, None]
     turn_rates = gravity * bank_tangents / airspeeds
@@ -237,7 +238,10 @@ def _steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float
 
 
 def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray) -> np.ndarray:
-    """Return the requested values of a grid axis, or the default values. Raises ValueError unless they increase."""
+    """Return the requested values of a grid axis, or `default` if None.
+
+    Raises ValueError unless the values are finite and increase, and Mach numbers are not negative.
+    """
     axis = default if requested is None else np.asarray(requested, dtype=float)
     minimum = 0.0 if name == "machs" else -np.inf
     increases = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and (np.diff(axis) > 0).all()
@@ -248,13 +252,13 @@ def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey(SurveyResult):
-    """Result of an envelope survey: trim map over (condition, altitude, mach), flights also over (command).
-
-    NaN without a flight.
-    """
+    """Result of `survey_envelope`: trims over (condition, altitude, mach), flights also over (command), NaN if none."""
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
-        """Return the number of flights by "outcome: reason" and condition; `with_reserve`: from such starts."""
+        """Return the number of flights by "outcome: reason", then by condition.
+
+        `with_reserve` counts only flights from trim points with a tenth of power and deflections left.
+        """
         outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
         if with_reserve:
             outcome = np.where(self.dataset["with_reserve"].values[..., None], outcome, 0)
@@ -268,7 +272,7 @@ class EnvelopeSurvey(SurveyResult):
         return counts
 
     def shortfalls(self) -> list[str]:
-        """List the failed flights that started with reserve and met no known limit, one line per flight."""
+        """Return a line for each failed flight that started with reserve and whose failure no limit explains."""
         data = self.dataset
         unexplained = data["with_reserve"] & (data["reason"] == REASONS.index("unexplained"))
         lines = []
@@ -294,19 +298,20 @@ def survey_envelope(
     step_s: float = 0.01,
     progress: Progress | None = None,
 ) -> EnvelopeSurvey:
-    """Survey an aircraft's envelope in the standard atmosphere, in still air.
+    """Trim an aircraft over its flight envelope, and fly step commands of the path from every trim point.
 
-    Each of `CONDITIONS` is trimmed at each point of the grid, and each of `COMMANDS` is flown from each trimmable
-    point, under the velocity loop with `survey_limits` and the gains of `survey_gains`. Speed steps of another aircraft
-    than an F-16 are in proportion to the airspeed.
+    Level flight, climb, descent and turns (`anser.analysis.envelope.CONDITIONS`) are trimmed at each altitude and Mach
+    number in the standard atmosphere and still air. From each trimmable point the autopilot flies steps of airspeed,
+    path angle and course (`COMMANDS`), with the published gains for an F-16, otherwise gains derived at the point.
+    Speed steps of an aircraft other than an F-16 are in proportion to the airspeed.
 
-    Raises ValueError if no airframe has this name, an axis is not of increasing numbers, or a flight has fewer than 100
-    samples.
+    Raises ValueError if the aircraft is unknown, an axis does not consist of increasing numbers, no point can be
+    trimmed, or a flight has fewer than 100 samples.
 
     Parameters
     ----------
-    aircraft, variant, progress
-        See `Survey`.
+    aircraft, variant
+        Name of an airframe, path of an aircraft file, or an airframe; variant of the F-16.
     inversion
         Inversion of the autopilot: of the onboard model, or incremental.
     coarse
@@ -317,6 +322,8 @@ def survey_envelope(
         Limits of the autopilot; None: `survey_limits`.
     duration_s, step_s
         Duration of a flight; sampling period of the autopilot.
+    progress
+        Called with a description of the current work and the completed part, 0 to 1; None: no reports.
     """
     count = sample_count(duration_s, step_s)
     require_inversion(inversion)

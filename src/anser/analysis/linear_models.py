@@ -1,6 +1,6 @@
-"""Linear model about a trim point, with its modes.
+"""Linear model of an aircraft about a trim point, with its modes.
 
-As a labelled dataset, as JSON and as a system of the python-control library.
+The result can be had as a labelled dataset, as JSON and as a system of the python-control library.
 """
 
 import dataclasses
@@ -57,6 +57,7 @@ _UNITS = {
     **dict.fromkeys(("P_dot", "Q_dot", "R_dot"), "rad s-2"),
 }
 _SAME_UNIT = ("filter", "slow", "command", "residual", "last")
+"""Suffixes of names that have the unit of the name without suffix."""
 _TIMES_SECOND = {"rad": "rad s", "rad s-1": "rad", "m s-1": "m"}
 
 _MODE_FIGURES = {
@@ -68,12 +69,12 @@ _MODE_FIGURES = {
     "period": ("s", "Period"),
     "time_to_half": ("s", "Time to half the amplitude; negative: minus the time to double"),
 }
-"""Unit and long name of each figure of a mode; in the dataset and in JSON the names have the unit as a suffix."""
+"""Unit and long name of each figure of a mode; in dataset and JSON, the figure's name ends with the unit."""
 _SUFFIX = {"s-1": "_1_s", "rad s-1": "_rad_s", "1": "", "s": "_s"}
 
 
 def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
-    """Return the unit of a state, an input or an output of a `LinearModel`, in the notation of CF.
+    """Return the unit of a state, an input or an output of a `LinearModel`, such as "rad s-1" (CF notation).
 
     Raises ValueError if the name has no known unit.
     """
@@ -89,12 +90,12 @@ def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
 def linear_dataset(
     model: LinearModel, modes: Sequence[Mode], attributes: Mapping[str, str | int | float]
 ) -> xr.Dataset:
-    """Convert a linear model and its modes (`modes_of`) to a labelled dataset; `attributes`: aircraft and condition.
+    """Return a linear model and its modes (`modes_of`) as a labelled dataset; `attributes`: aircraft and condition.
 
     The dataset has A (state_rate, state), B (state_rate, input), C (output, state), D (output, input), the reference
-    condition, mode figures over (mode) and participation factors over (mode, wind_state), see `wind_axis_states`. The
-    unit of an element of A is the row's unit, per second in continuous time, divided by the column's unit: see the
-    coordinates `state_unit` and so on. Infinite times are inf.
+    condition, figures such as the damping ratio over (mode), and participation factors over (mode, wind_state), see
+    `wind_axis_states`. The unit of an element of A or B is the row's unit (per second in continuous time) divided by
+    the column's unit; units are the coordinates `state_unit`, `input_unit`, `output_unit`. Infinite times are inf.
     """
     sampled = float(model.step) > 0
     wind_states, _ = wind_axis_states(model)
@@ -133,7 +134,7 @@ def linear_dataset(
 def linear_document(
     model: LinearModel, modes: Sequence[Mode], attributes: Mapping[str, str | int | float]
 ) -> dict[str, Any]:
-    """Return the content of `linear_dataset` as plain data: names, numbers, lists; infinite times are None."""
+    """Return the content of `linear_dataset` as plain data for JSON; infinite times are None, tiny shares omitted."""
     return {
         "format_version": LINEAR_FORMAT_VERSION,
         "provenance": software_versions(),
@@ -174,8 +175,9 @@ def _figure(mode: Mode, figure: str) -> float:
 
 
 _ERROR_TOLERANCE = 0.01
-"""Largest error of a loop at an accepted trim point, in rad, rad/s or m/s. In a steady turn the loop commands zero
-sideslip, and the trim point has some tenths of a millirad."""
+"""Largest control error at which a loop holds a trim point, in rad, rad/s or m/s.
+
+In a steady turn the loop commands zero sideslip, and the trim point has some tenths of a millirad."""
 
 _MODE_COLUMNS = ("mode", "natural frequency, rad/s", "damping ratio", "time constant, s")
 
@@ -184,9 +186,10 @@ _open_model = compiled(linear_model)
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class LinearizationResult:
-    """Result of a linearization: linear model, modes and trim point; printed as a table of the modes.
+    """Result of a linearization: linear model, modes (fastest first) and trim point; prints as a table of the modes.
 
-    The modes are sorted, fastest first; `condition` has the arguments of the linearization, with units in the names.
+    `condition` contains aircraft, airspeed, altitude, angles and rates with units in the names, and the linearized
+    loop.
     """
 
     model: LinearModel
@@ -222,15 +225,15 @@ class LinearizationResult:
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Model matrices and modes as a labelled dataset, with the content of `linear_dataset`."""
+        """Matrices A, B, C, D, reference condition and modes as a labelled dataset: see `linear_dataset`."""
         return linear_dataset(self.model, self.modes, self.condition)
 
     def document(self) -> dict[str, Any]:
-        """Return model and modes as plain data, for JSON."""
+        """Return matrices, reference condition and modes as plain data for JSON: see `linear_document`."""
         return linear_document(self.model, self.modes, self.condition)
 
     def state_space(self) -> "control.StateSpace":
-        """Return the model, sampled or not, as a system of the python-control library, with the names of its signals.
+        """Return the model, continuous or sampled, as a system of the python-control library, with signal names.
 
         Raises ImportError if the library is not installed.
         """
@@ -281,22 +284,24 @@ def linearize(
     environment: Environment | None = None,
     gains: AutopilotGains | None = None,
 ) -> LinearizationResult:
-    """Trim an aircraft and linearize the airframe alone or under its autopilot.
+    """Trim an aircraft, and return the linear model of the airframe alone or with a loop of its autopilot closed.
 
     Raises ConditionError, with the reason, if the steady flight does not exist, the loop does not hold the flight, or
-    the nose or the path is within 1 deg of the vertical; ValueError as `trim`.
+    the nose or the path is within 1 deg of the vertical; ValueError if an argument is not valid, as for `trim`.
 
     Parameters
     ----------
     aircraft, variant, x_cg_over_c
-        See `trim`.
+        Name of an airframe, path of an aircraft file, or an airframe; variant and centre of gravity (fraction of the
+        mean chord) of the F-16.
     speed_m_s, altitude_m, speed_cas_m_s, speed_eas_m_s, mach, path_angle_deg, turn_rate_deg_s, pitch_rate_deg_s
-        See `trim`; a pitch rate excludes the other two rates.
+        Altitude, one of four forms of the airspeed, climb angle and rates of the steady flight: see `trim`. A pitch
+        rate excludes turn and path rates.
     path_rate_deg_s
         Rate of the climb angle, up positive.
     loop
-        "open": the airframe alone, in continuous time. Otherwise the commanded loop of the autopilot, as a sampled
-        model.
+        "open": the airframe alone, in continuous time. Otherwise the outermost closed loop of the autopilot, whose
+        commands are the inputs of a sampled model.
     actuators
         True: in the open loop, the inputs are commands to the actuators, and the deflections are states. False: the
         inputs are the deflections themselves. A closed loop always contains the actuators.
@@ -305,7 +310,7 @@ def linearize(
     environment
         Air, wind and gravity; None: standard atmosphere and gravity, no wind.
     gains
-        Gains of the autopilot; None: the published gains.
+        Gains of the autopilot; None: the published gains of the F-16, for every aircraft.
     """
     enable_compilation_cache()
     require_step(step_s)
@@ -342,9 +347,9 @@ def linearize(
 
 
 def _check_held(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
-    """Raise ConditionError if the loop leaves the trim point at once.
+    """Raise ConditionError if the closed loop leaves the trim point at once.
 
-    The cause is an airspeed outside the limits of the velocity loop, or another command at a limit of the autopilot.
+    The cause, named in the message, is an airspeed outside the limits of the velocity loop, or a command at a limit.
     """
     V, low, high = (float(speed) for speed in (model.x[0], limits.speed_min, limits.speed_max))
     if loop == "velocity" and not low <= V <= high:

@@ -1,7 +1,6 @@
-"""Linear models by forward-mode differentiation.
+"""Linear models by forward-mode differentiation: the airframe in continuous time, and sampled loops of the autopilot.
 
-Coordinates of an aircraft's state, the open-loop model of the airframe, and the sampled model of a loop of the
-autopilot. Kernel: JAX only.
+The states are the classical ones: airspeed, flow angles, Euler angles, body rates, altitude, engine and actuators.
 """
 
 import math
@@ -48,16 +47,17 @@ from anser.variables import STANDARD_SURFACES
 _FLIGHT_STATES = ("V", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "altitude")
 """Names of the flight states: airspeed (m/s), flow angles, roll, pitch, yaw (rad), body rates (rad/s), altitude (m)."""
 AIR_OUTPUTS = ("n_z", "gamma", "chi", "mu")
-"""Normal load factor (force along body -z over weight), and path angle, course and bank of the air-relative motion."""
+"""Normal load factor (force along body -z over weight); path angle, course, bank of the air-relative velocity, rad."""
 
 Coordinates = Float[Array, " state"]
-"""Values of the states named by `body_states`, then of the actuators' states."""
+"""Vector of the states named by `all_states`: flight, engine and actuators, SI units and radians."""
 
 _MARGIN_COSINE = math.cos(89.0 * DEG_RAD)
+"""Least cosine of pitch, path and sideslip angle at which the coordinates are regular."""
 
 
 def body_states(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Return the names of the states of flight and engine (power in percent)."""
+    """Return the names of the flight states (V to altitude), then of the engine's states (power in percent)."""
     return _FLIGHT_STATES + airframe.engine.state_names
 
 
@@ -67,7 +67,7 @@ def all_states(airframe: AbstractAirframe) -> tuple[str, ...]:
 
 
 def coordinates_of(environment: Environment, state: AircraftState) -> Coordinates:
-    """Return the coordinates of a state. North and east are omitted: the dynamics do not depend on them."""
+    """Return the state as the vector of `all_states`; north and east, which do not affect the dynamics, are omitted."""
     velocity_air_b, _ = _through_air(environment, state)
     flow = jnp.stack(flow_angles(velocity_air_b))
     euler = euler_from_quaternion(state.quaternion)
@@ -77,7 +77,10 @@ def coordinates_of(environment: Environment, state: AircraftState) -> Coordinate
 
 
 def state_at(environment: Environment, coordinates: Coordinates, template: AircraftState) -> AircraftState:
-    """Return the state at `coordinates`: the inverse of `coordinates_of`; north and east as in `template`."""
+    """Return the aircraft state of a vector `coordinates`, the inverse of `coordinates_of`.
+
+    North, east and the structure of engine and actuators are those of `template`.
+    """
     V, alpha, beta, phi, theta, psi = coordinates[:6]
     position_n = jnp.stack([template.position_n[0], template.position_n[1], -coordinates[9]])
     velocity_air_b = V * air_direction_b(alpha, beta)
@@ -109,10 +112,10 @@ def air_outputs(airframe: AbstractAirframe, environment: Environment, state: Air
 
 
 def is_regular(environment: Environment, state: AircraftState) -> Flag:
-    """Whether the coordinates are regular at a state.
+    """Return whether Euler angles, course and flow angles are well defined at a state.
 
-    Coordinates, not the flight, are singular if the nose (roll and yaw coincide) or the path (no course) is vertical,
-    or if the sideslip is 90 deg (no angle of attack). False within 1 deg of these, and at rest.
+    False within 1 deg of a vertical nose (roll and yaw coincide), of a vertical path (no course) and of 90 deg of
+    sideslip (no angle of attack), and without airspeed.
     """
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     V, _, beta = flow_angles(velocity_air_b)
@@ -130,7 +133,7 @@ def _through_air(environment: Environment, state: AircraftState) -> tuple[Vector
 
 
 class LinearModel(eqx.Module):
-    """Linear model of small deviations from a flight condition; SI units and radians.
+    """Linear model of small deviations d from a reference flight condition; SI units, radians, engine power in percent.
 
     Continuous time: dx_dot = A dx + B du, dy = C dx + D du. If `step` is not 0, the model is sampled:
     dx(k+1) = A dx(k) + B du(k).
@@ -149,7 +152,7 @@ class LinearModel(eqx.Module):
     # nonzero rates in steady flight. Sampled models: mean rates over a step
     x_dot: Float[Array, " state"]
     step: Scalar  # sampling period, s; 0 for continuous time
-    regular: Flag  # True if the coordinates are regular at the condition: see `is_regular`
+    regular: Flag  # False within 1 deg of a vertical nose or path, or of 90 deg of sideslip: see `is_regular`
     # names of the states, inputs and outputs
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
@@ -166,7 +169,7 @@ def linearize(
     *,
     actuators: bool = False,
 ) -> LinearModel:
-    """Linearize the six-degree-of-freedom motion over a flat Earth about any condition, steady or not.
+    """Linearize the six-degree-of-freedom motion over a flat Earth about any condition, in continuous time.
 
     The derivatives are exact. At a kink of a table or of the engine's lag, the derivative is that of the side used by
     the look-up (the cell above a breakpoint); at a stop of the throttle or of an actuator, the mean of both sides.
@@ -178,9 +181,9 @@ def linearize(
     state, controls
         Reference condition, for instance of a `TrimPoint`.
     actuators
-        The first input is the throttle. False: the other inputs are the deflections of the airframe's surfaces (such as
-        elevator, aileron, rudder), as in `controls`. True: the other inputs are commands to the actuators, and the
-        actuators' states in `state` are added to the states.
+        False: the inputs are the throttle and the deflections of the airframe's surfaces, with the values in
+        `controls`. True: the inputs are the throttle and the commands to the actuators, and the actuators' states are
+        added to the states.
     """
     require_flat_earth(environment)
     names = all_states(airframe) if actuators else body_states(airframe)
@@ -215,23 +218,23 @@ def linearize(
 
 
 class Linearization(NamedTuple):
-    """Value of a vector function at a point, and its Jacobian: a row per element of the value."""
+    """Value of a vector function at a point, and the Jacobian there: a row per element of the value."""
 
     value: Float[Array, " row"]
     slope: Float[Array, "row column"]
 
 
 def linearize_function(function: Callable[[Array], Array], point: Float[Array, " column"]) -> Linearization:
-    """Compute the value and the Jacobian of a function in forward mode, column by column.
+    """Return value and Jacobian of a vector function at a point, by forward-mode differentiation column by column.
 
-    Equal to `jax.jacfwd`, which differentiates the columns at once and takes twice as long to compile.
+    `jax.jacfwd` gives the same Jacobian, but takes twice as long to compile.
     """
     values, columns = jax.lax.map(lambda tangent: jax.jvp(function, (point,), (tangent,)), jnp.eye(point.size))
     return Linearization(values[0], columns.T)
 
 
 def require_flat_earth(environment: Environment) -> None:
-    """Raise TypeError if the environment's Earth is not flat."""
+    """Raise TypeError unless the environment's Earth is flat, as the states V to altitude require."""
     if not isinstance(environment.earth, FlatEarth):
         raise TypeError(
             f"linearization: the environment's Earth is a {type(environment.earth).__name__}; "
@@ -256,7 +259,7 @@ _LOOP_STATE_FIELDS: dict[Loop, tuple[str, ...]] = {
     "attitude": ("attitude_integral", "rates_filter", "surfaces_slow"),
     "velocity": ("velocity_integral", "attitude_filter"),
 }
-"""For each loop, the fields of the autopilot's state that this loop adds to those of the inner loops."""
+"""For each loop, the fields of `AutopilotState` that the loop adds to those of its inner loops."""
 SENSOR_STATE_FIELDS = (
     "residual",
     (
@@ -266,20 +269,20 @@ SENSOR_STATE_FIELDS = (
         *_with_suffix(CHANNELS["rates"], "dot_last"),
     ),
 )
-"""Field of the autopilot's state with the sensors' state (incremental inversion), and the names of its elements."""
+"""Field of `AutopilotState` for incremental inversion (measured minus modelled accelerations), and its elements."""
 _EULER_ANGLES = slice(3, 6)
 
 
 def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
     """Linearize a sampled loop about a trim point: dx(k+1) = A dx(k) + B dc(k).
 
-    States: aircraft with actuators, and the autopilot's integrals and filters. Inputs: commands to the three channels
-    of the loop, constant over a step; the throttle stays at trim unless the velocity loop is closed. A step is the step
-    of `step_response`: control law, then `advance`. If a command, a surface or the throttle is at a limit, the loop is
-    open there, and so is the model.
+    States x: aircraft with actuators, then the autopilot's integrals and filters. Inputs c: commands to the three
+    channels of the loop, constant over a step; the throttle stays at trim unless `loop` is "velocity". In each step the
+    control law is evaluated, then the motion is integrated. If a command, a surface or the throttle is at a limit, the
+    loop is open there, and so is the model.
 
-    The gains' sensor bandwidth must be a concrete number, not traced: above 0 (incremental inversion) the state of the
-    sensors belongs to the model's state. Raises TypeError if the Earth is not flat.
+    The gains' sensor bandwidth must be a concrete number, not traced: above 0 (incremental inversion), the residual of
+    the onboard model, from measured forces and accelerations, adds states. Raises TypeError if the Earth is not flat.
     """
     require_flat_earth(case.environment)
     # Compiled in two parts: the motion, by far the larger part, is common to the loops.
@@ -318,7 +321,10 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
 
 @compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Linearization]:
-    """Return states and commands at the condition, and the linearized law from both to controls and next state."""
+    """Return states and commands at the trim point, and the linearized control law.
+
+    The law maps states, then commands, to surfaces (rad), throttle and the autopilot's next values of `fields`.
+    """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     start, belief = trimmed_autopilot_state(trim), exact_belief(airframe, environment, trim.state)
@@ -344,7 +350,11 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
 
 @compiled_quickly
 def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linearization:
-    """Linearize a sampling step: from the state and the controls to the next state and the outputs before the step."""
+    """Linearize one sampling step of the motion about a trim point.
+
+    Arguments of the linear function: state (`all_states`), then surfaces (rad) and throttle, at the values `controls`.
+    Values: the next state, then the outputs `AIR_OUTPUTS` before the step.
+    """
     airframe, environment, start = case.airframe, case.environment, case.trim.state
     aircraft_size = len(all_states(airframe))
 
@@ -358,13 +368,13 @@ def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linear
 
 
 def split_like(flat: Float[Array, " element"], templates: Sequence[Array]) -> list[Array]:
-    """Split a vector into arrays with the shapes of `templates`."""
+    """Split a vector into consecutive arrays with the shapes of `templates`."""
     bounds = np.cumsum([leaf.size for leaf in templates])[:-1]
     return [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, bounds), templates, strict=True)]
 
 
 def state_fields_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the fields of the autopilot's state that take part in a loop, each with the names of its elements."""
+    """Return the fields of `AutopilotState` that act in a loop and its inner loops, with the names of the elements."""
     elements, fields = {**CHANNELS, "surfaces": airframe.actuators.names}, []
     for inner in CHANNELS:
         for field in _LOOP_STATE_FIELDS[inner]:

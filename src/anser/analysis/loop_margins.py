@@ -1,9 +1,8 @@
-"""Stability margins of sampled loops.
+"""Stability margins of sampled loops: gain, phase, delay and disk margins at breakpoints of the autopilot.
 
-The closed loop with a test input at each breakpoint, its frequency response, and gain, phase, delay and disk
-margins. Kernel: JAX only. The margins with a single loop broken follow from the closed-loop response to a test input.
-With u = z + w at the breakpoint and z = T_zw w in the closed loop, the loop transfer function of negative feedback
-is L = -T_zw / (1 + T_zw), the sensitivity S = 1 / (1 + L) = 1 + T_zw, the complementary sensitivity T = 1 - S, and
+The margins with a single loop broken are computed from the closed-loop response to a test input w at the breakpoint:
+with u = z + w there and z = T_zw w in the closed loop, the loop transfer function of negative feedback is
+L = -T_zw / (1 + T_zw), the sensitivity S = 1 / (1 + L) = 1 + T_zw, the complementary sensitivity T = 1 - S, and
 S - T = 1 + 2 T_zw. Disk margin: P. Seiler, A. Packard, P. Gahinet, "An Introduction to Disk Margins", *IEEE Control
 Systems* 40(5), 2020, with skew 0.
 """
@@ -51,10 +50,11 @@ from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
 
 INNER_BREAKPOINTS = ("throttle", "P", "Q", "R", "mu", "alpha")
-"""Breakpoints besides the commands to the actuators: the command to the engine, the commands to the body-rate loop and
-the commands to the attitude loop. The commanded sideslip is always 0: no loop runs through it."""
+"""Breakpoints besides the commands to the actuators: engine command, body-rate commands and attitude commands.
+
+The commanded sideslip is always 0: no loop runs through it."""
 SATURABLE_COMMANDS = ("thrust", "alpha or load factor", "bank", "body rates", "surfaces")
-"""Commands of the autopilot that can be at a limit, where the loop is open. "surfaces" includes the rate limits."""
+"""Commands of the autopilot that can be at a limit, which opens the loop; "surfaces": deflection or rate limit."""
 
 StateFields = tuple[str, ...]
 
@@ -76,15 +76,14 @@ class ExcitedLoop(eqx.Module):
 
 
 def breakpoints(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Return the names of the breakpoints at which the loop can be broken, actuators first."""
+    """Return the names of the signals at which the loop can be broken: surfaces, then `INNER_BREAKPOINTS`."""
     return airframe.actuators.names + INNER_BREAKPOINTS
 
 
 def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> StateFields:
-    """Return the fields of the autopilot's state that take part in the closed loop; the gains must not be traced.
+    """Return the fields of `AutopilotState` that take part in the closed loop; the gains must not be traced.
 
-    The sensors' state is omitted for model-based inversion. The attitude integrals are omitted if their gain is 0: they
-    would be integrators without an effect.
+    The residual of the onboard model is omitted for model-based inversion, the attitude integrals if their gain is 0.
     """
     fields = [field for field, _ in state_fields_of("velocity", airframe)]
     if not bool(jnp.any(gains.attitude.integral != 0.0)):
@@ -93,10 +92,10 @@ def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> Stat
 
 
 def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
-    """Linearize the sampled closed loop, `velocity_control` and then `advance`, about a trim point.
+    """Linearize the sampled closed loop about a trim point, with a test input at each breakpoint.
 
-    The command is the steady flight. In a steady turn the commanded course turns with the aircraft; the deviations obey
-    the same equations at every sample.
+    In each step the control law is evaluated, then the motion is integrated. The command is the steady flight of the
+    trim point; in a steady turn, the commanded course turns with the aircraft.
 
     `fields` is the result of `loop_state_fields`, a static argument of compiled functions. Raises TypeError if the
     Earth is not flat.
@@ -153,22 +152,25 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
 FREQUENCY_MIN = 1e-3
 """Lowest frequency, rad/s; the highest is the Nyquist frequency."""
 FREQUENCY_COUNT = 240
-"""Number of frequencies of a response, 44 a decade at 100 samples per second; interpolated in between."""
+"""Number of frequencies of a response; 44 per decade at 100 samples per second."""
 NEUTRAL_POLE_TOLERANCE = 1e-6
-"""Accepted distance of a pole outside the unit circle. Altitude is not controlled and has a pole on the circle;
-rounding moves poles by less than this. A pole at this distance doubles its motion in 2 h."""
+"""Distance outside the unit circle up to which a pole counts as stable.
+
+Altitude is not controlled and has a pole on the circle, which rounding moves by less. Motion of a pole at this distance
+doubles in 2 h."""
 
 _BISECTIONS = 30
 _SECANT_STEPS = 14
 _REAL_AXIS_TOLERANCE = 5.0 * DEG_RAD
 _STATIC_SLOPE = 0.01
-"""Greatest slope of log |L| over log omega of a response at its static value: the slope of a first-order lag five
-degrees from the real axis. An integrator has -1."""
+"""Greatest slope of log |L| over log omega at which a response counts as static.
+
+A first-order lag five degrees from the real axis has this slope, an integrator -1."""
 _BALANCING_STEPS = 6
 
 
 class Margins(eqx.Module):
-    """Margins of a single loop."""
+    """Gain, phase, delay and disk margins of a loop that is broken at one breakpoint."""
 
     # factors of gain increase and decrease up to the boundary of stability, a pole on the unit circle; inf and 0 if no
     # boundary was found
@@ -192,10 +194,10 @@ class Margins(eqx.Module):
 
 
 class LoopAnalysis(eqx.Module):
-    """State matrix of the sampled closed loop about a trim point, commands at a limit, and margins at breakpoints."""
+    """Sampled closed loop about a trim point: state matrix, commands at a limit, and margins at the breakpoints."""
 
     A: Float[Array, "state state"]
-    limited: Bool[Array, "5"]
+    limited: Bool[Array, "5"]  # for each of `SATURABLE_COMMANDS`, whether the command is at a limit
     margins: Margins  # margins at each of `breakpoints`, leaves of shape (breakpoint,)
     actuators_disk: Scalar  # disk margin for simultaneous, independent factors at the actuators
 
@@ -211,7 +213,10 @@ class LoopResponse(eqx.Module):
 
 
 def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, LoopResponse]:
-    """Compute the margins at every breakpoint of the autopilot at a trim point; arguments as for `excited_loop`."""
+    """Return margins and frequency responses at every breakpoint of the autopilot at a trim point.
+
+    `fields` is the result of `loop_state_fields`.
+    """
     loop = excited_loop(case, fields)
     response = loop_response(loop, case.step, frequencies(case.step))
     margins, actuators_disk = loop_margins(loop, case.step, response)
@@ -224,7 +229,11 @@ def analyse_rows(
     rows: tuple[TrimPoint, AutopilotGains | None],
     fields: StateFields,
 ) -> tuple[LoopAnalysis, LoopResponse]:
-    """Analyse the loops at each of several trim points; gains of a row, if any, replace the common gains."""
+    """Return margins and frequency responses at each of several trim points (leading axis), in one compiled batch.
+
+    `fixed` contains airframe, environment, gains, limits, sampling period (s) and onboard model (None: the airframe);
+    gains in `rows`, if any, replace the common gains.
+    """
     airframe, environment, common_gains, limits, step, model = fixed
 
     def analyse_row(trim: TrimPoint, row_gains: AutopilotGains | None) -> tuple[LoopAnalysis, LoopResponse]:
@@ -235,15 +244,12 @@ def analyse_rows(
 
 
 def frequencies(step: ScalarLike) -> Float[Array, " frequency"]:
-    """Return the frequencies (rad/s), in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency."""
+    """Return frequencies (rad/s) in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency pi / step."""
     return jnp.exp(jnp.linspace(jnp.log(FREQUENCY_MIN), jnp.log(jnp.pi / step), FREQUENCY_COUNT))
 
 
 def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " frequency"]) -> LoopResponse:
-    """Compute the frequency responses of a sampled loop at its breakpoints, at the frequencies `omega` (rad/s).
-
-    The frequencies are at most the Nyquist frequency pi / step.
-    """
+    """Return the frequency responses of a sampled loop at its breakpoints, at `omega` (rad/s, at most pi / `step`)."""
     T_zw = jax.vmap(lambda w: _response_at(w, step, loop.A, loop.B, loop.C, loop.D))(omega)
     diagonal = jnp.diagonal(T_zw, axis1=1, axis2=2)
     actuators = _actuators(diagonal.shape[1])
@@ -252,15 +258,15 @@ def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " fre
 
 
 def _response_at(w: Scalar, step: ScalarLike, A: Array, B: Array, C: Array, D: Array) -> Complex[Array, "..."]:
-    """Return the response of a sampled system at a frequency (rad/s)."""
+    """Return the response C (exp(i w step) I - A)^-1 B + D of a sampled system at a frequency w (rad/s)."""
     return C @ jnp.linalg.solve(jnp.exp(1j * w * step) * jnp.eye(A.shape[0]) - A, B.astype(complex)) + D
 
 
 def loop_margins(loop: ExcitedLoop, step: ScalarLike, response: LoopResponse) -> tuple[Margins, Scalar]:
-    """Compute the margins at each breakpoint, and the disk margin of simultaneous changes at the actuators.
+    """Return the margins at each breakpoint, and the disk margin for simultaneous changes at all actuators.
 
-    Margins are meaningful only if the closed loop is stable: see `largest_pole`. `response` is that of the loop with
-    the same step.
+    Margins are meaningful only if the closed loop is stable: see `largest_pole`. `response` is the result of
+    `loop_response` for the same loop and step (s).
     """
 
     def margins_at_breakpoint(open_loop: Array, difference: Array, b: Array, c: Array, d: Array) -> Margins:
@@ -283,17 +289,16 @@ def margins_of(
     difference: Complex[Array, " frequency"],
     loop_at: Callable[[Scalar], Complex[Array, ""]],
 ) -> Margins:
-    """Compute the margins of a loop from its response.
+    """Return the margins of a loop from its frequency response.
 
-    Between two frequencies the logarithm of the response is interpolated by a cubic through four frequencies, to choose
-    the crossing with the least margin; that crossing is then solved with `loop_at`. Crossings that begin and end
-    between two frequencies, in a resonance narrower than their spacing, are not resolved. The lowest and the highest
-    frequency are boundaries of stability only if the response is on the negative real axis there: the Nyquist
-    frequency, where the response is real, and the lowest frequency if the response has reached its static value.
-
-    The frequencies (rad/s) have equal logarithmic steps; the last is the Nyquist frequency or beyond the loop's
+    The frequencies `omega` (rad/s) have equal logarithmic steps; the last is the Nyquist frequency or beyond the loop's
     dynamics. `open_loop` is the loop transfer function L of negative feedback, `difference` is S - T; `loop_at` returns
     L at any frequency (rad/s).
+
+    Between two frequencies the logarithm of the response is interpolated by a cubic through four frequencies, to choose
+    the crossing with the least margin; that crossing is then solved with `loop_at`. A resonance narrower than the
+    spacing of the frequencies can be missed. The response at the last frequency, and at the first if it has reached its
+    static value, counts as a crossing if it lies on the negative real axis.
     """
     logs, size = jnp.log(omega), jnp.log(jnp.abs(open_loop))
     angle = jnp.unwrap(jnp.angle(-open_loop))  # 0: on the negative real axis
@@ -370,27 +375,27 @@ def margins_of(
 
 
 def largest_pole(A: np.ndarray) -> np.ndarray:
-    """Return each sampled system's pole of largest modulus, imaginary part >= 0; A has shape (..., state, state)."""
+    """Return the pole of largest modulus, imaginary part >= 0, of each sampled state matrix, (..., state, state)."""
     poles = np.linalg.eigvals(A)
     pole = np.take_along_axis(poles, np.abs(poles).argmax(axis=-1)[..., None], axis=-1)[..., 0]
     return pole.real + 1j * np.abs(pole.imag)
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Return the slice that selects the actuators on an axis over all breakpoints, of length `breakpoints`."""
+    """Return the slice of the actuators on an axis over all breakpoints, which has the length `breakpoints`."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 
 def _least_with_frequency(
     values: Float[Array, " n"], frequency: Float[Array, " n"], is_candidate: Bool[Array, " n"]
 ) -> tuple[Scalar, Scalar]:
-    """Return the least of the values marked as candidates, and its frequency (rad/s); inf and nan without one."""
+    """Return the least value among the candidates, and its frequency (rad/s); inf and nan without a candidate."""
     k = jnp.argmin(jnp.where(is_candidate, values, jnp.inf))
     return jnp.where(is_candidate[k], values[k], jnp.inf), jnp.where(is_candidate[k], frequency[k], jnp.nan)
 
 
 def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval"]) -> Float[Array, " interval"]:
-    """Return the cubic polynomial through values at 0, 1, 2, 3, evaluated at `position`."""
+    """Return, for each interval, the cubic through the four values at 0, 1, 2, 3, evaluated at `position`."""
     t = position
     weights = [
         -(t - 1) * (t - 2) * (t - 3) / 6,
@@ -402,9 +407,9 @@ def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval
 
 
 def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tuple[Array, Float[Array, " interval"]]:
-    """Return for each cubic through `values` at positions 0 to 3: flag and position of a zero after `interval_start`.
+    """Return, for each cubic through `values` at 0 to 3, whether it crosses zero, and the position of the zero.
 
-    An interval without a zero has the flag False, and a position without meaning.
+    A zero is searched from `interval_start` to `interval_start` + 1; without a zero, the position has no meaning.
     """
     low = interval_start.astype(values.dtype)
     sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)
@@ -421,7 +426,7 @@ def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tup
 
 
 def _peak(logs: Float[Array, " frequency"]) -> Scalar:
-    """Return the largest value, interpolated by a parabola through the three logarithms around the largest."""
+    """Return the peak of a function from its logarithms at the samples, by a parabola around the largest of them."""
     k = jnp.argmax(logs)
     inside = (k > 0) & (k < logs.size - 1)
     previous, largest, following = logs[jnp.maximum(k - 1, 0)], logs[k], logs[jnp.minimum(k + 1, logs.size - 1)]
@@ -430,10 +435,10 @@ def _peak(logs: Float[Array, " frequency"]) -> Scalar:
 
 
 def _structured_gain(M: Complex[Array, "n n"]) -> Scalar:
-    """Return an upper bound of the structured singular value of M, for independent factors.
+    """Return an upper bound of the structured singular value of M, for independent complex factors.
 
-    Largest singular value of D M D^-1; the diagonal D balances the off-diagonal rows and columns (E. E. Osborne, *J.
-    ACM* 7, 1960).
+    The bound is the largest singular value of D M D^-1; the diagonal D balances the off-diagonal rows and columns (E.
+    E. Osborne, *J. ACM* 7, 1960).
     """
     sizes = jnp.abs(M) ** 2 * (1 - jnp.eye(M.shape[0])) + 1e-300
 

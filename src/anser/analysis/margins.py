@@ -1,7 +1,4 @@
-"""Stability margins of the autopilot at one trim point, with the loop responses, and over the trim map.
-
-Datasets and tables of the margins.
-"""
+"""Stability margins of the autopilot: at one trim point with frequency responses, and over a grid of trim points."""
 
 import dataclasses
 import math
@@ -46,10 +43,11 @@ from anser.steady.trim_diagnosis import nearest_trims
 from anser.units import RAD_DEG
 
 GAIN_MIN_DB, PHASE_MIN_DEG = 6.0, 40.0
-"""Required gain margin (dB) and phase margin (deg); a breakpoint below either is reported as short."""
+"""Required gain margin (dB) and phase margin (deg); a breakpoint with less of either is reported as `short`."""
 CLOSED_LOOP_STATES = ("no_trim", "held_back", "unstable", "stable")
-"""State of the closed loop at a point: no steady flight exists; a command of the autopilot is at a limit, where the
-loop is open; the closed loop is unstable; the closed loop is stable. Only stable points have margins."""
+"""States of the closed loop at a trim point; only stable points have margins.
+
+no_trim: no steady flight exists; held_back: a command of the autopilot is at a limit, which opens the loop."""
 
 
 def _response_variables(response: LoopResponse) -> dict[str, Any]:
@@ -71,10 +69,11 @@ def _response_variables(response: LoopResponse) -> dict[str, Any]:
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
-    """Summarize the dataset of `survey_margins`: a row per breakpoint, of all points or of those with reserve.
+    """Return the statistics of the dataset of `survey_margins`, a row per breakpoint.
 
-    A row has the least value, the 5th percentile and the median of each margin over the stable points, and the number
-    of points below `GAIN_MIN_DB` or `PHASE_MIN_DEG`. Infinite figures are None.
+    A row has least value, 5th percentile and median of the gain (dB), phase (deg), delay (ms) and disk margin over the
+    stable points, and the number of points with less than `GAIN_MIN_DB` or `PHASE_MIN_DEG`. `with_reserve` counts only
+    points with a tenth of power and deflections left. Infinite figures, or all if no point counts, are None.
     """
     is_selected = dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("stable")
     if with_reserve:
@@ -94,7 +93,7 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
 
 
 def _margin_variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> SurveyVariables:
-    """Return the variables of the trimmable points, as arrays over all points of the grid (NaN elsewhere)."""
+    """Return margins, poles and flags as dataset variables over all points; NaN (flags: 0) at points without trim."""
     pole = largest_pole(np.asarray(analysis.A)) if trimmable.any() else np.zeros(0, dtype=complex)
     rate = np.log(pole) / step_s
     stable = np.abs(pole) <= 1 + NEUTRAL_POLE_TOLERANCE
@@ -164,20 +163,20 @@ def _attributes(step_s: float) -> dict[str, float]:
 
 _FORMAT_VERSION = 1
 _BATCH = 32
-"""Points of one compiled call; the responses of a larger batch do not fit into the processor's caches."""
+"""Number of trim points of one compiled call; the responses of a larger batch do not fit into the caches."""
 
 
 @dataclasses.dataclass(frozen=True)
 class MarginSurvey(SurveyResult):
-    """Result of a margin survey, over (condition, altitude, mach), its margins also over (breakpoint)."""
+    """Result of `survey_margins`: dataset over (condition, altitude, mach), margins also over (breakpoint)."""
 
     def counts(self) -> dict[str, int]:
-        """Return the number of points in each state of the closed loop (`CLOSED_LOOP_STATES`)."""
+        """Return the number of grid points in each state of the closed loop (`CLOSED_LOOP_STATES`)."""
         state_codes = self.dataset["closed_loop"].values
         return {state: int((state_codes == k).sum()) for k, state in enumerate(CLOSED_LOOP_STATES)}
 
     def shortfalls(self) -> list[str]:
-        """List the unstable points and the breakpoints with a margin below the minimum, one line each."""
+        """Return a line for each unstable grid point, and for each breakpoint with a margin below the minimum."""
         lines = []
         is_unstable = self.dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("unstable")
         for c, a, m in np.argwhere(is_unstable | self.dataset["short"].values.any(axis=-1)):
@@ -193,7 +192,7 @@ class MarginSurvey(SurveyResult):
         return lines
 
     def document(self) -> dict[str, Any]:
-        """Return counts and margin tables as plain data for JSON."""
+        """Return counts, statistics of the margins and shortfalls as plain data for JSON."""
         return {
             "format_version": _FORMAT_VERSION,
             "survey": plain_attributes(self.dataset.attrs),
@@ -221,17 +220,17 @@ def margins_at(
     gains: AutopilotGains | None = None,
     model: AbstractAirframe | None = None,
 ) -> xr.Dataset:
-    """Compute the margins of the autopilot in level flight, in the standard atmosphere and still air.
+    """Compute the stability margins of the autopilot in level flight, in the standard atmosphere and still air.
 
-    One loop at a time is broken; the other loops stay closed.
+    One loop at a time is broken; the remaining loops stay closed.
 
-    Raises ConditionError, with the reason, if no margin exists: the steady flight does not exist, a command of the
-    autopilot is at a limit, or the closed loop is unstable. Otherwise raises as `resolve_airframe`.
+    Raises ConditionError, with the reason, if the steady flight does not exist, a command of the autopilot is at a
+    limit, or the closed loop is unstable; ValueError if the aircraft is unknown or a number is not valid.
 
     Parameters
     ----------
     aircraft, variant
-        Aircraft: see `resolve_airframe`.
+        Name of an airframe, path of an aircraft file, or an airframe; variant of the F-16.
     speed_m_s, altitude_m
         True airspeed and geometric altitude.
     speed_cas_m_s, speed_eas_m_s, mach
@@ -249,8 +248,8 @@ def margins_at(
     Returns
     -------
     xr.Dataset
-        Margins over (breakpoint): infinite without a boundary of stability. Gain and phase of the loop transfer
-        function over (breakpoint, frequency).
+        Gain (dB), phase (deg), delay (ms) and disk margin over (breakpoint), infinite if no change makes the loop
+        unstable; gain (dB) and phase (deg) of the loop transfer function over (breakpoint, frequency).
     """
     if model is not None and inversion == "model":
         raise ValueError('inversion: arrived "model" with an onboard model; expected "incremental"')
@@ -298,12 +297,12 @@ def survey_margins(
     gains: AutopilotGains | None = None,
     progress: Progress | None = None,
 ) -> MarginSurvey:
-    """Compute the margins at every trimmable point of the envelope's trim map, in the standard atmosphere.
+    """Compute the stability margins at every trimmable point of a grid of steady flights, altitudes and Mach numbers.
 
-    Steady flights and limits are those of the envelope survey: `CONDITIONS` and `survey_limits`.
-
-    Parameters: see `margins_at` and `survey_envelope`. Raises ValueError as `survey_envelope`, and if the grid has no
-    trimmable point.
+    Steady flights (level, climb, descent, turns), grid and autopilot limits are those of `survey_envelope`, in the
+    standard atmosphere and still air. Parameters: see `survey_envelope`; `gains`: gains of the autopilot, None: the
+    published gains of the F-16, or gains derived from the aircraft. Raises ValueError if the aircraft is unknown, an
+    axis does not increase, or no point can be trimmed.
     """
     require_step(step_s)
     require_inversion(inversion)
@@ -330,7 +329,7 @@ def survey_margins(
 
 
 def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the dataset of `margins_at` as plain data for JSON; infinite figures are None."""
+    """Return condition and margins of the dataset of `margins_at` as plain data for JSON; infinite figures are None."""
     table = []
     for name in dataset["breakpoint"].values.tolist():
         loop = dataset.sel(breakpoint=name)

@@ -1,6 +1,6 @@
 """Modes of a linear model, with participation factors and classical names.
 
-Also the poles of the autopilot's loops, compared with the poles of ideal dynamic inversion.
+The poles of the autopilot's loops are compared with those of ideal dynamic inversion.
 """
 
 import dataclasses
@@ -25,44 +25,44 @@ _FAMILIES = {
     "Dutch roll": ("beta", "R_w"),
     "lateral phugoid": ("mu", "P_w"),
 }
-"""Classical oscillations, and the wind-axis states in which each mainly shows (its family of states)."""
+"""Classical oscillations, each with its family: the wind-axis states that mainly participate."""
 _FALLING_APART = ("short period", "phugoid", "Dutch roll")
-"""Oscillations that can split into two real modes."""
+"""Oscillations that can become two real modes."""
 _LONE = {"P_w": "roll", "mu": "spiral", "power": "engine", "altitude": "altitude", "chi": "heading"}
-"""Names of real modes by the dominant state. A dominant state outside flight and engine belongs to an actuator."""
+"""Name of a real mode by the state with more than half of the participation; actuators are named separately."""
 _OF_FLIGHT = {"V", "alpha", "beta", "mu", "gamma", "chi", "P_w", "Q", "R_w", "altitude", "power"}
 _OF_SPEED = "_velocity"
 
 _OF_PAIR = 0.75
 _OF_REAL = 0.5
 _OF_MERGED = 0.9
-"""Least participation of the states for an oscillation, for a real mode, and for merged oscillations.
+"""Least share of the participation that names an oscillation, a real mode, and merged oscillations.
 
 In straight flight of the F-16 from 70 to 300 m/s and of a light aircraft the oscillations have 0.89 or more, roll and
 spiral 0.57 (at 17 deg of angle of attack) or more; mergers have 0.99."""
 
 
 class ModeCandidate(NamedTuple):
-    """Mode before it is named, with the participation of each state (`shares`) and whether this is reliable."""
+    """Mode before naming: oscillatory or real, participation of each state (0 to 1), reliability of these numbers."""
 
     is_oscillatory: bool
     shares: dict[str, float]
     is_reliable: bool
 
     def share(self, family: str) -> float:
-        """Return the sum, 0..1, of the participations of all states of a family (a key of `_FAMILIES`)."""
+        """Return the participation, 0 to 1, of all states of a family (a key of `_FAMILIES`) together."""
         return sum(self.shares[state] for state in _FAMILIES[family])
 
 
 def classical_names(modes: Sequence[ModeCandidate]) -> list[str]:
-    """Name the modes of an airframe without autopilot, fastest first; "unnamed" if no name is certain.
+    """Return names of the modes of an airframe without autopilot, "unnamed" if no name is certain or a name repeats.
 
-    An oscillation with three quarters of the participation in the states of a family is the short period, phugoid,
-    Dutch roll or lateral phugoid (merged roll and spiral). The merger of short period and phugoid, half of each, is the
-    third oscillatory mode; a real mode remains of each. A real mode with half of the participation in a single state is
-    named after the state: roll, spiral, engine, altitude, heading, or an actuator. The other real modes are remnants of
-    a split oscillation if half of the participation is in the family's states and the oscillation is absent; otherwise
-    a speed mode.
+    An oscillation with over 75 % of the participation in the states of a family is the short period, phugoid, Dutch
+    roll or lateral phugoid (merged roll and spiral), or an actuator; over 90 % in those of short period and phugoid
+    together, the third oscillatory mode. A real mode with over 50 % in a single state is named after the state: roll,
+    spiral, engine, altitude, heading or an actuator. A further real mode with over 50 % in the states of a family is
+    "short period (real)" and so on if the oscillation is absent, and "speed" if the oscillation is present and V has
+    over 50 %.
     """
     names = [_pair_name(mode) if mode.is_oscillatory else _lone_name(mode) for mode in modes]
     for family in _FALLING_APART:
@@ -82,7 +82,10 @@ def classical_names(modes: Sequence[ModeCandidate]) -> list[str]:
 
 
 def state_names(modes: Sequence[ModeCandidate]) -> list[str]:
-    """Name modes by the dominant states: the fewest, three at most, with more than half of the participation."""
+    """Return names of modes from the dominant states: the fewest, three at most, with half of the participation.
+
+    A mode whose participation factors are not reliable is "unnamed".
+    """
     names = []
     for mode in modes:
         leading, total = [], 0.0
@@ -126,11 +129,11 @@ def _is_half(mode: ModeCandidate, family: str) -> bool:
 
 
 _ILL_CONDITIONED = 1e4
-"""Limit of the summed participation-factor magnitudes of a mode (1 at best). Above it, the eigenvectors of nearly equal
-eigenvalues are mixed."""
+"""Sum of a mode's participation-factor magnitudes (1 at best) above which the factors are not reliable.
+
+The eigenvectors of nearly equal eigenvalues are then mixed."""
 _ROUNDING = 1e-9
-"""Eigenvalues, and imaginary parts, smaller than this fraction of the largest eigenvalue are 0: rounding splits equal
-eigenvalues."""
+"""Fraction of the largest eigenvalue below which eigenvalues and imaginary parts count as 0, because of rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,7 +152,7 @@ class Mode:
 
     @property
     def eigenvalues(self) -> tuple[complex, ...]:
-        """The eigenvalue, or both eigenvalues of the pair, 1/s."""
+        """The real eigenvalue, or both eigenvalues of the conjugate pair, 1/s."""
         return (self.eigenvalue,) if self.order == 1 else (self.eigenvalue, self.eigenvalue.conjugate())
 
     @property
@@ -159,14 +162,14 @@ class Mode:
 
     @property
     def damping_ratio(self) -> float:
-        """Damping ratio; 1 for a stable and -1 for an unstable real mode, 0 for an eigenvalue of 0."""
+        """Damping ratio, -1 to 1; a real mode has 1 (stable), -1 (unstable) or 0 (eigenvalue 0)."""
         if math.isinf(self.eigenvalue.real):
             return 1.0
         return -self.eigenvalue.real / abs(self.eigenvalue) if self.eigenvalue else 0.0
 
     @property
     def time_constant(self) -> float:
-        """Time in which the envelope decays by the factor e, s; negative: growth; infinite: constant."""
+        """Time in which the amplitude falls by the factor e, s; negative if it grows; infinite if constant."""
         return -1 / self.eigenvalue.real if self.eigenvalue.real else math.inf
 
     @property
@@ -181,11 +184,11 @@ class Mode:
 
 
 def wind_axis_states(model: LinearModel) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names of the wind-axis states, and the matrix that converts the model's states to wind-axis states.
+    """Return the names of the wind-axis states, and the matrix that converts a model's states to wind-axis states.
 
-    Bank, path angle and course replace roll, pitch and yaw; P_w, R_w (rates about the velocity and about its normal in
-    the plane of symmetry) replace P and R. Modes separate better in these states: at a high angle of attack a roll yaws
-    the nose, and pitch combines path angle and angle of attack.
+    Bank mu, path angle gamma and course chi replace roll, pitch and yaw; P_w and R_w (rates about the velocity and
+    about its normal in the plane of symmetry) replace P and R. Modes separate better in these states: at a high angle
+    of attack, a roll about the velocity has a yaw rate, and pitch is path angle plus angle of attack.
     """
     names, C = list(model.states), np.asarray(model.C)
     matrix = np.eye(len(names))
@@ -201,10 +204,11 @@ def wind_axis_states(model: LinearModel) -> tuple[tuple[str, ...], np.ndarray]:
 
 
 def modes_of(model: LinearModel) -> tuple[Mode, ...]:
-    """Compute the modes of a linear model, continuous or sampled, fastest first.
+    """Return the modes of a linear model, continuous or sampled, fastest first.
 
-    The modes of an airframe without autopilot have the `classical_names`, under an autopilot the `state_names`. Raises
-    ValueError if the coordinates are not regular at the model's condition.
+    Modes of a continuous model (airframe alone) have classical names (`classical_names`), modes of a sampled model
+    (autopilot) the names of the dominant states (`state_names`). Raises ValueError within 1 deg of a vertical nose or
+    path or of 90 deg of sideslip.
     """
     if not bool(model.regular):
         raise ValueError(
@@ -243,8 +247,8 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
 def _continuous(value: complex, step: float, largest: float) -> complex:
     """Return the eigenvalue in continuous time, 1/s: log(value) / step, or `value` itself if `step` (s) is 0.
 
-    The real part is minus infinity if the sampled mode vanishes within a step, that is, if `value` is 0 but for
-    rounding relative to the modulus `largest` of the largest eigenvalue.
+    The real part is minus infinity if the sampled mode vanishes within a step: |value| is below 1e-9 of `largest`, the
+    modulus of the largest eigenvalue.
     """
     if not step:
         return value
@@ -254,6 +258,7 @@ def _continuous(value: complex, step: float, largest: float) -> complex:
 
 
 LIMIT_STEP_S = 0.0005
+"""Sampling period of the limit of fast sampling, s."""
 _LIMIT_BANDWIDTHS = {
     "actuator_bandwidth": 400.0,
     "surfaces_command_bandwidth": 1000.0,
@@ -266,12 +271,12 @@ _LAGS: dict[Loop, tuple[str, ...]] = {
     "attitude": ("actuator_bandwidth", "surfaces_command_bandwidth", "rates_command_bandwidth"),
     "velocity": tuple(_LIMIT_BANDWIDTHS),
 }
-"""Bandwidths that the theory of dynamic inversion takes as infinite, for each loop."""
+"""For each loop, the bandwidths (fields of `AutopilotGains`) that the theory of dynamic inversion takes as infinite."""
 
 
 @dataclasses.dataclass(frozen=True)
 class InversionPole:
-    """Pole of a loop under dynamic inversion, 1/s."""
+    """Pole of a loop under dynamic inversion, 1/s in continuous time: ideal, for fast sampling, and as flown."""
 
     # root of (1 + K_D) s^2 + K_P s + K_I: the error dynamics of perfect inversion (theory section 5); if K_I is 0, root
     # of (1 + K_D) s + K_P
@@ -286,11 +291,12 @@ class InversionPole:
 
 
 def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
-    """Compute the poles of a loop's three channels: ideal, in the limit of fast sampling and filters, and as flown.
+    """Return the poles of a loop's three channels: ideal, in the limit of fast sampling and filters, and as flown.
 
-    Each ideal pole is matched with the nearest remaining pole of the linearized loop; equal channels cannot be told
-    apart. Arguments are those of `linearize_loop`. The flight must be straight: in a turn the velocity loop commands
-    zero sideslip and the trim has a little, a difference that drives the engine to a limit with the limit bandwidths.
+    Each ideal pole is matched with the nearest pole of the linearized loop that is not yet matched; channels with equal
+    poles cannot be told apart. Arguments are those of `linearize_loop`. The flight must be straight: in a turn the
+    velocity loop commands zero sideslip but the trim has a little, and with the limit bandwidths this difference drives
+    the engine to a limit.
     """
 
     def poles(loop_case: LoopCase) -> list[complex]:

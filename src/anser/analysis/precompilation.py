@@ -1,4 +1,4 @@
-"""Compilation of the programs that commands use first, ahead of time."""
+"""Compilation, ahead of time, of the programs that the commands of the command line use."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -15,10 +15,11 @@ from anser.scenario.schema import Scenario
 
 
 def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
-    """Compile, or load, the programs of `plan`, `run`, `trim`, `linearize` and `step`.
+    """Compile, or load from the store, the programs of the commands `plan`, `run`, `trim`, `linearize` and `step`.
 
-    The scenarios are planned and flown for a segment. Programs depend on planner, Earth, aircraft and their number,
-    keep-outs and wind layers, not on numerical values.
+    Each scenario is planned and flown for a segment; trim, linear model and a step test are those of the F-16. Programs
+    depend on planner, Earth, aircraft and their number, keep-outs and wind layers, not on numerical values. `progress`
+    is called with a description of the current work and the completed part, 0 to 1.
     """
     report_progress = progress or no_progress
 

@@ -1,7 +1,4 @@
-"""Robustness study: flights of F-16s that differ from the autopilot's onboard model.
-
-The dispersed numbers, the flights of a study, and the dataset.
-"""
+"""Robustness study: flights of F-16s whose mass, aerodynamics and sensors differ from the autopilot's onboard model."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -34,19 +31,20 @@ from anser.steady.trim import TrimMapPoint, trim_target
 from anser.units import DEG_RAD
 
 DELAY_MAX_S = 0.2
-"""Longest sensor delay of a study."""
+"""Longest sensor delay of a study, s."""
 
 _BOTH_WAYS = tuple(sign * part for part in (0.1, 0.2, 0.3, 0.4, 0.6, 0.9) for sign in (-1.0, 1.0))
+"""Changes, as fractions, of a single factor that can be changed both ways."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Factor:
-    """A number of the aircraft or its sensors that a study disperses: `nominal` + `scale` * change.
+    """Property of the aircraft or its sensors that a study disperses; the value is `nominal` + `scale` * change.
 
     At a spread of 20 % the change is uniform in -0.2 to 0.2, or in 0 to 0.2 if `one_way`.
     """
 
-    # name, description and unit of the number
+    # name, description and unit of the property
     name: str
     meaning: str
     unit: str = "1"
@@ -54,7 +52,7 @@ class Factor:
     nominal: float = 1.0
     scale: float = 1.0
     one_way: bool = False  # True if only positive changes are meaningful
-    alone: tuple[float, ...] = _BOTH_WAYS  # changes flown with the other numbers nominal
+    alone: tuple[float, ...] = _BOTH_WAYS  # changes that are flown with all further factors nominal
 
 
 FACTORS = (
@@ -76,15 +74,15 @@ FACTORS = (
         alone=(0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0),
     ),
 )
-"""The dispersed numbers, dispersed independently."""
+"""Dispersed properties, each dispersed independently."""
 
 _INDEX = {factor.name: k for k, factor in enumerate(FACTORS)}
 
 SPREADS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-"""Spreads (greatest changes) of the part "spread" of a study."""
+"""Spreads (greatest changes, as fractions) in the part "spread" of a study."""
 
 PARTS = ("dispersed", "spread", "alone")
-"""Parts of a study: all numbers dispersed at one spread; the same at several spreads; a single number changed."""
+"""Parts of a study: all factors dispersed at one spread; all dispersed at several spreads; a single factor changed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,26 +100,26 @@ CONDITIONS = (
     FlightPoint(200.0, 6000.0),
     FlightPoint(230.0, 9000.0),
 )
-"""Flight points of a study, spread over the speeds that the autopilot flies.
+"""Default flight points of a study, spread over the airspeeds that the autopilot flies.
 
-Each has a tenth of thrust and surfaces left: from equivalent airspeeds of 114 m/s (alpha 10 deg) to 190 m/s (alpha
+At each, a tenth of thrust and deflections is left; equivalent airspeeds are 114 m/s (alpha 10 deg) to 190 m/s (alpha
 3 deg)."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Cases:
-    """Flights of a study, one row per flight."""
+    """Flights of a robustness study, one row per flight: part, flight point, and changes of the factors."""
 
     # indices into `PARTS` and of the flight point, shape (n,)
     part: np.ndarray
     condition: np.ndarray
-    spread: np.ndarray  # greatest change, shape (n,); in the part "alone" the flown change
-    alone: np.ndarray  # index into `FACTORS` of a single changed number, or -1 if all numbers are changed, shape (n,)
+    spread: np.ndarray  # greatest change, as a fraction, shape (n,); in the part "alone" the flown change
+    alone: np.ndarray  # index into `FACTORS` of the single changed factor, or -1 if all are changed, shape (n,)
     changes: np.ndarray  # change of each of `FACTORS`, shape (n, factors)
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the dispersed numbers in each flight, shape (n, factors)."""
+        """Values of all `FACTORS` in each flight, in the factors' units, shape (n, factors)."""
         nominal, scale = (np.array([getattr(f, name) for f in FACTORS]) for name in ("nominal", "scale"))
         return nominal + scale * self.changes
 
@@ -133,9 +131,10 @@ class Cases:
 def dispersed_cases(
     flights: int, spread: float, seed: int, conditions: int = len(CONDITIONS), *, part: int = 0
 ) -> Cases:
-    """Return flights with all numbers changed at random, uniformly and independently, up to `spread`.
+    """Return `flights` cases with all `FACTORS` changed at random, uniformly and independently, by up to `spread`.
 
-    The flights are distributed evenly over the conditions. Each part has random numbers of its own.
+    The flights are distributed evenly over the flight points (`conditions`: their number). `part` is an index into
+    `PARTS`; seed and part determine the random numbers.
     """
     draws = np.random.default_rng((seed, part)).uniform(-1.0, 1.0, (flights, len(FACTORS)))
     draws = np.where([factor.one_way for factor in FACTORS], np.abs(draws), draws)
@@ -144,13 +143,13 @@ def dispersed_cases(
 
 
 def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spreads: tuple = SPREADS) -> Cases:
-    """Return `flights` flights at each of several spreads, with the same random numbers scaled by the spread."""
+    """Return `flights` dispersed cases at each of several spreads: the same random numbers, scaled by the spread."""
     first, *others = (dispersed_cases(flights, spread, seed, conditions, part=1) for spread in spreads)
     return sum(others, first)
 
 
 def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, ...] | None = None) -> Cases:
-    """Return flights with a single number changed, for each of the number's changes and each condition."""
+    """Return cases with one factor changed: each of `factors` (None: all), each of its changes, each flight point."""
     factor_names = [f.name for f in FACTORS] if factors is None else factors
     combinations = [
         (_INDEX[name], change, condition)
@@ -165,7 +164,7 @@ def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, .
 
 
 def dispersion_of(values: np.ndarray) -> tuple[F16Dispersion, jnp.ndarray]:
-    """Convert rows of values of `FACTORS` to airframe dispersions and sensor delays (s)."""
+    """Return the airframe dispersions and the sensor delays (s) of values of `FACTORS`, shape (n, factors)."""
     by_name = dict(zip(_INDEX, jnp.asarray(values, dtype=float).T, strict=True))
     dispersion = F16Dispersion(
         coefficients=jnp.stack([by_name[name] for name in F16_COEFFICIENTS], axis=1),
@@ -182,9 +181,9 @@ _FLIGHTS_OF_SWEEP = 200
 
 @dataclasses.dataclass(frozen=True)
 class RobustnessStudy(SurveyResult):
-    """Result of a robustness study: dispersions over (flight,), and results over (inversion, flight).
+    """Result of `robustness_study`: dispersions over (flight), metrics and outcomes over (inversion, flight).
 
-    NaN and outcome 0 if the dispersed aircraft has no steady flight.
+    Metrics are NaN and the outcome is 0 ("not_flown") if the dispersed aircraft has no steady flight.
     """
 
 
@@ -203,9 +202,10 @@ def robustness_study(
 ) -> RobustnessStudy:
     """Fly dispersed F-16s with the autopilot of the nominal F-16, in the standard atmosphere and still air.
 
-    Each dispersed aircraft is trimmed in steady level flight. Then the combined command of the envelope survey is flown
-    with the published gains and the default limits of a scenario. The autopilot is engaged at the command and has no
-    information on the dispersion. All inversions fly the same aircraft.
+    Each dispersed aircraft is trimmed in steady level flight. Then steps of +10 m/s, +3 deg path angle and +20 deg
+    course are commanded together and flown with the published gains and the default limits of a scenario. The autopilot
+    is engaged at the command and has no information on the dispersion. The same aircraft are flown with model-based,
+    incremental and adaptive inversion.
 
     Raises ConditionError if the nominal aircraft has no steady flight at a condition or the command exceeds the
     autopilot's speed limits, and ValueError if the variant is unknown or a number is out of range.
@@ -213,17 +213,19 @@ def robustness_study(
     Parameters
     ----------
     flights, spread, seed
-        Part "dispersed": flights of each inversion, greatest change (0..0.9), and seed of the random numbers.
+        Number of flights with each inversion, greatest change as a fraction (0 to 0.9), and seed of the random numbers.
     sweep
-        True: fly the parts "spread" and "alone" too.
+        True: also 200 flights at each of several spreads, and flights with a single factor changed.
     conditions
         Steady flights from which the commands start.
     duration_s, step_s
         Duration of a flight; sampling period of the autopilot.
     cases
         Cases to fly; None: cases from `flights`, `spread` and `sweep`.
-    variant, progress
-        See `Survey`.
+    variant
+        Variant of the F-16.
+    progress
+        Called with a description of the current work and the completed part, 0 to 1; None: no reports.
     """
     if flights < 1 or not 0.0 <= spread <= 0.9:
         raise ValueError(f"arrived flights {flights}, spread {spread:g}; expected 1 or more, 0 to 0.9")

@@ -1,6 +1,6 @@
 """Flights of step tests from level trim, and the climb-and-turn, the published test of path tracking.
 
-Flight point, gains, limits and step sizes for an aircraft, and one compiled batch for each loop.
+Flight point, gains, limits and step sizes are derived for aircraft other than the F-16.
 """
 
 import dataclasses
@@ -66,16 +66,17 @@ from anser.variables import CATALOGUE, catalogue
 
 _F16_SPEED_M_S, _ALTITUDE_M = 150.0, 1000.0
 _RANGE_SHARE = 0.5
-"""Greatest fraction of the available range (angle of attack, speed, climb) that a step may use."""
+"""Greatest fraction of the remaining alpha, sideslip, airspeed or climb angle that a step may use."""
 _PATH_TURN = 0.6
-"""Greatest turn of the path during a step of the angle of attack, rad: about that of the published step. A slow
-aircraft would otherwise fly a loop."""
+"""Greatest change of the path angle during a step of alpha, rad, about that of the F-16's published step.
+
+A slow aircraft would otherwise fly a loop."""
 _SIDESLIP_SEEN = _ALPHA_SEEN = 1.0 * DEG_RAD
 
 
 @dataclasses.dataclass(frozen=True)
 class StepCase:
-    """Steady level flight from which step tests start, with the autopilot."""
+    """Steady level flight from which step tests start, with gains and limits of the autopilot."""
 
     airframe: AbstractAirframe
     trim: TrimPoint
@@ -89,8 +90,8 @@ class StepCase:
 def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
     """Return the airspeed (m/s) and altitude (m) at which an aircraft's step tests start by default.
 
-    150 m/s for the F-16, otherwise the geometric mean of slowest and fastest airspeed; 1000 m, or the nearest altitude
-    of the aircraft's data.
+    Airspeed: 150 m/s for the F-16, otherwise the geometric mean of the slowest and the fastest level flight (of the
+    airspeeds of the data if there is no level flight). Altitude: 1000 m, or the nearest in the aircraft's data.
     """
     if isinstance(airframe, AbstractF16):
         return _F16_SPEED_M_S, _ALTITUDE_M
@@ -107,11 +108,11 @@ def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
 def step_case(
     airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, inversion: Inversion, step_s: float = STEP_S
 ) -> StepCase:
-    """Trim an aircraft in level flight, and derive gains and limits of the autopilot at this point.
+    """Return the level trim of an aircraft, with the gains and limits of the autopilot at this point.
 
-    `speed_m_s` is the airspeed, `step_s` the sampling period of the autopilot.
-
-    Raises ConditionError, with the reason, if the aircraft has no level flight at this point.
+    An F-16 has the published gains and the default limits; for another aircraft, gains and limits are derived.
+    `speed_m_s` is the true airspeed, `step_s` the sampling period of the autopilot. Raises ConditionError, with the
+    reason, if the aircraft has no level flight at this point.
     """
     environment, limits = standard_environment(), default_limits()
     trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
@@ -139,13 +140,14 @@ def step_case(
 
 
 _PUBLISHED_BANDWIDTHS = {"rates": 5.0, "attitude": 2.0, "velocity": 1.0}
-"""Bandwidths of the published loops, 1/s."""
+"""Bandwidths of the F-16's loops as published, 1/s."""
 
 
 def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
-    """Return the tests of an aircraft: each channel of each loop stepped alone, then all channels of a loop together.
+    """Return the step tests of an aircraft: each channel of each loop alone, then all channels of a loop together.
 
-    The steps are reduced to the aircraft's capability.
+    An F-16 has the published tests. For another aircraft, durations are scaled and steps reduced, to 75 % of the
+    bank limit and half of the remaining alpha, sideslip, airspeed and climb angle at most.
     """
     if case.derived_defaults is None:
         return PUBLISHED_STEPS
@@ -169,7 +171,7 @@ def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
 
 
 def _round_down(value: float) -> float:
-    """Round a number down to two digits."""
+    """Round a positive number down to two significant digits; 0 for a number that is not positive."""
     if value <= 0.0:
         return 0.0
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
@@ -178,7 +180,7 @@ def _round_down(value: float) -> float:
 
 @compiled
 def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Return the derivative of the load factor with respect to the angle of attack, 1/rad."""
+    """Return the derivative of the load factor (lift over weight) by the angle of attack at a trim point, 1/rad."""
     condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     surfaces, zero_rates = trim.state.surfaces, jnp.zeros(3)
 
@@ -194,9 +196,10 @@ def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: 
 def gallery_steps(
     aircraft: str | AbstractAirframe, variant: str = "textbook", flight_point: tuple[float, float] | None = None
 ) -> tuple[tuple[StepTest, ...], tuple[float, float]]:
-    """Return an aircraft's tests, and the airspeed (m/s) and altitude (m) of the trim: `flight_point` or the default.
+    """Return the step tests of an aircraft (`select_step_tests`), and airspeed (m/s) and altitude (m) of the trim.
 
-    Raises as `fly_steps`.
+    `flight_point` None: `default_flight_point`. Raises ConditionError if the level trim does not exist, ValueError if
+    the aircraft is unknown.
     """
     airframe = resolve_airframe(aircraft, variant)[0]
     speed_m_s, altitude_m = default_flight_point(airframe) if flight_point is None else flight_point
@@ -206,13 +209,16 @@ def gallery_steps(
 def step_time_scale(
     aircraft: str | AbstractAirframe, variant: str, speed_m_s: float, altitude_m: float
 ) -> LoopTimeScale:
-    """Return the time scales of an aircraft's loops relative to the published loops; raises as `fly_steps`."""
+    """Return the ratios of the time constants of an aircraft's loops in level flight to those of the F-16 as published.
+
+    Raises ConditionError if the level flight does not exist, ValueError if the aircraft is unknown.
+    """
     return step_case(resolve_airframe(aircraft, variant)[0], speed_m_s, altitude_m, "model").time_scale
 
 
 @compiled
 def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Return the sideslip (rad) whose moments use up the remaining travel of the surfaces."""
+    """Return the sideslip (rad) whose moments need all of the surfaces' remaining travel at a trim point."""
     condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     data, surfaces = condition.air_data, trim.state.surfaces
     sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
@@ -245,22 +251,22 @@ def fly_steps(
 ) -> tuple[StepTestResult, ...]:
     """Fly step tests from level trim in the standard atmosphere and still air.
 
-    The F-16 has the published gains; another aircraft has derived gains and limits. Tests of the same loop and duration
-    are one batch, compiled once.
+    The F-16 has the published gains; another aircraft has derived gains and limits. Returns a result for each test, in
+    the order of `tests`; tests of the same loop and duration are flown as one batch.
 
-    Raises ConditionError, with the reason, if level trim does not exist or the step leads beyond the autopilot's speed
-    limits. Otherwise raises as `resolve_airframe`.
+    Raises ConditionError, with the reason, if level trim does not exist or a step leads beyond the autopilot's speed
+    limits; ValueError if the aircraft is unknown or an argument is not valid.
 
     Parameters
     ----------
     aircraft, variant
-        Aircraft: see `resolve_airframe`.
+        Name of an airframe, path of an aircraft file, or an airframe; variant of the F-16.
     speed_m_s, altitude_m
         True airspeed and geometric altitude of the trim point.
     inversion
         Inversion of the autopilot: of the onboard model, or incremental from the measured accelerations.
     progress
-        Called with the name of the next loop.
+        Called with the name of the loop that is flown next.
     """
     require_inversion(inversion)
     survey = Survey(aircraft, variant, lambda loop, _: progress(loop))
@@ -296,7 +302,7 @@ def _sizes_si(test: StepTest) -> list[float]:
 
 
 class _StepRecorder(AbstractRecorder):
-    """Recorder of every sample of a step test: outputs of the three loops and the controls."""
+    """Recorder of every sample of a step test: outputs of the three loops, deflections, engine power and throttle."""
 
     stride: int = eqx.field(static=True, default=1)
 
@@ -313,7 +319,7 @@ def _fly(
     count: int,
     loop: Loop,
 ) -> dict[str, Float[Array, "tests steps"]]:
-    """Fly a batch of steps; return the history by the keys of the catalogue, shape (tests, steps), SI units and rad."""
+    """Fly a batch of steps, and return time histories by the catalogue's keys, (tests, steps); SI units and rad."""
     case = LoopCase(*fixed, STEP_S)
     trim_outputs = _outputs(case.airframe, case.environment, case.trim.state)
     trim_values = jnp.stack([trim_outputs[key] for key in CHANNEL_KEYS[loop].values()])
@@ -329,10 +335,10 @@ def _fly(
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """Return the outputs of the three loops, the surface deflections and the engine power, by key of the catalogue.
+    """Return the outputs of the three loops, the surface deflections and the engine power, by the catalogue's keys.
 
-    Units are SI and rad; the power is in percent. The wind is steady; path angle and course are those of the velocity
-    relative to the air. The entry `outside_tables` is 1 outside the range of the airframe's data, else 0.
+    Units are SI and rad; the power is in percent. Path angle and course are those of the velocity relative to the air.
+    The entry `outside_tables` is 1 outside the range of the airframe's data, else 0.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
@@ -357,7 +363,7 @@ def _outputs(airframe: AbstractAirframe, environment: Environment, state: Aircra
 def _flight(
     test: StepTest, record: dict[str, np.ndarray], airframe: AbstractAirframe, attributes: dict[str, Any]
 ) -> StepTestResult:
-    """Return the result of one flight of a batch: figures, and the recorded values as a labelled dataset."""
+    """Return the result of one step test from the recorded time histories: metrics, and a labelled dataset."""
     time = STEP_S * np.arange(len(record["power"]))
     read_count = round(test.read_at_s / STEP_S) + 1
     measured = np.stack([record[key][:read_count] for key in CHANNEL_KEYS[test.loop].values()], axis=1)
@@ -393,9 +399,9 @@ def _flight(
 
 
 CLIMB_AND_TURN = "climb-and-turn"
-"""Shipped scenario of the climb-and-turn."""
+"""Name of the climb-and-turn among the shipped scenarios."""
 _CLIMB_SHARE = 0.4
-"""Mean climb rate of the climb-and-turn, as a fraction of the aircraft's greatest.
+"""Greatest mean climb rate of the climb-and-turn, as a fraction of the aircraft's greatest climb rate.
 
 The peak climb rate is 1.9 times the mean."""
 
@@ -406,20 +412,20 @@ def climb_and_turn(
     aircraft: str = "f16",
     start_point: tuple[float, float] | None = None,
 ) -> Scenario:
-    """Return the scenario of the climb-and-turn (theory section 5).
+    """Return the scenario of the climb-and-turn, a test of path tracking (theory section 5).
 
-    Other aircraft than the F-16 fly at their airspeed. Lengths and the allowed error scale with the distance flown in a
-    time constant of the velocity loop, and the climb is within the aircraft's capability.
+    For an aircraft other than the F-16, lengths and the allowed error scale with the distance flown in a time constant
+    of the velocity loop, and the climb is limited to the aircraft's capability.
 
-    Raises ScenarioError if aircraft, variant or inversion is unknown, and ConditionError if the aircraft has no level
-    flight at the start.
+    Raises ValueError or ScenarioError if aircraft, variant or inversion is unknown, ConditionError if the aircraft has
+    no level flight at the start.
 
     Parameters
     ----------
     aircraft
         Name of an airframe, or the path of an aircraft file.
     start_point
-        Airspeed (m/s) and altitude (m) of the start for another aircraft than the F-16; None: `default_flight_point`.
+        Airspeed (m/s) and altitude (m) of the start of an aircraft other than the F-16; None: `default_flight_point`.
     """
     values = tomllib.loads(shipped_files()[CLIMB_AND_TURN].read_text(encoding="utf-8"))
     aircraft_table = values["aircraft"][0]
@@ -435,7 +441,10 @@ def climb_and_turn(
 
 
 def _scale_case(values: dict[str, Any], case: StepCase, speed_m_s: float, altitude_m: float) -> None:
-    """Scale the lengths of the case to an aircraft's capability."""
+    """Scale duration, distances, climb and requirements of the scenario `values` to an aircraft, in place.
+
+    Raises TypeError for an F-16.
+    """
     if case.derived_defaults is None:
         raise TypeError("an F-16 flies the case as published")
     aircraft_table, goal = values["aircraft"][0], values["goal"][0]

@@ -1,7 +1,4 @@
-"""Step tests of the autopilot's loops.
-
-Commands, durations and published tests; and the result of a flown test, with its figures and requirements.
-"""
+"""Step tests of the autopilot's loops: commands, durations, published tests, and results with requirements."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,13 +21,13 @@ CHANNEL_KEYS: Mapping[Loop, Mapping[str, str]] = {
     "attitude": {"mu": "bank", "alpha": "alpha", "beta": "beta"},
     "velocity": {"v": "airspeed", "gamma": "path_angle", "chi": "course"},
 }
-"""For each loop (innermost first) its three channels, each with its key in `anser.variables.CATALOGUE`."""
+"""For each loop, innermost first, its three channels, each with the key of the variable in the catalogue."""
 
 _DURATION_S: Mapping[Loop, float] = {"rates": 3.0, "attitude": 6.0, "velocity": 60.0}
-"""Durations of the tests of each loop. The velocity loop's integrator decays with a time constant of 40 s."""
+"""Durations of the published tests of each loop, s; the velocity loop's integrator has a time constant of 40 s."""
 
 _READ_YAW_AT_S = 1.05
-"""End of the interval that the figures of a yaw-rate step evaluate.
+"""End of the interval from which the metrics of a yaw-rate step are computed, s.
 
 A constant yaw rate builds up sideslip until the rudder reaches its stop at 1.27 s; the interval ends before."""
 
@@ -39,7 +36,7 @@ _SIZE_MAX = {"deg/s": 120.0, "deg": 170.0, "m/s": 150.0}
 
 
 class LoopTimeScale(NamedTuple):
-    """Time constants of an aircraft's loops, relative to the published loops of the F-16; above 1: slower."""
+    """Ratios of the time constants of an aircraft's loops to those of the F-16 as published; above 1: slower."""
 
     rates: float = 1.0
     attitude: float = 1.0
@@ -53,11 +50,11 @@ PUBLISHED_TIME_SCALE = LoopTimeScale()
 class StepTest:
     """Step of the command to one loop of the autopilot, starting in trimmed flight."""
 
-    key: str  #: Name for files: `rates-p`, `attitude-together`.
+    key: str  #: Name of the test, for files: `rates-p`, `attitude-together`.
     loop: Loop  #: Commanded loop; the inner loops are closed.
-    size: tuple[float, float, float]  #: Step of the three channels, deg/s, deg or m/s; 0 for channels without a step.
-    duration_s: float  #: Duration of the flight.
-    read_at_s: float  #: End of the interval that the figures (rise time, overshoot and so on) evaluate.
+    size: tuple[float, float, float]  #: Steps of the loop's three channels, deg/s, deg or m/s; 0: no step.
+    duration_s: float  #: Duration of the flight, s.
+    read_at_s: float  #: End of the interval from which rise time, overshoot and so on are computed, s.
 
     @property
     def commanded(self) -> dict[str, float]:
@@ -83,14 +80,14 @@ def step_test(
     Parameters
     ----------
     loop
-        A key of `CHANNEL_KEYS`.
+        "rates", "attitude" or "velocity".
     sizes
-        Step of each stepped channel, by name of the channel, deg/s, deg or m/s.
+        Step by channel: p, q, r (deg/s), mu, alpha, beta (deg), or v (m/s), gamma, chi (deg).
     duration_s
-        Duration, s, and end of the interval that the figures evaluate; None: the published duration (1.05 s with a step
-        of the yaw rate) times the time scale of the loop.
+        Duration, s, 0.2 to 600, and end of the interval that is evaluated; None: the published duration (1.05 s with a
+        step of the yaw rate) times the time scale of the loop.
     time_scale
-        Time constants of the aircraft's loops, relative to the published loops of the F-16.
+        Ratios of the time constants of the aircraft's loops to those of the F-16 as published.
     """
     known_loop = next((name for name in get_args(Loop) if name == loop), None)
     if known_loop is None:
@@ -120,12 +117,12 @@ def step_test(
 
 
 def _scaled_duration(duration_s: float, loop: Loop, time_scale: LoopTimeScale) -> float:
-    """Return a duration multiplied by the time scale of a loop, as a whole number of samples, s."""
+    """Return a duration (s) times the time scale of a loop, rounded to a multiple of `STEP_S`."""
     return round(duration_s * getattr(time_scale, loop) / STEP_S) * STEP_S
 
 
 def _each_and_all(loop: Loop, sizes: tuple[float, float, float], time_scale: LoopTimeScale) -> tuple[StepTest, ...]:
-    """Return the tests of a loop: each channel stepped alone, then all together; channels of size 0 are omitted."""
+    """Return the tests of a loop: a step of each channel alone, then of all together; channels of size 0 have none."""
     duration = _scaled_duration(_DURATION_S[loop], loop, time_scale)
     tests = []
     for k, channel in enumerate((*CHANNEL_KEYS[loop], "together")):
@@ -140,10 +137,11 @@ def _each_and_all(loop: Loop, sizes: tuple[float, float, float], time_scale: Loo
 def scaled_step_tests(
     time_scale: LoopTimeScale, attitude: tuple[float, float, float], velocity: tuple[float, float, float]
 ) -> tuple[StepTest, ...]:
-    """Return the published tests with durations scaled to an aircraft, and steps of `attitude` (deg) and `velocity`.
+    """Return the published step tests, scaled to an aircraft: each channel of each loop alone, then together.
 
-    Durations grow with the time scales of the loops. Steps of the body rates (10 deg/s) shrink in
-    proportion, for the same angle. `velocity` are the steps of airspeed (m/s), path angle and course (deg).
+    Durations are multiplied by the time scales of the loops; steps of the body rates (10 deg/s) are divided by the time
+    scale, for the same angle. `attitude` are the steps of mu, alpha, beta (deg), `velocity` those of airspeed (m/s),
+    path angle and course (deg); a channel of size 0 has no test.
     """
     rate = round(10.0 / time_scale.rates, 2)
     return (
@@ -154,29 +152,29 @@ def scaled_step_tests(
 
 
 PUBLISHED_STEPS = scaled_step_tests(PUBLISHED_TIME_SCALE, attitude=(30.0, 5.0, 5.0), velocity=(10.0, 3.0, 20.0))
-"""Published step tests of the three loops (theory section 5), each channel alone and all together."""
+"""Published step tests of the F-16's three loops (theory section 5), each channel alone and all together."""
 
 
 STEP_FORMAT_VERSION = 1
-"""Format version of the document of `step_document`; raised when a field is removed or changes meaning."""
+"""Version of the format of `step_document`; increases when a field is removed or changes meaning."""
 
 _OVERSHOOT_MAX = 0.10
 _FINAL_ERROR_MAX = 0.01
 _SIDESLIP_MAX_DEG = 1.0
-"""Requirements on the published responses; the sideslip counts in steps of the velocity loop."""
+"""Requirements on the responses: overshoot and final error as fractions of the step, sideslip for the velocity loop."""
 
 _FACTORS = {variable.key: variable.factor for variable in CATALOGUE}
 
 
 @dataclass(frozen=True)
 class StepTestResult:
-    """Result of a flown step test."""
+    """Result of a flown step test: time histories, and metrics of the response."""
 
     test: StepTest
     # outputs of the three loops, commands of the stepped loop, surfaces, throttle and power over time, named and
     # labelled as in `anser.variables.catalogue`; aircraft and condition are attributes
     dataset: xr.Dataset
-    metrics: StepMetrics  # figures of the response up to `read_at_s`, SI units and radians
+    metrics: StepMetrics  # metrics of the response up to `read_at_s`, SI units and radians
 
     @property
     def sideslip_max_deg(self) -> float:
@@ -185,12 +183,12 @@ class StepTestResult:
 
     @property
     def left_tables(self) -> bool:
-        """Whether the flight left the aerodynamic tables before `read_at_s`."""
+        """Whether the flight left the range of the aircraft's data by `read_at_s`."""
         return bool(self._read("outside_tables").any())
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
-        """Violated requirements of the published responses, as sentences; empty if none is violated."""
+        """Sentences on violated requirements: overshoot, final error, sideslip, range of the data; empty if none."""
         shortfalls, metrics = [], self.metrics
         for k, channel in enumerate(CHANNEL_KEYS[self.test.loop]):
             overshoot, error = float(metrics.overshoot[k]), float(metrics.final_error[k])
@@ -210,7 +208,7 @@ class StepTestResult:
         return self.dataset[name].values[: round(self.test.read_at_s / STEP_S) + 1]
 
     def document(self) -> dict[str, Any]:
-        """Return the figures as plain data, with units in the names; None for a time that is never reached."""
+        """Return test and metrics as plain data for JSON, units in the names; None for a time that is never reached."""
         metrics, channels = self.metrics, list(CHANNEL_KEYS[self.test.loop])
         stepped = {
             channel: {
@@ -245,7 +243,7 @@ class StepTestResult:
 
 
 def step_document(flights: Sequence[StepTestResult]) -> dict[str, Any]:
-    """Return the figures of several flights from one trim point as plain data, for JSON."""
+    """Return the metrics of several step tests from one trim point, and the requirements, as plain data for JSON."""
     attribute_names = ("aircraft", "variant", "speed_m_s", "altitude_m", "inversion")
     return {
         "format_version": STEP_FORMAT_VERSION,

@@ -1,7 +1,7 @@
-"""Driver of the surveys of an aircraft: compiled programs evaluated for many rows of inputs, in batches of one size.
+"""Surveys of an aircraft: evaluation of a compiled program for many trim points or flights, in batches of one size.
 
-A row holds the inputs of one evaluation, such as a trim point or a flight. Margins, envelope, robustness and step tests
-are surveys: their modules define rows and dataset. Also the outcomes of surveyed flights, with their variables.
+Margins, envelope, robustness and step tests are surveys. A row contains the inputs of one evaluation. Surveyed flights
+are classified by outcome and by the limit that explains the outcome.
 """
 
 import time
@@ -45,7 +45,7 @@ _R = TypeVar("_R")
 
 @dataclass(frozen=True)
 class SurveyResult:
-    """Result of a survey: labelled values, and the wall time spent compiling and running, s."""
+    """Result of a survey: dataset, and the wall times spent on compiling and on running, s."""
 
     dataset: xr.Dataset
     compile_s: float
@@ -56,11 +56,11 @@ _Result = TypeVar("_Result", bound=SurveyResult)
 
 
 SurveyVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
-"""Variables of a survey by name: values (first axis: flights or points), attributes, and the further dimensions."""
+"""Variables of a survey by name: values (first axis: flights or points), attributes, names of the further axes."""
 
 
 class FlightRows(eqx.Module):
-    """Flights of a survey, a row per flight: steady flights from which the path commands step."""
+    """Inputs of surveyed flights, a row per flight: steady flight at the start, and step of the path command."""
 
     # steady flight at the start, and its trim target
     trim: TrimPoint
@@ -72,19 +72,19 @@ class FlightRows(eqx.Module):
     # dispersion of the F-16 that flies, unknown to its autopilot, and its sensors; None: nominal, ideal
     dispersion: F16Dispersion | None = None
     sensors: DelayedSensors | None = None
-    #: Whether the estimator corrects the onboard model in flight.
+    #: Whether an adaptive estimator corrects the onboard model in flight.
     is_adaptive: bool = eqx.field(static=True, default=False)
 
 
 class Survey:
-    """Evaluation of compiled programs for many rows, for an aircraft in the standard atmosphere and still air.
+    """Evaluation of compiled programs for many rows of inputs, for one aircraft in the standard atmosphere, still air.
 
     Parameters
     ----------
     aircraft, variant
-        Aircraft: see `resolve_airframe`.
+        Name of an airframe, path of an aircraft file, or an airframe; variant of the F-16.
     progress
-        Called with a description of the current work and the completed part, 0..1; None: no reports.
+        Called with a description of the current work and the completed part, 0 to 1; None: no reports.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Survey:
         self.compile_s = self.run_s = 0.0  # wall time spent so far
 
     def call(self, program: Program[..., _R], *arguments: Any) -> _R:
-        """Compile a program for the arguments, run it and return the result; adds both durations to the survey's."""
+        """Compile a program, run it and return the result; add the wall times to `compile_s` and `run_s`."""
         start_time = time.perf_counter()
         compiled_call = program.ready(*arguments)
         compiled_time = time.perf_counter()
@@ -148,7 +148,10 @@ class Survey:
         count: int,
         span: tuple[float, float] = (0.0, 1.0),
     ) -> "SurveyVariables":
-        """Fly each row for `count` sampling periods of `step_s`, and return the variables of the flights."""
+        """Fly each row for `count` sampling periods `step_s`; return metrics, outcome and reason as dataset variables.
+
+        The gains of a row, if any, replace `gains`; the work covers the part `span` of the progress.
+        """
         fixed = (self.airframe, self.environment, gains, limits)
         summaries = self.evaluate(description, _fly, fixed, flights, jnp.asarray(step_s), count, span=span)
         start_beyond, tolerances = _is_beyond_limits(flights, limits), np.asarray(flights.tolerance)
@@ -161,7 +164,7 @@ class Survey:
         coordinates: Mapping[str, Any],
         attributes: Mapping[str, str | int | float],
     ) -> _Result:
-        """Return the labelled result, with the aircraft, the software versions and the wall time."""
+        """Return the result with its dataset; aircraft, software versions and wall times are added."""
         dataset = xr.Dataset(data, coordinates, {**self.attributes, **attributes, **version_attributes()})
         return result_class(dataset, self.compile_s, self.run_s)
 
@@ -188,7 +191,7 @@ def _fly(
 
 
 def sample_count(duration_s: float, step_s: float) -> int:
-    """Return the number of samples of a flight. Raises ValueError for fewer than 100, and for times not positive."""
+    """Return the number of sampling periods of a flight; raises ValueError below 100, or if a time (s) is not valid."""
     require_seconds("duration_s", duration_s)
     require_step(step_s)
     count = round(duration_s / step_s)
@@ -198,12 +201,12 @@ def sample_count(duration_s: float, step_s: float) -> int:
 
 
 def select_rows(rows: Any, index: np.ndarray | int) -> Any:
-    """Select rows of a tree of arrays by their indices."""
+    """Return rows of a tree of arrays by index, by indices or by a boolean mask."""
     return jax.tree.map(lambda leaf: leaf[index], rows)
 
 
 def limit_attributes(limits: FlightLimits) -> dict[str, float]:
-    """Return the autopilot's limits as attributes of a dataset."""
+    """Return the autopilot's limits as dataset attributes with units in the names (m/s, deg)."""
     return {
         **{f"limit_{name}_m_s": float(getattr(limits, name)) for name in ("speed_min", "speed_max")},
         **{
@@ -215,7 +218,7 @@ def limit_attributes(limits: FlightLimits) -> dict[str, float]:
 
 
 def flight_attributes(count: int, step_s: float, limits: FlightLimits) -> dict[str, float]:
-    """Return duration, sampling period and autopilot limits of surveyed flights as attributes of a dataset."""
+    """Return duration (s), sampling period (s) and autopilot limits of surveyed flights as dataset attributes."""
     return {"duration_s": count * step_s, "step_s": step_s, **limit_attributes(limits)}
 
 
@@ -233,7 +236,7 @@ def _is_beyond_limits(flights: FlightRows, limits: FlightLimits) -> np.ndarray:
 
 
 def trim_stop(points: TrimMapPoint, long_name: str) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return the first obstacle to each steady flight, as a coded variable (0: none), and its attributes."""
+    """Return the first obstacle to each steady flight as a code (0: none, then `TRIM_OBSTACLES`), and attributes."""
     codes = np.where(np.asarray(points.trimmable), 0, 1 + np.asarray(points.obstacles).argmax(axis=1))
     return codes.astype(np.int32), flag_attributes(long_name, ("none", *TRIM_OBSTACLES))
 
@@ -242,17 +245,17 @@ OUTCOMES = ("not_flown", "reached", "limited", "failed")
 """Outcomes of a flight.
 
 limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the flight
-left the range of the data in altitude or Mach number, or the starting flight was beyond the autopilot's limits.
-failed: alpha or beta left the range of the data or sideslip exceeded its bound (for any reason, a start beyond the
-limits included), surfaces or body rates were insufficient, or no limit explains the missed command."""
+left the range of the data in altitude or Mach number, or the flight started beyond the autopilot's limits. failed:
+alpha or beta left the range of the data or sideslip exceeded `BETA_BOUND` (even if the flight started beyond the
+limits), surfaces or body rates were insufficient, or no limit explains the missed command."""
 
 REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "start_beyond_limits", "unexplained")
-"""Reasons of an outcome: the limit or the range of the data that was met; "none": not flown, or reached."""
+"""Reasons of an outcome: limit of the autopilot, or axis on which the data ended; "none": not flown, or reached."""
 
 _LONG = 0.1
-"""Fraction of the flight spent at a limit from which this limit explains an error at the end."""
+"""Least fraction of the flight at a limit for which the limit explains an error at the end."""
 _BEFORE_SLIP = 0.1
-"""Time spent at a limit from which this limit explains a later sideslip, s: twice the lag of the actuators."""
+"""Least time at a limit for which the limit explains a later sideslip, s: twice the lag of the actuators."""
 
 _INNER = ("body_rates", "surfaces", "surface_rates")
 _EXPLAINS = {
@@ -260,7 +263,7 @@ _EXPLAINS = {
     "gamma": ("alpha", "load_factor", "unloading", "bank"),
     "chi": ("bank", "alpha", "load_factor", "unloading"),
 }
-"""For each channel the limits that can keep it from its command; limits of the inner loops affect every channel."""
+"""For each channel, the limits that can keep the channel from its command; inner-loop limits affect every channel."""
 
 
 @dataclass(frozen=True)
@@ -279,15 +282,16 @@ def classify_flights(
 ) -> FlightOutcomes:
     """Determine the outcome and the reason of each flight of a batch.
 
-    A command is reached if every channel ends within its tolerance, stepped or not, sideslip stays within `BETA_BOUND`
-    and the aircraft stays inside its data. Otherwise the reason is the first applicable of:
+    A command is reached if airspeed, path angle and course, stepped or not, end within their tolerances, sideslip stays
+    within `BETA_BOUND` and the aircraft stays inside its data. Otherwise the reason is the first applicable of:
 
-    1. a start beyond the autopilot's limits, to be left under any command;
+    1. a start beyond the autopilot's limits;
     2. alpha or beta beyond the data, whichever came first;
-    3. for excessive sideslip, the inner-loop limit with the longest time before;
+    3. for excessive sideslip, the inner-loop limit with the longest time before the sideslip;
     4. altitude or Mach number beyond the data;
-    5. for a missed channel, the relevant limit with the longest time, if active during most of the last tenth of the
-       flight (the interval of the final error) or for a tenth of the flight.
+    5. for a missed channel, the limit with the longest time among those that affect the channel, if active during most
+       of the last tenth of the flight or for a tenth of the flight;
+    6. "unexplained".
     """
     is_missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true for NaN
     has_slipped = ~(np.asarray(summaries.beta_max) <= BETA_BOUND)
@@ -339,7 +343,7 @@ _CHANNEL_FIGURES = (
 
 
 def flight_coordinates(surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the dataset coordinates of the further dimensions of flight variables: surface, axis, limit and table."""
+    """Return the dataset coordinates `surface`, `axis` (body axes), `limit` (of the autopilot), `table` (data axes)."""
     return {
         "surface": ("surface", np.array(surfaces)),
         "axis": ("axis", np.array(("roll", "pitch", "yaw"))),

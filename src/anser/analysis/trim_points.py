@@ -1,6 +1,6 @@
-"""Trim points with units or a diagnosis, and the first steps common to the analyses.
+"""Trim of an aircraft with a result to print, and functions that all analyses share.
 
-These steps find the airframe, the autopilot gains and the steady flight.
+The shared functions resolve the airframe and the airspeed, check arguments, and return autopilot gains and trim points.
 """
 
 import hashlib
@@ -44,24 +44,25 @@ compiled_trim = compiled_quickly(solve_trim, "trim")
 
 
 class ConditionError(ValueError):
-    """The flight condition has no steady flight, is not held by the loop, or is not described by Euler angles."""
+    """Error of a flight condition: no steady flight, not held by the autopilot, or too near the vertical."""
 
 
 def resolve_airframe(
     aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
-    """Return the airframe of a name, file or object, and its description for the attributes of datasets.
+    """Return the airframe of a name, file or object, and a description of the airframe for the attributes of datasets.
 
-    Raises ValueError if `aircraft` is neither an airframe nor the name of one, the variant of the F-16 is unknown, a
-    centre of gravity is given for an airframe other than the library's F-16, or mass properties, wing area or lengths
-    are impossible; ScenarioError if the aircraft file is not valid.
+    The description has `aircraft` (name, path or "custom") and, for the F-16 by name, `variant` and `x_cg_over_c` if
+    given. Raises ValueError if `aircraft` is neither an airframe nor the name of one, the variant of the F-16 is
+    unknown, a centre of gravity is given for an airframe other than the library's F-16, or mass properties, wing area
+    or lengths are impossible; ScenarioError if the aircraft file is not valid.
 
     Parameters
     ----------
     aircraft
         Name of an airframe of the library or of an entry point, path of an aircraft file, or an airframe.
     variant, x_cg_over_c
-        Variant and centre of gravity of the library's F-16: see `load_f16`.
+        Variant of the library's F-16, and its centre of gravity as a fraction of the mean chord (None: the variant's).
     """
     if isinstance(aircraft, str):
         description: dict[str, Any] = {"aircraft": aircraft}
@@ -85,18 +86,18 @@ def resolve_airframe(
 
 
 def airframe_label(attributes: Mapping[str, Any]) -> str:
-    """Return the name of the aircraft with its variant, if any, from the attributes of `resolve_airframe`."""
+    """Return "name (variant)", or the name alone, from the description of an airframe by `resolve_airframe`."""
     return f"{attributes['aircraft']} ({attributes['variant']})" if "variant" in attributes else attributes["aircraft"]
 
 
 def require_seconds(name: str, value: Any) -> None:
-    """Raise ValueError, with the name of the argument, for a value that is no positive number of seconds."""
+    """Raise ValueError, with the argument's name in the message, unless `value` is a positive, finite number (s)."""
     if not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
         raise ValueError(f"{name}: arrived {value!r}; expected a positive number of seconds")
 
 
 def require_step(step_s: Any) -> None:
-    """Raise ValueError for a step of the integration, or period of the autopilot, outside a scenario's range."""
+    """Raise ValueError unless the integration step (and autopilot period) is within a scenario's range, s."""
     if not isinstance(step_s, int | float | np.number) or not STEP_MIN_S <= step_s <= STEP_MAX_S:
         raise ValueError(
             f"step_s: arrived {step_s!r}; expected a number from {STEP_MIN_S:g} to {STEP_MAX_S:g} s, as in a scenario "
@@ -105,13 +106,16 @@ def require_step(step_s: Any) -> None:
 
 
 def require_inversion(inversion: str) -> None:
-    """Raise ValueError for another word than those of `Inversion`."""
+    """Raise ValueError unless `inversion` is "model" or "incremental"."""
     if inversion not in ("model", "incremental"):
         raise ValueError(f'inversion: arrived {inversion!r}; expected "model" or "incremental"')
 
 
 def gains_for(inversion: AnyInversion, gains: AutopilotGains | None = None) -> AutopilotGains:
-    """Return gains with the sensor bandwidth that the inversion needs; `gains` None: the published gains."""
+    """Return gains with the sensor bandwidth (rad/s) of the inversion: 0 for "model", else a scenario's default.
+
+    `gains` None: the published gains of the F-16.
+    """
     bandwidth = 0.0 if inversion == "model" else Gains().sensor_bandwidth_rad_s
     base_gains = published_gains() if gains is None else gains
     return eqx.tree_at(lambda g: g.sensor_bandwidth, base_gains, jnp.asarray(bandwidth, dtype=float))
@@ -125,10 +129,10 @@ def survey_gains(
     inversion: Inversion,
     gains: AutopilotGains | None = None,
 ) -> tuple[AutopilotGains, AutopilotGains | None]:
-    """Return the autopilot gains for stacked trim points: (common gains, gains per trim or None).
+    """Return autopilot gains for a batch of trim points: gains common to all, and gains of each trim point or None.
 
-    The given gains, or the published gains of an F-16, are common to all trims. Another aircraft has gains derived at
-    each trim, which replace the common gains.
+    With `gains`, or for an F-16 (published gains), all trim points have the common gains. For another aircraft, gains
+    are derived at each trim point and replace the common gains. `step_s` is the sampling period, s.
     """
     common = gains_for(inversion, gains)
     if gains is not None or isinstance(airframe, AbstractF16):
@@ -149,7 +153,7 @@ def _bandwidths(airframe: AbstractAirframe, environment: Environment, trims: Tri
 
 
 def steady_trim(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimPoint:
-    """Trim a steady flight. Raises ConditionError, with the nearest trim points in the message, if no trim exists."""
+    """Return the trim point of a steady flight; raises ConditionError, with the nearest trim points, if none exists."""
     trim = compiled_trim(airframe, environment, target)
     if trim_violations(airframe, environment, trim):
         raise ConditionError(nearest_trims(airframe, environment, target).message())
@@ -157,7 +161,7 @@ def steady_trim(airframe: AbstractAirframe, environment: Environment, target: Tr
 
 
 def dispersed_airframe(airframe: AbstractAirframe, dispersion: F16Dispersion | None) -> AbstractAirframe:
-    """Return the F-16 changed by a dispersion, or the unchanged airframe if `dispersion` is None.
+    """Return the F-16 with the deviations of `dispersion`, or the unchanged airframe if `dispersion` is None.
 
     Raises TypeError if a dispersion is given for an airframe other than an F-16.
     """
@@ -172,7 +176,10 @@ def dispersed_airframe(airframe: AbstractAirframe, dispersion: F16Dispersion | N
 def map_points(
     fixed: tuple[AbstractAirframe, Environment], rows: tuple[TrimTarget, F16Dispersion | None]
 ) -> TrimMapPoint:
-    """Trim steady flights, a row each, of an airframe or of F-16s that differ from it by dispersions."""
+    """Return the trim points, with margins to limits, of steady flights given as rows, in one compiled batch.
+
+    `fixed` is airframe and environment; `rows` are trim targets and deviations of the F-16 (None: the airframe itself).
+    """
     airframe, environment = fixed
 
     def map_point(target: TrimTarget, dispersion: F16Dispersion | None) -> TrimMapPoint:
@@ -182,17 +189,17 @@ def map_points(
 
 
 _HEAVY_KG = 1000.0
-"""Above this mass, thrust is shown in kN."""
+"""Mass above which thrust is printed in kN instead of N, kg."""
 _ROUNDING = 1e-12
-"""Absolute values below this are shown as zero, such as the bank of straight flight."""
+"""Absolute value below which a quantity is printed as zero, such as the bank of straight flight."""
 
 
 @dataclass(frozen=True, repr=False)
 class TrimResult:
-    """Trim point; printed as a list of quantities (name, value, unit), or as the diagnosis.
+    """Result of a trim, which prints as a list of quantities (name, value, unit) or as the diagnosis.
 
-    The diagnosis has the violated limit and the nearest trim points; None for a steady flight. `condition` has the
-    arguments of the trim: airspeed, altitude, path angle and rates.
+    `diagnosis` names the violated limit and the nearest trim points, and is None if the steady flight exists.
+    `condition` contains true airspeed, altitude, path angle, turn and pitch rate, with units in the names.
     """
 
     point: TrimPoint
@@ -236,21 +243,22 @@ def trim(
     x_cg_over_c: float | None = None,
     environment: Environment | None = None,
 ) -> TrimResult:
-    """Trim an airframe in still air and standard gravity.
+    """Compute a steady flight of an aircraft: angles, deflections, throttle and power, or a diagnosis if none exists.
 
-    Raises ValueError as `resolve_airframe`, if a pitch rate was given in a turn, and if not exactly one airspeed was
-    given.
+    Raises ValueError if the aircraft is unknown or impossible (see `resolve_airframe`), unless the altitude and exactly
+    one airspeed are given, or if a number is not valid or a pitch rate is combined with a turn.
 
     Parameters
     ----------
     aircraft, variant, x_cg_over_c
-        Aircraft: see `resolve_airframe`.
+        Name of an airframe, path of an aircraft file, or an airframe; variant and centre of gravity (fraction of the
+        mean chord) of the F-16.
     speed_m_s, altitude_m
         True airspeed and geometric altitude; the altitude is required.
     speed_cas_m_s, speed_eas_m_s, mach
         Calibrated or equivalent airspeed, or Mach number, instead of the true airspeed.
     path_angle_deg, turn_rate_deg_s
-        Climb angle and rate of the course, right positive.
+        Climb angle through the air, and rate of the course, right positive.
     pitch_rate_deg_s
         Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not in a turn.
     environment
@@ -289,7 +297,7 @@ def trim(
 
 
 def airframe_hash(airframe: AbstractAirframe) -> str:
-    """Return the SHA-256 of the class and the numbers of an airframe."""
+    """Return the SHA-256 (hexadecimal) of an airframe's class name and numbers."""
     digest = hashlib.sha256(type(airframe).__qualname__.encode())
     for leaf in jax.tree.leaves(eqx.filter(airframe, eqx.is_array_like)):
         digest.update(np.asarray(leaf).tobytes())
@@ -309,7 +317,7 @@ def flight_point(
     speed_eas_m_s: float | None = None,
     mach: float | None = None,
 ) -> tuple[float, float]:
-    """Return true airspeed (m/s) and geometric altitude (m) of a condition with an airspeed in one of four forms.
+    """Return true airspeed (m/s) and altitude (m), from a true, calibrated or equivalent airspeed or a Mach number.
 
     Raises ValueError if no altitude or not exactly one airspeed is given, if a given value is not a finite number, or
     if the airspeed is not positive.
@@ -334,7 +342,7 @@ def flight_point(
 
 
 def _require_numbers(**condition: float) -> None:
-    """Raise ValueError, with the argument, for a condition of trim that is no number or cannot be meant."""
+    """Raise ValueError unless all values are finite and `path_angle_deg` is between -90 and 90 deg."""
     for name, value in condition.items():
         if not isinstance(value, int | float | np.integer | np.floating) or not math.isfinite(value):
             raise ValueError(f"{name}: arrived {value!r}; expected a finite number")
@@ -348,7 +356,7 @@ def _require_numbers(**condition: float) -> None:
 def _derived_quantities(
     airframe: AbstractAirframe, atmosphere: AbstractAtmosphere, point: TrimPoint, altitude: Scalar, speed: Scalar
 ) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-    """Return roll and pitch (rad), thrust (N) and Mach number of a trim."""
+    """Return roll and pitch (rad), thrust along body x (N) and Mach number of a trim point."""
     roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
     data = air_data(speed * air_direction_b(point.alpha, point.beta), altitude, atmosphere.at(altitude))
     return roll, pitch, airframe.engine.propulsion(point.power, data).force_b[0], data.mach

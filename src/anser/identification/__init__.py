@@ -1,4 +1,4 @@
-"""Identification of an aircraft from flight records: estimators in batch, their bounds, and planned experiments."""
+"""Identification of an aircraft from recorded flights: parameters with confidence intervals, and planned manoeuvres."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Aircraft file of estimated derivatives: mass, geometry, actuators and engine are those of the given aircraft."""
+"""Aircraft file with estimated derivatives, and with mass, geometry, actuators and engine of an existing aircraft."""
 
 import json
 import re
@@ -24,15 +24,15 @@ from anser.numerics.arrays import as_array
 from anser.units import RAD_DEG
 
 _ALTITUDES_M, _MACHS = np.linspace(0.0, 15_000.0, 6), np.linspace(0.0, 1.0, 6)
-"""Axes of the thrust table of an engine that is not described by a file."""
+"""Altitudes (m) and Mach numbers of the thrust tables, for an engine that no aircraft file describes."""
 _JET_ASSUMED = "power in proportion to the throttle, thrust by a straight line from idle to full power, and one lag"
-"""What is assumed of an engine that is not described by a file."""
+"""Assumptions, written into the aircraft file, on an engine that no aircraft file describes."""
 _ACTUATOR_KEYS = (
     *("name", "limit_deg", "lower_deg", "upper_deg", "rate_limit_deg_s"),
     *("lag_s", "frequency_rad_s", "damping"),
 )
 _ALPHA_MARGIN_DEG, _BETA_MARGIN_DEG, _SPEED_SHARE = 3.0, 8.0, 0.2
-"""Margins of the range of validity beyond the angles and airspeeds of the record."""
+"""Margins by which the range of validity exceeds the record's: alpha, beta (deg), part of the airspeed."""
 
 
 def aircraft_file_text(
@@ -51,16 +51,16 @@ def aircraft_file_text(
     name
         Name of the aircraft: small letters, digits, hyphens.
     record
-        Record of the estimate, from which the range of validity follows.
+        Record of the estimate, which determines the range of validity in airspeed, alpha and beta.
     airframe, file
-        Aircraft of which mass properties, lengths, actuators and engine are taken, and its file; None: there is no
-        file. An engine that is not in the file is described by tables of idle and full thrust over altitude and Mach
-        number, with the assumptions of `_JET_ASSUMED`, which the file names; an aircraft without an engine gets none.
+        Aircraft that gives mass properties, lengths, actuators and engine, and its aircraft file; None: no file. An
+        engine that is not in the file is described by tables of idle and full thrust over altitude and Mach number,
+        and the text names the assumptions; an aircraft without an engine gets none.
     estimated, assumed
-        Derivatives named as in `CL_alpha`, `CL0`: the estimates, and values of the aircraft, which are used for
-        derivatives without an estimate.
+        Derivatives named as in `CL_alpha`, `CL0`: the estimates, and the aircraft's values, for derivatives without an
+        estimate. Derivatives in neither are zero.
     source
-        Origin of the estimates.
+        Origin of the estimates, as text for the file.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def _validity(record: FlightRecord) -> dict[str, list[float]]:
 def _thrusts(
     airframe: AbstractAirframe, altitudes: Float[Array, " row"], machs: Float[Array, " row"]
 ) -> tuple[Float[Array, "row 2 3"], Float[Array, "row 2 3"], Float[Array, ""]]:
-    """Return forces (N) and moments (N m) at idle and full power, and the lag of the power (s)."""
+    """Return forces (N) and moments (N m) at idle and full power, body axes, and the time constant of the power (s)."""
 
     def data_at(altitude: Float[Array, ""], mach: Float[Array, ""]) -> AirData:
         air = StandardAtmosphere().at(altitude)
@@ -177,7 +177,7 @@ def _jet(airframe: AbstractAirframe) -> dict[str, Any]:
 
 
 def _toml(tables: Mapping[str, Any], path: str = "") -> str:
-    """Return nested tables, and lists of tables, as TOML text.
+    """Return nested tables, and lists of tables, as TOML text; `path` is the dotted name of the table.
 
     The plain keys of a table come first; floats are rounded to nine significant digits.
     """
@@ -195,5 +195,5 @@ def _toml(tables: Mapping[str, Any], path: str = "") -> str:
 
 
 def slug(text: str) -> str:
-    """Return a text as the name of an aircraft: small letters, digits, single hyphens."""
+    """Return a valid aircraft name made from a text: small letters, digits, single hyphens, at most 64 characters."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:64] or "aircraft"

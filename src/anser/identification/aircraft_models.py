@@ -1,6 +1,6 @@
-"""Models of aircraft with unknown derivatives: short period, linear along a record, and the equations of motion.
+"""Aircraft models with unknown derivatives: short period, linear equations along a record, nonlinear motion.
 
-States, inputs and outputs have the keys of the catalogue, so that a record gives the manoeuvre.
+States, inputs and outputs are named by the catalogue's keys, such as `pitch_rate`, as are the channels of a record.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,10 +25,10 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Parameters) -> Array:
-    """Return the rates of a linear model: for each axis the sum of its derivatives times their arguments.
+    """Return the rates of a linear model, for each axis such as Z or M a constant plus derivatives times arguments.
 
-    `Z_alpha`, `Z_q`, ... are elements of the state matrix, as `anser.linearize` gives them, `Z_elevator` one of the
-    input matrix, and `Z0` a constant; an absent parameter is zero.
+    For the axis Z, `theta` contains `Z_alpha`, `Z_q`, ... (elements of the state matrix, as from `anser.linearize`),
+    `Z_elevator`, ... (elements of the input matrix) and the constant `Z0`; an absent parameter is zero.
     """
     zero = jnp.zeros(())
     sums = [
@@ -41,11 +41,11 @@ def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Par
 class ShortPeriod(eqx.Module):
     """Equations of the short period in nearly level flight at constant airspeed, for `short_period_model`."""
 
-    speed: Scalar
+    speed: Scalar  #: Airspeed V, m/s.
     surfaces: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of angle of attack and pitch rate, and the outputs."""
+        """Return the rates of alpha (rad/s) and q (rad/s^2), and as outputs alpha, q, specific force z (m/s^2)."""
         alpha, q = x
         arguments = {"alpha": alpha, "q": q, **dict(zip(self.surfaces, u, strict=True))}
         rates = linear_rates("ZM", arguments, {"Z_q": jnp.ones(()), **theta})
@@ -53,10 +53,11 @@ class ShortPeriod(eqx.Module):
 
 
 def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)) -> DynamicModel:
-    """Return the model alpha' = Z, q' = M, f_z = V (Z - q) - g, with Z = Z_alpha alpha + Z_q q + Z_elevator u + Z0.
+    """Return the short-period model alpha' = Z, q' = M, with the output f_z = V (Z - q) - g beside alpha and q.
 
-    M likewise. The derivatives per rad are parameters with these names. `Z_q` is 1 where it is neither estimated nor
-    fixed, other parameters zero. The unit of Z is rad/s, of M rad/s^2.
+    Z = Z_alpha alpha + Z_q q + Z_elevator u + Z0 (rad/s) and M = M_alpha alpha + M_q q + M_elevator u + M0 (rad/s^2),
+    with a term for each surface u (rad). The parameters have these names; a parameter that is neither estimated nor
+    fixed is 1 (`Z_q`) or 0. f_z is the specific force along z (m/s^2) in nearly level flight.
     """
     equations = ShortPeriod(jnp.asarray(float(speed_m_s)), tuple(surfaces))
     outputs = ("alpha", "pitch_rate", "specific_force_z")
@@ -64,21 +65,24 @@ def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)
 
 
 class RecordedMotion(eqx.Module):
-    """Linear equations along a record: the last inputs are known parts of the rates, from gravity."""
+    """Linear equations x' = A x + B u + c + known, with the known parts of the rates as additional inputs after u."""
 
     axes: tuple[str, ...] = eqx.field(static=True)
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of the states, and the states."""
+        """Return the rates of the states, and the states as outputs."""
         count = len(self.inputs)
         arguments = dict(zip((*self.states, *self.inputs), (*x, *u[:count]), strict=True))
         return linear_rates(self.axes, arguments, theta) + u[count:], x
 
 
 def recorded_model(axes: Sequence[str], states: Sequence[str], inputs: Sequence[str]) -> DynamicModel:
-    """Return the model x' = A x + B u + c + known with the states as outputs, and parameters as in `linear_rates`."""
+    """Return the model x' = A x + B u + c + known, with the states as outputs and the parameters of `linear_rates`.
+
+    The inputs are u, then the known part of each state's rate, such as gravity, as `known_STATE`.
+    """
     equations = RecordedMotion(tuple(axes), tuple(states), tuple(inputs))
     return DynamicModel(equations, equations.states, (*inputs, *(f"known_{name}" for name in states)), equations.states)
 
@@ -90,12 +94,12 @@ _OUTPUTS: tuple[str, ...] = (*_MOTION, *SPECIFIC_FORCE)
 class AircraftMotion(eqx.Module):
     """Equations of motion of an aircraft with unknown derivatives, for `aircraft_model`."""
 
-    airframe: AbstractAirframe
+    airframe: AbstractAirframe  #: Aircraft with the values of parameters that are not estimated.
     lengths: ReferenceLengths
     outputs: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of the states `airspeed` to `yaw_rate`, and the outputs."""
+        """Return the rates of the states `airspeed` to `yaw_rate`, and the outputs; `u`: see `aircraft_model`."""
         V, alpha, beta, roll, pitch = x[:5]
         rates, surfaces, power, altitude = x[5:], u[:-2], u[-2], u[-1]
         airframe, increments = self._identified(theta)
@@ -119,7 +123,7 @@ class AircraftMotion(eqx.Module):
         return jnp.concatenate([flow, attitude, angular]), jnp.stack([values[key] for key in self.outputs])
 
     def _identified(self, theta: Parameters) -> tuple[AbstractAirframe, Float[Array, "6 argument"]]:
-        """Return the airframe with the values of the parameters, and increments of coefficients by derivative."""
+        """Return the airframe with the parameters' values, and increments of CL, CD, CY, Cl, Cm, Cn per argument."""
         airframe, surfaces = self.airframe, self.airframe.actuators.names
         increments = jnp.zeros((len(COEFFICIENTS), len(derivative_columns(surfaces))))
         for name, value in theta.items():
@@ -136,7 +140,7 @@ _GLOBAL_NAMES = tuple(f"{coefficient}[{term}]" for coefficient, terms in GLOBAL_
 
 
 def _own_parameter(airframe: AbstractAirframe, name: str) -> tuple[str, int | tuple[int, int]] | None:
-    """Return the field of an airframe, and the index in it, that holds a named parameter; None for an unknown name."""
+    """Return the field of an airframe and the index in the field that contain a named parameter; None if unknown."""
     if isinstance(airframe, DerivativeAircraft):
         index = derivative_index(name, tuple(airframe.actuators.names))
         return None if index is None else ("derivatives", index)
@@ -146,23 +150,23 @@ def _own_parameter(airframe: AbstractAirframe, name: str) -> tuple[str, int | tu
 
 
 def aircraft_model(airframe: AbstractAirframe, names: Sequence[str], outputs: Sequence[str] = _OUTPUTS) -> DynamicModel:
-    """Return the nonlinear model of an aircraft in still standard air, with derivatives as parameters.
+    """Return the nonlinear equations of motion of an aircraft in still air, with derivatives as parameters.
 
-    The states are airspeed, flow angles, roll, pitch and body rates; the inputs are the positions of the surfaces
-    (rad), the engine's power (percent) and the altitude (m), at which the air is that of the standard
-    atmosphere; in other air the density altitude belongs in its place.
+    The states are airspeed (m/s), alpha, beta, roll, pitch (rad) and body rates (rad/s). The inputs are the deflections
+    of the surfaces (rad), the engine's power (percent) and the altitude (m) in the standard atmosphere; in a different
+    atmosphere, the density altitude.
 
     Parameters
     ----------
     airframe
-        The aircraft; values that are not among the parameters are its own.
+        The aircraft, which gives the values of everything that is not among the parameters.
     names
         Names of the parameters. `Cm_alpha` is a derivative of an aircraft file, about the file's reference point;
         `Cm[alpha q]` is a term of the global model of the F-16 (`anser.aircraft.global_model.GLOBAL_TERMS`);
-        `dCm_alpha` is an increment of the coefficient of any aircraft, about the centre of gravity. Arguments are those
-        of `anser.airframe_data.DERIVATIVE_ARGUMENTS` and the surfaces.
+        `dCm_alpha` is a derivative of an increment that is added to a coefficient of any aircraft, about the centre of
+        gravity. The endings are those of `anser.airframe_data.DERIVATIVE_ARGUMENTS`, and the surfaces.
     outputs
-        Keys of the outputs, from the states and the specific force.
+        Keys of the outputs, among the states and the specific force (`specific_force_x`, ..., m/s^2).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Alignment of a record's channels in time, and detection of wrong units, by the kinematics of flight."""
+"""Removal of time delays between the channels of a record, and detection of wrong units, by flight kinematics."""
 
 from typing import NamedTuple
 
@@ -12,16 +12,18 @@ from anser.units import FOOT_M, KNOT_M_S, RAD_DEG
 from anser.variables import catalogue
 
 DELAY_MAX_S = 0.5
-"""Longest delay that is searched, s."""
+"""Longest delay of a channel, lead or lag, that is searched, s."""
 _SURFACE_FIT_MIN = 0.8
+"""Least fit to an angular acceleration at which a surface is checked for a delay."""
 _FIT_MIN: dict[str, float] = {
     **dict.fromkeys(("pitch", "roll", "alpha", "beta", "airspeed"), 0.8),
     "altitude": 0.98,
 }
-"""Share of a channel's variation that kinematics must explain before the channel is judged."""
+"""Least share of a channel's variation explained by kinematics at which unit and delay of the channel are checked."""
 _SIGNIFICANCE = 5.0
-"""Delay, in standard errors, that is corrected."""
+"""Least delay that is corrected, in standard errors of the delay."""
 _UNIT_TOLERANCE = 0.2
+"""Greatest relative deviation from a factor in `_FACTORS` at which the unit is refused."""
 _FACTORS = {
     "radians that are declared as degrees": RAD_DEG,
     "degrees that are declared as radians": 1.0 / RAD_DEG,
@@ -30,19 +32,20 @@ _FACTORS = {
     "knots that are declared as m/s": KNOT_M_S,
     "the opposite sign": -1.0,
 }
-"""Factor of kinematics on a channel whose declared unit is wrong."""
+"""Factor from the values of a channel to those of the kinematics, for each kind of wrong unit or sign."""
 
 
 class ChannelMatch(NamedTuple):
-    """Factor and delay (s) of a channel relative to the integral of the rate that other channels imply, and the fit.
+    """Scale factor, delay and fit of a channel compared with a kinematic reference.
 
-    The standard error of the delay is infinite if the fit has no maximum within the searched delays.
+    The reference is the integral of the channel's rate, computed from other channels; for a surface, it is the angular
+    acceleration. The standard error of the delay is infinite if the fit has no maximum within the searched delays.
     """
 
-    factor: float  # of the channel's variation to become that of the kinematics; 1 for consistent units
-    delay_s: float  # of the channel behind the kinematics, s
+    factor: float  # reference = factor times channel, up to the delay; 1 for consistent units (surface: not used)
+    delay_s: float  # delay of the channel behind the reference, s; negative: the channel leads
     delay_error_s: float  # standard error of the delay, s
-    fit: float  # share of the channel's variation that is explained, 0..1
+    fit: float  # share of the variation that is explained, 0 to 1
 
 
 def match_channel(
@@ -51,10 +54,11 @@ def match_channel(
     step_s: float,
     delay_max_s: float = DELAY_MAX_S,
 ) -> ChannelMatch:
-    """Fit factor and delay (s) of a channel: measured(t) = c0 + c1 t + c2 t^2 + integral(t - delay) / factor.
+    """Fit a channel by least squares: measured(t) = c0 + c1 t + c2 t^2 + integral(t - delay) / factor.
 
-    The polynomial absorbs the drift from biases of inertial sensors. The delay minimizes the sum of squares over whole
-    samples, refined by a parabola.
+    `integral` is the integral of the channel's rate computed from other channels. The polynomial absorbs the drift from
+    biases of inertial sensors. The delay is searched over whole samples up to `delay_max_s` (and a quarter of the
+    record) in both directions, and refined by a parabola.
     """
     shift_max = min(round(delay_max_s / step_s), (measured.size - 1) // 4)
     count = measured.size - 2 * shift_max
@@ -69,7 +73,10 @@ def _match_windows(
     basis: Float[np.ndarray, "sample column"],
     step_s: float,
 ) -> ChannelMatch:
-    """Match values with one of several windows, beside any combination of the columns of an orthonormal basis."""
+    """Return the match of values with the best of several delayed windows, plus a combination of orthonormal columns.
+
+    Delays run from -max in the first window to +max in the last, one sample apart; factor = window / values.
+    """
     y = values - basis @ (basis.T @ values)
     Y = windows - (windows @ basis) @ basis.T
     products, powers = Y @ y, np.sum(Y**2, axis=1)
@@ -100,15 +107,17 @@ def align_record(
 ) -> FlightRecord:
     """Return the record with the constant delays of channels removed, and a note for each removed delay.
 
-    Flow angles, airspeed and attitude are compared with the integrals of the body rates and specific forces, surfaces
-    with the angular acceleration. Channels are shifted by interpolation, and the ends are cut. `accelerometer_m` is the
-    position of the accelerometers relative to the centre of gravity, body axes, m.
+    Flow angles, airspeed and attitude are compared with the integrals of their rates from body rates and specific
+    forces, surfaces with the angular acceleration; channels that fit badly are left as they are. A delay counts if it
+    exceeds a quarter of a step (surfaces: one step) and 5 standard errors. Channels are shifted by interpolation, and
+    the ends of the record are cut. A record without body rates is returned unchanged. `accelerometer_m` is the position
+    of the accelerometers relative to the centre of gravity, body axes, m.
 
     Raises
     ------
     ValueError
-        A channel contradicts the kinematics by the factor of a wrong unit or sign, or a delay is longer than
-        `delay_max_s`.
+        A channel differs from the kinematics by the factor of a wrong unit or sign, a delay is `delay_max_s` or more,
+        or fewer than 50 samples remain.
     """
     if not all(key in record for key in RATES):
         return record
@@ -151,7 +160,11 @@ def _refuse_unit(name: str, factor: float) -> None:
 
 
 def _surface_matches(record: FlightRecord, delay_max_s: float) -> dict[str, ChannelMatch]:
-    """Match each surface with the angular acceleration that it moves most, beside flow angles and rates."""
+    """Return, by surface, the match with the angular acceleration (roll, pitch or yaw) that fits the surface best.
+
+    A constant, flow angles, body rates and the remaining surfaces explain the rest of the acceleration. Surfaces that
+    do not move or fit badly are absent.
+    """
     present = [key for key in ("alpha", "beta", *RATES) if key in record]
     moving = [
         name for name in record.surfaces if name in record and np.ptp(record[name]) > 20.0 * noise_level(record[name])
@@ -175,9 +188,9 @@ def _basis(rows: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "sample r
 def _match_surface(
     surface: np.ndarray, acceleration: np.ndarray, basis: np.ndarray, step_s: float, delay_max_s: float
 ) -> ChannelMatch:
-    """Match a surface: the acceleration less its part along the basis is proportional to the surface at t + delay.
+    """Fit an angular acceleration at t by the recorded deflection at t + delay plus a combination of basis columns.
 
-    A positive delay (s) means that the recorded surface lags the motion that it causes.
+    A positive delay (s) means that the recorded deflection lags the motion that the surface causes.
     """
     shift_max = min(round(delay_max_s / step_s), (surface.size - 1) // 4)
     count = surface.size - 2 * shift_max

@@ -26,25 +26,26 @@ from anser.results.variable_labels import unit_attributes
 from anser.shapes import Scalar, Vector3
 
 COEFFICIENT_NAMES: tuple[str, ...] = ("CL", "CD", "CY", "Cl", "Cm", "Cn", "CX", "CZ")
-"""Lift, drag (turned from body axes by alpha alone), side force; moments of roll, pitch, yaw; forces in body axes."""
+"""Lift and drag (body-axis forces turned by alpha alone), side force; roll, pitch, yaw moment; forces along x, z."""
 _INERTIAL_RATES = ("inertial_roll_rate", "inertial_pitch_rate", "inertial_yaw_rate")
 _ROWS = 512
+"""Multiple to which the number of samples is padded, so that few programs are compiled."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CoefficientHistory:
-    """Non-dimensional coefficients and rates along a record."""
+    """Aerodynamic coefficients, and the arguments of their derivatives, at the samples of a record."""
 
-    #: Values by the names of `COEFFICIENT_NAMES`; the moments refer to the reference point.
+    #: Coefficients by name, one of `COEFFICIENT_NAMES`; moments about the reference point `reference_m`.
     coefficients: dict[str, Float[np.ndarray, " sample"]]
-    #: Values by the endings of derivatives: `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V), and the
-    #: surfaces (rad).
+    #: Arguments by name: `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V, non-dimensional), and the
+    #: recorded surfaces (rad).
     arguments: dict[str, Float[np.ndarray, " sample"]]
     record: FlightRecord  #: Record with the specific force at the centre of gravity.
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Coefficients and arguments over `time`; angles in rad."""
+        """Coefficients and arguments as a dataset over `time` (s); angles in rad."""
         data: dict[str, Any] = {
             name: ("time", values, unit_attributes("1", f"Coefficient {name}"))
             for name, values in self.coefficients.items()
@@ -64,15 +65,17 @@ def compute_coefficients(
 ) -> CoefficientHistory:
     """Compute the coefficients of the aerodynamic forces and moments along a record.
 
-    Force: m f less the thrust; moment: J w' + w x (J w + h) less that of the engine, with mass properties, spin
-    momentum and engine of the airframe. The angular acceleration is the derivative of the smoothed body rates. Source:
-    V. Klein and E. A. Morelli, *Aircraft System Identification* (2006), section 5.2.
+    Aerodynamic force: m f minus thrust; moment: J w' + w x (J w + h) minus the engine's moment, with the airframe's
+    mass m, inertia J, spin momentum h of the engine, and engine model. The specific force f is that at the centre of
+    gravity; w' is the derivative of the smoothed body rates w. Source: V. Klein and E. A. Morelli, *Aircraft System
+    Identification* (2006), section 5.2.
 
     Parameters
     ----------
     record
-        Record with airspeed, alpha, body rates, specific force or velocity, and engine power or thrust; sideslip left
-        out is zero.
+        Record with airspeed (above 1 m/s), alpha, body rates, specific force or velocity with attitude, altitude (or
+        dynamic pressure with Mach number), and for an airframe with engine, power or thrust along x; with power, a
+        recorded thrust is not used. Without beta, the sideslip angle is zero.
     airframe
         Aircraft, of which mass properties, reference lengths and engine are used, not the aerodynamics.
     accelerometer_m
@@ -83,7 +86,7 @@ def compute_coefficients(
     Raises
     ------
     ValueError
-        The record lacks a channel.
+        The record lacks a channel, or an airspeed is 1 m/s or less.
     """
     record = with_specific_force(record, accelerometer_m)
     if "power" not in record and "thrust" not in record and not isinstance(airframe.engine, NoEngine):
@@ -108,10 +111,10 @@ def compute_coefficients(
 def _measured_coefficients(
     airframe: AbstractAirframe, reference_b: Vector3, rows: Float[Array, "row 17"]
 ) -> Float[Array, "row 8"]:
-    """Return, for each row, the coefficients of `COEFFICIENT_NAMES`.
+    """Return the coefficients `COEFFICIENT_NAMES` of each row, with moments about `reference_b` (body axes, m).
 
-    Columns of the rows: those of `_air_of_row`, power, thrust, body rates, angular acceleration, specific force. Where
-    the power is NaN, the thrust acts along x at the engine's point.
+    Columns of a row: the six of `_air_of_row`, power (percent), thrust (N), body rates (rad/s), angular acceleration
+    (rad/s^2), specific force (m/s^2). If the power is NaN, the thrust acts along x at the engine's point.
     """
 
     def evaluate(row: Float[Array, "17"]) -> Float[Array, "8"]:
@@ -132,17 +135,17 @@ def _measured_coefficients(
 
 
 def _in_lift_axes(body: Float[Array, "6"], alpha: Scalar) -> Float[Array, "6"]:
-    """Return CL, CD, CY, Cl, Cm, Cn from CX, CY, CZ, Cl, Cm, Cn at an angle of attack (rad)."""
+    """Return CL, CD, CY, Cl, Cm, Cn from the body-axis CX, CY, CZ, Cl, Cm, Cn at an angle of attack (rad)."""
     CX, CY, CZ, *moments = body
     sa, ca = jnp.sin(alpha), jnp.cos(alpha)
     return jnp.stack([CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, *moments])
 
 
 def _air_of_row(row: Float[Array, "6"]) -> AirData:
-    """Return the air data of airspeed, alpha, beta, altitude, dynamic pressure and Mach number.
+    """Return the air data from airspeed (m/s), alpha, beta (rad), altitude (m), dynamic pressure (Pa) and Mach number.
 
-    Where one of the last two is NaN, the standard atmosphere at the altitude gives it; where both are given, the
-    altitude may be NaN.
+    A dynamic pressure or Mach number of NaN is computed from the standard atmosphere at the altitude. The altitude may
+    be NaN if both are numbers.
     """
     V, alpha, beta, altitude, qbar, mach = row
     air = StandardAtmosphere().at(jnp.nan_to_num(altitude))
@@ -167,10 +170,10 @@ def _air_rows(record: FlightRecord) -> Float[np.ndarray, "6 sample"]:
 def model_coefficients(
     airframe: AbstractAirframe, arguments: Float[Array, " argument"], air: AirData
 ) -> Float[Array, "6"]:
-    """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's own aerodynamics.
+    """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's aerodynamic model.
 
-    `arguments`: alpha, beta (rad), p b/2V, q c/2V, r b/2V, then the surfaces (rad); airspeed, density and altitude are
-    those of `air`. Differentiable.
+    `arguments`: alpha, beta (rad), p b/2V, q c/2V, r b/2V, then the surfaces (rad); airspeed, density, Mach number and
+    altitude are those of `air`. Differentiable.
     """
     lengths = reference_lengths(airframe)
     alpha, beta = arguments[0], arguments[1]
@@ -191,9 +194,10 @@ def _own_derivatives(
 
 
 def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, float]:
-    """Return the derivatives of an airframe's own coefficients at the means of a record, named as in `CL_alpha`.
+    """Return the derivatives (per rad) of an airframe's aerodynamic model at the mean values of a record, by name.
 
-    The constants, named as in `CL0`, give the airframe's coefficients at the means.
+    Names are as in `CL_alpha`, with the arguments of `CoefficientHistory` and every surface. The constants, as in
+    `CL0`, are such that constant plus derivatives times mean arguments is the coefficient at the means.
     """
     arguments = _arguments_of(airframe, record)
     means = np.array([np.mean(values) for values in arguments.values()])
@@ -206,7 +210,7 @@ def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> di
 
 
 def _arguments_of(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
-    """Return alpha, beta, non-dimensional rates and all surfaces of an airframe; an unrecorded surface is neutral."""
+    """Return along a record, by name: alpha, beta (rad), p b/2V, q c/2V, r b/2V, surfaces (rad; 0 if not recorded)."""
     lengths, V = reference_lengths(airframe), record["airspeed"]
     scales = np.array([[lengths.span], [lengths.mean_chord], [lengths.span]], dtype=float)
     hats = dict(zip(("p", "q", "r"), record.stack(*RATES) * scales / (2.0 * V), strict=True))

@@ -1,8 +1,8 @@
-"""Data compatibility: biases and scale factors of sensors, from the kinematics that connect the channels of a record.
+"""Data compatibility check: estimation of sensor biases and scale factors from the kinematics of flight.
 
-The measured body rates and specific forces drive the kinematic equations of the centre of gravity; the estimated errors
-are those with which airspeed, flow angles and attitude agree. Source: V. Klein, E. A. Morelli, *Aircraft System
-Identification*, AIAA 2006, chapter 10.
+The measured body rates and specific forces drive the kinematic equations of the centre of gravity. The sensor errors
+are estimated so that the resulting airspeed, flow angles and attitude agree with the measured values. Source: V. Klein,
+E. A. Morelli, *Aircraft System Identification*, AIAA 2006, chapter 10.
 """
 
 import dataclasses
@@ -32,18 +32,19 @@ from anser.identification.smoothing import noise_level
 _INPUTS = (*RATES, *SPECIFIC_FORCE)
 _STATES: tuple[str, ...] = ("airspeed", "alpha", "beta", "roll", "pitch", "yaw")
 DEFAULT_ERRORS = (*(f"bias({key})" for key in _INPUTS), "scale(alpha)", "scale(beta)")
-"""Errors that most records tell: biases of the inertial sensors, and scale factors of the flow angles."""
+"""Sensor errors that most manoeuvres identify: biases of gyros and accelerometers, scale factors of flow angles."""
 _PROCESS_NOISE = {"airspeed": 1e-3, "alpha": 1e-7, "beta": 1e-7, "roll": 1e-6, "pitch": 1e-6}
-"""Start values of the spectral densities of the noise in the rates of the states, in SI units squared times s."""
+"""Start values of the spectral densities of the process noise in the states' rates, (unit of the rate)^2 s."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Compatibility:
-    """Estimated errors of sensors, with intervals, and the record without them; printed as a table."""
+    """Estimated sensor errors with confidence intervals, and the corrected record; prints as a table."""
 
-    #: `bias(CHANNEL)` in SI units and radians, `scale(CHANNEL)` as a fraction; measured = (1 + scale) true + bias.
+    #: Parameters `bias(CHANNEL)`, SI units and radians, and `scale(CHANNEL)`, a fraction: measured = (1 + scale) true +
+    #: bias; also the initial states.
     estimate: Estimate
-    record: FlightRecord  #: Record with the errors removed.
+    record: FlightRecord  #: Record at the centre of gravity, with the estimated errors removed.
 
     def __repr__(self) -> str:
         return repr(self.estimate)
@@ -70,25 +71,28 @@ def check_compatibility(
     method: Literal["output-error", "filter-error"] = "output-error",
     accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Compatibility:
-    """Estimate errors of sensors from a record, and remove them.
+    """Estimate biases and scale factors of sensors from a record, and return the estimates and the corrected record.
 
     Parameters
     ----------
     record
-        Record with airspeed, alpha, beta, roll and pitch, body rates and specific forces; air at rest or moving
-        steadily. Without accelerometers the specific force would follow from the velocity, and tell nothing.
+        Record with airspeed, alpha, beta, roll and pitch (yaw optional), body rates and specific forces measured by
+        accelerometers, in air at rest or moving steadily.
     errors
-        Names of the errors to estimate: `bias(CHANNEL)`, `scale(CHANNEL)`.
+        Names of the errors to estimate: `scale(CHANNEL)` for airspeed, flow angles and attitude, `bias(CHANNEL)` for
+        these, body rates and specific forces. Errors without a name in the list are taken as zero.
     method
-        `output-error`: errors by regression on the integrated motion, with intervals for the noise of the inertial
-        sensors that adds up in it; `filter-error`: by a kinematic filter, more exact where that noise is great.
+        `output-error`: the kinematics are integrated without process noise; the intervals include the noise of gyros
+        and accelerometers that accumulates. `filter-error`: that noise is process noise of a Kalman filter, which is
+        more exact if the noise is great.
     accelerometer_m
         Position of the accelerometers relative to the centre of gravity, body axes, m.
 
     Raises
     ------
     ValueError
-        The record lacks a channel, an error is unknown, or the record does not tell an error.
+        The record lacks a channel, the name of an error is unknown, an error cannot be identified from the record, or
+        the search does not converge.
     """
     if not all(key in record for key in SPECIFIC_FORCE):
         raise ValueError("record: arrived without specific_force_x_m_s2, _y_, _z_; expected accelerometers")

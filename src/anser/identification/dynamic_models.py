@@ -1,4 +1,4 @@
-"""Models with unknown parameters, recorded manoeuvres, and the outputs that a model predicts for a manoeuvre."""
+"""Dynamic models with unknown parameters, recorded manoeuvres, and predicted outputs with sensitivities."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from anser.shapes import Scalar
 Parameters = Mapping[str, Scalar]
 """Parameters of a model by name."""
 Equations = Callable[[Array, Array, Parameters], tuple[Array, Array]]
-"""Function of state x, input u and parameters that returns the rate of the state and the outputs; JAX."""
+"""Function of state x, input u and parameters, in JAX, that returns the rate of the state and the outputs y."""
 Values = Float[np.ndarray, " parameter"]
 Gain = Float[np.ndarray, "state output"]
 
@@ -37,21 +37,21 @@ class DynamicModel:
     """
 
     equations: Equations
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    states: tuple[str, ...]  #: Names of the elements of x.
+    inputs: tuple[str, ...]  #: Names of the elements of u.
+    outputs: tuple[str, ...]  #: Names of the elements of y.
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One recorded manoeuvre with equal steps."""
+    """Inputs and measured outputs of one manoeuvre at a constant sampling period, with the initial state."""
 
     time_s: Float[np.ndarray, " sample"]  #: Times of the samples, s.
     #: Recorded inputs (sample, input) and measured outputs (sample, output), in the model's units.
     inputs: Float[np.ndarray, "sample input"]
     outputs: Float[np.ndarray, "sample output"]
-    initial_state: Float[np.ndarray, " state"]  #: State at the first sample, shape (state,).
-    #: Whether the input of a sample is held over the step after it; False: straight lines between the samples.
+    initial_state: Float[np.ndarray, " state"]  #: State at the first sample, in the model's units.
+    #: Whether an input is constant over the step after its sample; False: straight lines between the samples.
     held: bool = True
 
     @property
@@ -69,7 +69,10 @@ def make_manoeuvre(
     *,
     held: bool = True,
 ) -> Manoeuvre:
-    """Make a `Manoeuvre` from arrays, checked against a model. Without `initial_state`, the state is zero.
+    """Return a `Manoeuvre` from inputs (sample, input) and measured outputs (sample, output), in the model's units.
+
+    Times are in s. A one-dimensional array is a single column. `initial_state` None is zero. `held` says whether an
+    input is constant over the step after its sample, or follows straight lines between the samples (False).
 
     Raises
     ------
@@ -95,33 +98,33 @@ def make_manoeuvre(
 
 
 class Prediction(NamedTuple):
-    """Predicted outputs of a manoeuvre, and their sensitivities: derivatives by the parameters."""
+    """Predicted outputs of a manoeuvre, and sensitivities: derivatives of the outputs by the parameters."""
 
     outputs: Float[np.ndarray, "sample output"]
     sensitivities: Float[np.ndarray, "sample output parameter"]
 
 
 class StateSpace(NamedTuple):
-    """Derivatives of next state and outputs by the state, and of the rates by the state, at a manoeuvre's start."""
+    """State-space matrices of a model, linearized at the initial state of a manoeuvre."""
 
-    transition: Float[np.ndarray, "state state"]  # over one step
-    C: Float[np.ndarray, "output state"]
-    A: Float[np.ndarray, "state state"]
+    transition: Float[np.ndarray, "state state"]  # of the state over one step
+    C: Float[np.ndarray, "output state"]  # derivatives of the outputs
+    A: Float[np.ndarray, "state state"]  # derivatives of the states' rates
 
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Estimated and fixed parameters of a model."""
+    """A model, the names of its estimated parameters, and the values of its fixed parameters."""
 
     model: DynamicModel
     names: tuple[str, ...]  #: Names of the estimated parameters; `STATE(0)` is the initial value of a state.
     fixed: Mapping[str, float] = field(default_factory=dict)  #: Values of the remaining parameters by name.
 
     def predict(self, values: Values, manoeuvre: Manoeuvre, gain: Gain | None = None) -> Prediction:
-        """Predict outputs with their sensitivities by forward differentiation.
+        """Integrate the model over a manoeuvre; return the outputs and their derivatives with respect to `values`.
 
-        Before each step the state is corrected by `gain` times the difference of measured and predicted outputs; None:
-        the pure response of the model.
+        `values` are the estimated parameters in the order of `names`. Before each step, `gain` times the difference of
+        measured and predicted outputs is added to the state; None: no correction by measured outputs.
         """
         gain = np.zeros((len(self.model.states), len(self.model.outputs))) if gain is None else gain
         return Prediction(*map(np.asarray, _predict(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(gain))))
@@ -131,17 +134,17 @@ class ParameterSet:
     ) -> Float[np.ndarray, "parameter sample input"]:
         """Return the derivatives of weighted sums of the outputs with respect to every sample of the inputs.
 
-        The sums are over samples and outputs, one for each parameter. The derivatives are computed by reverse-mode
-        automatic differentiation of the response without correction by measured outputs.
+        The sum of a parameter is over samples and outputs, with the weights of this parameter. The response is that of
+        the model without correction by measured outputs; reverse-mode automatic differentiation.
         """
         return np.asarray(_input_influence(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights)))
 
     def linearize(self, values: Values, manoeuvre: Manoeuvre) -> StateSpace:
-        """Linearize the model at the start of a manoeuvre, with the mean inputs."""
+        """Return the model linearized at the initial state of a manoeuvre, with the mean inputs over the manoeuvre."""
         return StateSpace(*map(np.asarray, _linearize(self.case(manoeuvre), jnp.asarray(values))))
 
     def case(self, manoeuvre: Manoeuvre) -> "Case":
-        """Return the model with a manoeuvre, for compiled functions."""
+        """Return the model and a manoeuvre as JAX arrays, for compiled functions."""
         arrays = (manoeuvre.initial_state, manoeuvre.inputs, manoeuvre.outputs, np.asarray(manoeuvre.step_s))
         fixed = {name: jnp.asarray(float(value)) for name, value in self.fixed.items()}
         return Case(
@@ -150,13 +153,13 @@ class ParameterSet:
 
 
 class Case(NamedTuple):
-    """A model with a manoeuvre, as an argument of compiled functions."""
+    """A model and a manoeuvre as JAX arrays, the argument of compiled functions."""
 
     equations: Equations
     states: tuple[str, ...]
     names: tuple[str, ...]  # of the estimated parameters
-    held: bool
-    fixed: Parameters
+    held: bool  # whether an input is constant over the step after its sample
+    fixed: Parameters  # values of parameters that are not estimated
     initial_state: Float[Array, " state"]
     inputs: Float[Array, "sample input"]
     measured: Float[Array, "sample output"]
@@ -164,17 +167,20 @@ class Case(NamedTuple):
 
     @property
     def samples(self) -> tuple[Array, Array, Array]:
-        """Inputs, next inputs and measured outputs of the samples."""
+        """Inputs, inputs one sample later (the last is repeated) and measured outputs, all over the samples."""
         return self.inputs, jnp.concatenate([self.inputs[1:], self.inputs[-1:]]), self.measured
 
     def start(self, values: Array) -> tuple[dict[str, Array], Array]:
-        """Return the parameters by name, and the initial state with its estimated values."""
+        """Return all parameters by name, and the initial state, from the values of the estimated parameters.
+
+        An estimated parameter `STATE(0)` replaces the manoeuvre's initial value of the state.
+        """
         theta = {**self.fixed, **dict(zip(self.names, values, strict=True))}
         initial = [theta.get(f"{name}(0)", self.initial_state[k]) for k, name in enumerate(self.states)]
         return theta, jnp.stack(initial)
 
     def advance(self, x: Array, u: Array, u_next: Array, theta: Parameters) -> Array:
-        """Return the state after one Runge-Kutta step from inputs `u` to `u_next`."""
+        """Return the state one Runge-Kutta step later, with the input linear from `u` to `u_next`, or `u` if held."""
 
         def rate(t: Any, state: Array) -> Array:
             return self.equations(state, u if self.held else u + t / self.step_s * (u_next - u), theta)[0]
@@ -189,7 +195,11 @@ def prepare_parameters(
     fixed: Mapping[str, float] | None,
     initial_states: Sequence[str],
 ) -> tuple[ParameterSet, Values]:
-    """Check start values and fixed values, and return the parameters with their start values."""
+    """Return the estimated parameters of a model, and their start values in the order of `names`.
+
+    For each name in `initial_states`, the parameter `STATE(0)` is appended, which starts from the manoeuvre's initial
+    state. Raises ValueError if `start` is empty, a name is fixed too, a value is not finite, or a state is unknown.
+    """
     fixed = dict(fixed or {})
     numbers = {**start, **fixed}
     if not start or len(numbers) < len(start) + len(fixed) or not all(np.isfinite(list(numbers.values()))):

@@ -1,4 +1,4 @@
-"""Estimated parameters with covariance and intervals, covariances for coloured residuals, and collinearity."""
+"""Estimated parameters with covariance and confidence intervals, covariance for coloured residuals, collinearity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from anser.identification.fits import Fit, PrintedTable, autocovariances
 from anser.results.variable_labels import unit_attributes
 
 COLLINEARITY_MAX = 1000.0
-"""Greatest condition number of regressors scaled to unit length; above, an estimate depends on the last digits."""
+"""Condition number of the regressors, scaled to unit length, above which an estimate is refused as indeterminate."""
 COLLINEARITY_NOTABLE = 30.0
-"""Condition number of strong collinearity (D. A. Belsley, E. Kuh, R. E. Welsch, *Regression Diagnostics*, 1980)."""
+"""Condition number for a caution (D. A. Belsley, E. Kuh, R. E. Welsch, *Regression Diagnostics*, 1980)."""
 _LABELS = {
     "estimate": "Estimate",
     "standard_error": "Standard error",
@@ -27,29 +27,29 @@ _LABELS = {
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimate(Fit, PrintedTable):
-    """Estimated parameters and their fit: printed, a table with the 95 % interval of each parameter, then the fit."""
+    """Estimated parameters with covariance, and the fit to the measured responses; prints a table of 95 % intervals."""
 
     method: str  #: Name of the method, for labels.
-    #: Names of the parameters, their values (parameter,) and the covariance of their errors (parameter, parameter).
+    #: Names of the parameters, their values, and the covariance of the errors, in the parameters' units.
     names: tuple[str, ...]
     values: Float[np.ndarray, " parameter"]
     covariance: Float[np.ndarray, "parameter parameter"]
-    degrees_of_freedom: float  #: Degrees of freedom of the residual variance: intervals follow Student's distribution.
+    degrees_of_freedom: float  #: Degrees of freedom of Student's distribution for the intervals.
     #: Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
-    #: length, and by parameter the factor on the variance from the correlation with the remaining parameters.
+    #: length, and the factor by which the correlation with the remaining parameters raises each variance.
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
-    #: Covariance as if the residuals were white: the published bound, for comparison.
+    #: Covariance for white residuals (the textbook value), for comparison; None: not computed.
     white_covariance: Float[np.ndarray, "parameter parameter"] | None = None
-    notes: tuple[str, ...] = ()  #: Remarks for the reader of the table.
+    notes: tuple[str, ...] = ()  #: Remarks on the estimate, printed below the table.
 
     def __getitem__(self, name: str) -> float:
-        """Return the value of a parameter; the interval is `interval()`."""
+        """Return the value of a parameter by its name; raises ValueError if the name is unknown."""
         return float(self.values[self.names.index(name)])
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Values by name, as the model functions take them."""
+        """Values of the parameters by name."""
         return dict(zip(self.names, map(float, self.values), strict=True))
 
     @property
@@ -58,14 +58,17 @@ class Estimate(Fit, PrintedTable):
         return np.sqrt(np.diag(self.covariance))
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "parameter 2"]:
-        """Return the confidence interval of each parameter (Student's distribution), `level` above 0 and below 1."""
+        """Return lower and upper bound of each parameter's confidence interval, by Student's distribution.
+
+        Raises ValueError unless the probability `level` is above 0 and below 1.
+        """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level: arrived {level!r}; expected a probability between 0 and 1, such as 0.95")
         half = stats.t.ppf(0.5 + 0.5 * level, self.degrees_of_freedom) * self.standard_errors
         return np.stack([self.values - half, self.values + half], axis=1)
 
     def ellipse(self, first: str, second: str, level: float = 0.95) -> Float[np.ndarray, "point 2"]:
-        """Return points on the joint confidence ellipse of two parameters, closed; `level` above 0 and below 1."""
+        """Return 101 points (first, second) on the closed joint confidence ellipse of two parameters, given by name."""
         indices = [self.names.index(name) for name in (first, second)]
         root = np.linalg.cholesky(self.covariance[np.ix_(indices, indices)])
         radius = np.sqrt(2.0 * stats.f.ppf(level, 2, self.degrees_of_freedom))
@@ -74,11 +77,11 @@ class Estimate(Fit, PrintedTable):
 
     @property
     def correlation(self) -> Float[np.ndarray, "parameter parameter"]:
-        """Correlation of the errors of the parameters."""
+        """Correlation coefficients of the errors of the parameters, -1 to 1."""
         return self.covariance / np.outer(self.standard_errors, self.standard_errors)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter: name, estimate, 95 % interval, standard error, variance inflation."""
+        """Return by parameter: `name`, `estimate`, `standard_error`, `low` and `high` (95 %), `variance_inflation`."""
         low, high = self.interval().T
         columns = self.values, self.standard_errors, low, high, self.variance_inflation
         keyed = [dict(zip(_LABELS, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
@@ -130,7 +133,7 @@ class Estimate(Fit, PrintedTable):
 
 
 def table_entries(rows: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
-    """Return the cells of a table of parameters, with the digits that the standard errors allow."""
+    """Return `Estimate.rows` as the text cells of a printed table, rounded according to the standard errors."""
     entries = []
     for row in rows:
         value, error = row["estimate"], row["standard_error"]
@@ -151,7 +154,10 @@ def table_entries(rows: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
 
 
 def parameter_variables(estimates: Sequence[Estimate]) -> dict[str, Any]:
-    """Return the parameters of estimates as variables of a dataset; errors of different estimates are not related."""
+    """Return dataset variables with the parameters of all estimates: values, intervals, and correlation of the errors.
+
+    The correlation is NaN between parameters of different estimates.
+    """
     rows = [row for estimate in estimates for row in estimate.rows()]
     correlation, start = np.full((len(rows), len(rows)), np.nan), 0
     for estimate in estimates:
@@ -167,7 +173,7 @@ def parameter_variables(estimates: Sequence[Estimate]) -> dict[str, Any]:
 
 
 class ErrorCovariance(NamedTuple):
-    """Covariance of estimated parameters, with white errors for comparison, and the degrees of freedom behind it."""
+    """Covariance of estimated parameters for coloured and for white residuals, with the degrees of freedom."""
 
     covariance: Float[np.ndarray, "parameter parameter"]
     white_covariance: Float[np.ndarray, "parameter parameter"]
@@ -181,20 +187,22 @@ def coloured_covariance(
     *,
     is_record: bool = True,
 ) -> ErrorCovariance:
-    """Compute the covariance of parameters with the errors A^-1 sum S_i^T v_i, for coloured v (theory, identification).
+    """Compute the covariance of parameters with the errors A^-1 sum_i S_i^T v_i, for coloured errors v_i of samples.
 
-    The autocovariances up to a greatest lag are estimated from the residuals and tapered to zero (M. S. Bartlett,
-    1950), so that the spectrum has 3 samples / lags degrees of freedom. The fit has removed the errors' spectrum near
-    the frequencies of the sensitivities from the residuals: each variance is divided by the share that would remain of
-    white errors. Source: E. A. Morelli, V. Klein, *Accuracy of aerodynamic model parameters estimated from flight test
-    data*, J. Guidance 20(1), 1997; the taper and the share are additions.
+    The derivation is in the theory, page identification. The autocovariances up to a greatest lag are estimated from
+    the residuals and tapered to zero (M. S. Bartlett, 1950), so that the spectrum has 3 samples / lags degrees of
+    freedom. The fit has removed the errors' spectrum near the frequencies of the sensitivities from the residuals: each
+    variance is divided by the share that would remain of white errors. Source: E. A. Morelli, V. Klein, *Accuracy of
+    aerodynamic model parameters estimated from flight test data*, J. Guidance 20(1), 1997; the taper and the share are
+    additions.
 
     Parameters
     ----------
     sensitivities
-        S_i; of several responses, weighted so that their errors have about the same variance.
+        S_i, derivatives of the responses by the parameters; several responses are divided by the standard deviations
+        of their errors.
     residuals
-        Estimated errors v, weighted likewise.
+        Estimated errors v, divided by the same standard deviations.
     inverse
         A^-1, the inverse of the sum of S_i^T S_i for least squares.
     is_record
@@ -224,7 +232,7 @@ def coloured_covariance(
 
 
 class Collinearity(NamedTuple):
-    """Condition number of scaled regressors, and the factor by which correlation raises each parameter's variance."""
+    """Condition number of regressors scaled to unit length, and factor by which correlation raises each variance."""
 
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
@@ -233,13 +241,13 @@ class Collinearity(NamedTuple):
 def collinearity(
     information: Float[np.ndarray, "parameter parameter"], names: Sequence[str], subject: str = "regressors"
 ) -> Collinearity:
-    """Compute the collinearity from an information matrix, such as X^T X of regressors X.
+    """Return the collinearity of an information matrix, such as X^T X of regressors X; `subject` starts error messages.
 
     Raises
     ------
     ValueError
-        An entry of the diagonal is zero (no excitation), or the condition number exceeds `COLLINEARITY_MAX`; the
-        message names the parameters in the combination without information.
+        A number is not finite, an entry of the diagonal is zero (no excitation), or the condition number exceeds
+        `COLLINEARITY_MAX`; the message names the parameters that cannot be told apart.
     """
     lengths = np.sqrt(np.diag(information))
     if not np.all(np.isfinite(information)):

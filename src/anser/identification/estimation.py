@@ -1,4 +1,4 @@
-"""Solution of the equations of a model by the estimators, and the fit of the model over time."""
+"""Estimation of the parameters of a model's equations by a chosen method, and the fit of the model over time."""
 
 import dataclasses
 import functools
@@ -22,39 +22,42 @@ from anser.identification.regression import regress
 from anser.identification.smoothing import smooth
 
 METHODS = ("frequency", "equation-error", "output-error", "filter-error")
-"""Methods of `anser.identify`; the last two integrate a linear model."""
+"""Methods of `anser.identify`; the last two integrate a linear model over the record."""
 _PROCESS_NOISE = 1e-6
-"""Start value of the spectral density of the noise in the rates of a linear model."""
+"""Start value of the spectral density of the process noise in each rate of a linear model, (unit of the rate)^2 s."""
 _PASSES = 2
-"""Number of times that the linear model of the instruments is estimated: the second time by instruments."""
+"""Number of estimates of the linear model of the instrumental variables; the second uses those of the first."""
 _JUMP_SHARE = 0.5
-"""Greatest change of a surface between neighbouring samples without a caution, part of its range. Actuators with a
-time constant of 0.05 s move by 0.33 of a step within 0.02 s."""
+"""Change of a deflection between neighbouring samples, relative to its range, above which a caution is given.
+
+Actuators with a time constant of 0.05 s move by 0.33 of a step input within 0.02 s."""
 _BAND_HZ = 1.5
-"""Highest frequency of regressions, Hz, and lowest in periods per record: rigid-body motion of an aircraft."""
+"""Default highest frequency of the regression of Fourier transforms, Hz: rigid-body motion of an aircraft."""
 
 
 def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -> tuple[Estimate, ...]:
-    """Estimate the parameters of each equation, which are named as in `CL_alpha`, and constants as in `CL0`.
+    """Return an estimate for each equation of a model, or one for all equations (methods that integrate the model).
+
+    Parameters are named as in `CL_alpha`, constants as in `CL0`.
 
     Parameters
     ----------
     data
-        Record, arranged for a model.
+        Record with the equations of a model, from `arrange`.
     method
         `frequency`: regression of Fourier transforms, without differentiation of noise, and in turbulent air with
-        instrumental variables; `equation-error`: regression in time, of response and regressors that pass the same
-        smoothing filter. Linear models have two further methods, which start from the result of `frequency` and give
-        one estimate for all equations: `output-error`, maximum likelihood of the integrated responses, and
-        `filter-error`, the same with process noise in the rates of the states, for turbulent air.
+        instrumental variables. `equation-error`: regression in time, after the same smoothing filter for response and
+        regressors. Linear models have two further methods, which start from the result of `frequency` and give one
+        estimate for all equations: `output-error`, maximum likelihood of the integrated responses, and `filter-error`,
+        which adds process noise in the rates of the states, for turbulent air.
     frequency_max_hz
         Highest frequency of the regression of Fourier transforms, Hz; at most 0.4 of the sampling frequency is used.
 
     Raises
     ------
     ValueError
-        `output-error` or `filter-error` with the model `derivatives`, or an error of the estimator: no excitation,
-        collinear regressors, no convergence.
+        The method is `output-error` or `filter-error` and the model `derivatives`, or the estimator fails: no
+        excitation, collinear regressors, no convergence.
     """
     if method in METHODS[2:]:
         return (_integrate(data, method, estimate(data, "frequency", frequency_max_hz)),)
@@ -63,11 +66,11 @@ def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -
 
 
 def _forced_motion(data: ModelData, frequency_max_hz: float) -> dict[str, Series]:
-    """Return instrumental variables: the response of linear models to the recorded deflections, without gusts or noise.
+    """Return instrumental variables, by regressor: the response of linear models to the recorded deflections alone.
 
-    The aircraft's motion in turbulence correlates with the gusts that cause a part of it, such as the roll rate of the
-    air, which no sensor measures; the forced motion does not, unless feedback moves the surfaces. Unstable
-    eigenvalues are reflected into the left half-plane, so that the response stays bounded.
+    Flow angles are in rad, body rates in rad/s. The measured motion in turbulence correlates with the gusts that cause
+    a part of the motion; the computed response does not, unless feedback moves the surfaces. Unstable eigenvalues are
+    reflected into the left half-plane, so that the response stays bounded. A model without excitation is left out.
     """
     motion: dict[str, Series] = {}
     for model in MODELS[:2]:
@@ -118,9 +121,9 @@ def _solve(
 
 
 def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
-    """Return the surfaces whose recorded deflection was held over the step before the sample.
+    """Return the names of the surfaces whose recorded deflection was constant over the step before the sample.
 
-    These are the surfaces of a flight of the package without lag of the actuators, recorded at every step.
+    These are all surfaces of a flight of this package without actuator lag, recorded at every step; otherwise none.
     """
     if not _is_without_lag(record) or not np.isclose(record.attributes["step_s"], record.step_s, rtol=1e-6):
         return ()
@@ -128,7 +131,7 @@ def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def jump_cautions(record: FlightRecord, method: str) -> list[str]:
-    """Return a caution for surfaces that move in jumps, where the estimator takes straight lines between samples."""
+    """Return a caution (or nothing) on surfaces that jump between samples if the method assumes straight lines."""
     held = held_surfaces(record)
     if held and method == "frequency":
         return []
@@ -153,17 +156,17 @@ def _is_without_lag(record: FlightRecord) -> bool:
 
 
 def _jumps(deflection: Series) -> bool:
-    """Whether a moved surface changes between two neighbouring samples by more than `_JUMP_SHARE` of its range."""
+    """Return whether a moved surface changes by over `_JUMP_SHARE` of its range between two neighbouring samples."""
     if np.std(deflection) < SURFACE_MIN:
         return False
     return float(np.max(np.abs(np.diff(deflection)))) > _JUMP_SHARE * float(np.ptp(deflection))
 
 
 def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
-    """Return the estimate with the names of the model; of a coefficient, with its value at zero arguments.
+    """Return the estimate of an equation with the model's parameter names; for a coefficient, with the constant term.
 
-    The constant follows from the means of response and regressors. Powers of the angle of attack were taken from its
-    mean, where they are nearly uncorrelated, and become powers from zero.
+    The constant, such as `CL0`, is the coefficient at zero arguments, from the means of response and regressors. The
+    regressor `alpha2` was (alpha - mean)^2; its parameter and that of alpha are converted to powers of alpha itself.
     """
     names = tuple(f"{equation.prefix}_{name}" for name in equation.regressors)
     keys, count = list(equation.regressors), len(names)
@@ -197,17 +200,17 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
 
 
 class _LinearSeries(NamedTuple):
-    """Series of a linear model: measured states, surfaces, and the known part of the rates, from gravity."""
+    """Time series of a linear model: measured states, inputs, and the known rates from gravity and gusts."""
 
-    axes: tuple[str, ...]
+    axes: tuple[str, ...]  # prefixes of the parameters, by equation, such as Z and M
     names: tuple[str, ...]  # of the states
     inputs: tuple[str, ...]
     states: Float[np.ndarray, "sample state"]
     u: Float[np.ndarray, "sample input"]
-    known: Float[np.ndarray, "sample state"]
+    known: Float[np.ndarray, "sample state"]  # known part of the states' rates, without its mean
 
     def matrix(self, parameters: Mapping[str, float], arguments: Sequence[str]) -> Float[np.ndarray, "state argument"]:
-        """Return the rows of the linear model for some states or inputs; an absent parameter is zero."""
+        """Return columns of the state or input matrix, for the names `arguments`; an absent parameter is zero."""
         return np.array([[parameters.get(f"{axis}_{name}", 0.0) for name in arguments] for axis in self.axes])
 
 
@@ -224,7 +227,7 @@ _recorded_model = functools.cache(recorded_model)
 
 
 def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Estimate:
-    """Estimate the parameters of a linear model from its integrated responses."""
+    """Return the estimate of a linear model by output error or filter error, from start values by regression."""
     first = data.equations[0]
     if not first.is_rate:
         raise ValueError(f"method: arrived {method} with the model derivatives; expected frequency or equation-error")
@@ -245,10 +248,10 @@ def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Est
 
 
 def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
-    """Return the fit of a model with `parameters` over a record: a linear model is integrated.
+    """Return measured responses over a record and the responses of a model with `parameters` (by name).
 
-    Start and constant terms of a linear model are fitted to the measured responses. For coefficients, `parameters`
-    contains the derivatives of all arguments, also of those that were not estimated; an absent one is zero.
+    A linear model is integrated; its initial states and constants are fitted to the measured responses. For
+    coefficients, `parameters` contains the derivatives of all arguments, estimated or not; absent ones are zero.
     """
     responses, time_s = tuple(equation.response for equation in data.equations), data.record.time_s
     if not data.equations[0].is_rate:
@@ -273,7 +276,7 @@ def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
 
 
 def _coefficient(equation: Equation, parameters: Mapping[str, float]) -> Series:
-    """Return a coefficient as the derivatives of an aircraft file give it: alpha squared is from zero."""
+    """Return a coefficient along the record as the sum of its derivatives times arguments; `alpha2` is alpha^2."""
     values = np.full_like(equation.values, parameters.get(f"{equation.prefix}0", 0.0))
     arguments = {**equation.other_arguments, **equation.regressors}
     for name, x in arguments.items():

@@ -1,7 +1,7 @@
-"""Filter error: maximum likelihood for a model with process noise, by the innovations of a Kalman filter.
+"""Filter-error method: maximum likelihood for a model with process noise, by the innovations of a Kalman filter.
 
-The gain varies in time; for nonlinear models the filter is the extended one. Source: R. V. Jategaonkar, *Flight Vehicle
-System Identification*, 2nd edition, AIAA 2015, chapter 5.
+The gain varies in time; for nonlinear models the filter is an extended Kalman filter. Source: R. V. Jategaonkar,
+*Flight Vehicle System Identification*, 2nd edition, AIAA 2015, chapter 5.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,25 +28,27 @@ def estimate_filter_error(
     initial_states: Sequence[str] = (),
     noise: Sequence[float] | None = None,
 ) -> Estimate:
-    """Estimate parameters and process noise: maximum likelihood of the innovations, with exact derivatives.
+    """Estimate parameters and process noise by maximum likelihood of the innovations, with exact derivatives.
 
-    The initial state has the uncertainty of a state that is computed from the first outputs.
+    The initial covariance of the filter is that of a state computed from one sample of the outputs.
 
     Parameters
     ----------
     model, manoeuvre, start, fixed, initial_states
-        As for `estimate_output_error`.
+        Model, record, start values, fixed values and estimated initial states, with the meaning they have in
+        `estimate_output_error`.
     process_noise
         Start values of the spectral density of white noise in the rates of states, by the name of the state, in the
         unit of the rate squared times s. The estimate is the parameter `noise(STATE)`, at least 0.
     noise
-        Standard deviations of the measured outputs; None: estimated with the parameters.
+        Standard deviations of the measurement noise, in the order and units of the model's outputs; None: estimated
+        with the parameters.
 
     Raises
     ------
     ValueError
-        The filter diverges, the search does not converge, or the outputs do not depend on a parameter, or only on a
-        combination of parameters; the message names the parameters.
+        An argument is not valid, the filter diverges, the search does not converge, or the outputs do not depend on a
+        parameter, or only on a combination of parameters; the message names the parameters.
     """
     parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
     if (

@@ -1,4 +1,4 @@
-"""Fit of a model to measured responses: R^2, Theil's inequality, whiteness; and results that are printed as tables."""
+"""Fit of a model to measured responses: R^2, Theil's inequality coefficient, whiteness; results printed as tables."""
 
 import abc
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ Samples = Inexact[np.ndarray, "sample response"]
 
 
 class PrintedTable(abc.ABC):
-    """A result that is printed, in a console or a notebook, as a table with a title above and remarks below."""
+    """Base class of results that print, in a console or a notebook, as a table with a title above and remarks below."""
 
     @abc.abstractmethod
     def _table(self) -> tuple[str, list[dict[str, str]], list[str]]:
-        """Return title, entries (the cells by column name), and remarks."""
+        """Return the title, the rows of the table (cell by column name), and the lines below the table."""
 
     def __repr__(self) -> str:
         title, entries, remarks = self._table()
@@ -31,20 +31,20 @@ class PrintedTable(abc.ABC):
 
 
 class Whiteness(NamedTuple):
-    """Autocorrelation of residuals over the lags 1, 2, ..., and the 95 % bound of white residuals."""
+    """Normalized autocorrelation of residuals at the lags 1, 2, ... samples, and the 95 % bound for white residuals."""
 
     autocorrelation: Float[np.ndarray, "lag response"]
     bound: float
 
     @property
     def share_outside(self) -> Float[np.ndarray, " response"]:
-        """Share of the lags outside the bounds; about 0.05 for white residuals."""
+        """Share of the lags, 0 to 1, at which a response's autocorrelation exceeds the bound; about 0.05 if white."""
         return np.mean(np.abs(self.autocorrelation) > self.bound, axis=0)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Fit:
-    """Measured responses of a manoeuvre, and the responses of a model to the same inputs."""
+    """Measured responses of a manoeuvre, and a model's responses to the same inputs, over time or frequency."""
 
     responses: tuple[str, ...]  #: Names of the measured quantities that the model reproduces.
     #: Measured and fitted values, shape (sample, response); complex in the frequency domain.
@@ -55,12 +55,12 @@ class Fit:
 
     @property
     def residuals(self) -> Samples:
-        """Measured minus fitted values."""
+        """Measured minus fitted values, in the responses' units."""
         return self.measured - self.fitted
 
     @property
     def r_squared(self) -> Float[np.ndarray, " response"]:
-        """Coefficient of determination R^2 of each response about the measured mean: 1 is a perfect fit."""
+        """Coefficient of determination R^2 of each response about the mean (spectrum: about 0); 1 is perfect."""
         return 1.0 - _squares(self.residuals) / _squares(self.measured - self._middle)
 
     @property
@@ -70,7 +70,7 @@ class Fit:
 
     @property
     def theil_inequality(self) -> Float[np.ndarray, " response"]:
-        """Theil's inequality coefficient of each response about the measured mean: 0 perfect, 1 without any fit.
+        """Theil's inequality coefficient of each response about the mean (spectrum: about 0): 0 is perfect, 1 worst.
 
         Below 0.25 to 0.3 is good. Source: R. V. Jategaonkar, *Flight Vehicle System Identification*, section 11.2.
         """
@@ -80,14 +80,14 @@ class Fit:
 
     @property
     def autocorrelation(self) -> Float[np.ndarray, "lag response"]:
-        """Autocorrelation of the residuals in time, from lag 0 to a fifth of the record."""
+        """Autocorrelation of each response's residuals at the lags 0 (value 1) to a fifth of the number of samples."""
         gamma = autocovariances(np.real(self.residuals), len(self.measured) // 5)
         autocovariance = np.diagonal(gamma, axis1=1, axis2=2)
         return autocovariance / autocovariance[0]
 
     @property
     def whiteness(self) -> Whiteness | None:
-        """Autocorrelation of the residuals, with its bound if white; None in the frequency domain."""
+        """Autocorrelation of the residuals with the 95 % bound for white residuals; None in the frequency domain."""
         bound = 1.96 / float(np.sqrt(len(self.measured)))
         return None if self.is_spectrum else Whiteness(self.autocorrelation[1:], bound)
 
@@ -104,10 +104,10 @@ def _squares(samples: Samples) -> Float[np.ndarray, " response"]:
 def autocovariances(
     residuals: Float[np.ndarray, "sample response"], lag_max: int
 ) -> Float[np.ndarray, "lag response response_2"]:
-    """Return the autocovariances of a record of residuals v at the lags 0 to `lag_max`; the mean is not subtracted.
+    """Return the autocovariances of residuals v at the lags 0 to `lag_max` samples; the mean is not subtracted.
 
-    They are the sums of v_i v_(i + lag)^T over the record, divided at every lag by the number of samples of the record.
-    This divisor keeps the Fourier transform of the autocovariances, a spectrum, positive semidefinite.
+    At each lag: the sum of v_i v_(i + lag)^T over the record, divided by the number of all samples of the record. This
+    divisor keeps the Fourier transform of the autocovariances, a spectrum, positive semidefinite.
     """
     count = len(residuals)
     return np.stack([residuals[: count - lag].T @ residuals[lag:] for lag in range(lag_max + 1)]) / count

@@ -1,4 +1,4 @@
-"""Equation error in the frequency domain, by finite Fourier transforms with corrections for held inputs and ends."""
+"""Equation error in the frequency domain: least squares on finite Fourier transforms of a record."""
 
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
@@ -12,21 +12,21 @@ from anser.identification.regression import prepare_regression, require_signal, 
 
 Transform = Complex[np.ndarray, "frequency sample"]
 RealMatrix = Float[np.ndarray, "part sample"]
-"""Rows: real parts, then imaginary parts, of the frequencies."""
+"""Matrix with the real parts of all frequencies as first rows, then the imaginary parts."""
 END_SAMPLES = 10
-"""Number of samples of the line that gives a signal at an end of the record."""
+"""Number of samples of the straight line that gives the value of a signal at start or end of the record."""
 
 
 class FourierTransforms(NamedTuple):
-    """Finite Fourier transforms of a record as matrices: the transform at the angular frequencies is matrix @ samples.
+    """Matrices that turn the samples of a record into finite Fourier transforms, one row for each frequency.
 
-    The integral of a sampled signal is by the trapezoidal rule; for a held input, and without the corrections of
-    `fourier_transforms`, it is the sum over the samples times the step.
+    The integral over a sampled signal is the trapezoidal rule; over an input that is constant over each step, or
+    with `corrected=False`, the sum over the samples times the step.
     """
 
-    signal: Transform  # transform of a sampled signal
-    held: Transform  # transform of an input that is held over a step, of its value in the middle of the step
-    derivative: Transform  # transform of the time derivative of a sampled signal
+    signal: Transform  # for a sampled signal
+    held: Transform  # for an input that is constant over each step
+    derivative: Transform  # for the time derivative of a sampled signal
 
 
 def fourier_transforms(
@@ -37,11 +37,11 @@ def fourier_transforms(
     steady_start: bool = False,
     corrected: bool = True,
 ) -> FourierTransforms:
-    """Build the transforms of a uniformly sampled record.
+    """Return the matrices of finite Fourier transforms for a uniformly sampled record of duration T.
 
-    The derivative of x over [0, T] has the transform i w x~ + x(T) exp(-i w T) - x(0); x(T) and x(0) are values of
-    straight lines through the samples at the ends of the record. The transform of a held input has half a step more, or
-    less, of delay (theory, identification).
+    With the transform x~ of a signal x, the derivative of x has the transform i w x~ + x(T) exp(-i w T) - x(0); x(T)
+    and x(0) are values of straight lines through the samples at the ends of the record. The transform of an input that
+    is constant over each step refers to the middle of the step, half a step from the sample (theory, identification).
 
     Parameters
     ----------
@@ -50,12 +50,13 @@ def fourier_transforms(
     frequencies_hz
         Frequencies, Hz.
     hold
-        `following`: the input of a sample acts over the step after it; `preceding`: over the step before it.
+        `following`: a held input acts over the step after its sample; `preceding`: over the step before.
     steady_start
         True: signals are perturbations from steady flight, zero at the start of the record. False: the mean is taken
         from every signal and from the derivative, so that constants drop out of an equation.
     corrected
-        False: neither the half step nor the ends, as published in 2000 (E. A. Morelli, J. Guidance 23(5)).
+        False: plain sums, without the half step of held inputs and without values at the ends, and `steady_start` has
+        no effect, as published in 2000 (E. A. Morelli, J. Guidance 23(5)).
     """
     count, step = time_s.size, float(time_s[1] - time_s[0])
     omega = 2.0 * np.pi * np.asarray(frequencies_hz, dtype=float)[:, None]
@@ -82,7 +83,7 @@ def fourier_transforms(
 
 
 def _end_values(count: int) -> tuple[Float[np.ndarray, "1 sample"], Float[np.ndarray, "1 sample"]]:
-    """Return the weights of the samples in the values at start and end of lines through `END_SAMPLES` samples."""
+    """Return the weights of the samples in the values at start and at end, of lines through `END_SAMPLES` samples."""
     number = min(END_SAMPLES, count)
     k = np.arange(number) - 0.5 * (number - 1)
     line = 1.0 / number - 0.5 * (number - 1) * k / np.sum(k**2)
@@ -106,26 +107,31 @@ def regress_spectra(
     instruments: Mapping[str, Float[np.ndarray, " sample"]] | None = None,
     corrected: bool = True,
 ) -> Estimate:
-    """Estimate parameters by least squares on finite Fourier transforms: theta = Re(W* X)^-1 Re(W* z) with W = X.
+    """Estimate the parameters of a linear equation in the frequency domain, by least squares on Fourier transforms.
 
-    Sources: E. A. Morelli, *Real-time parameter estimation in the frequency domain*, J. Guidance 23(5), 2000; the
-    covariance is derived in the theory, section identification.
+    theta = Re(W* X)^-1 Re(W* z), with the transforms X of the regressors and z of the response, W = X unless
+    instrumental variables are given, and * for the conjugate transpose. No constant term is estimated. Sources: E. A.
+    Morelli, *Real-time parameter estimation in the frequency domain*, J. Guidance 23(5), 2000; the covariance is
+    derived in the theory, section identification.
 
     Parameters
     ----------
     regressors, response, time_s, response_name, noise
-        Series of a uniformly sampled record: see `prepare_regression`.
+        Regressors by name and response, shape (sample,), times in s with equal steps, name of the response for labels,
+        and standard deviations of the white noise in regressors by name, whose contribution is removed.
     frequencies_hz
         Frequencies, Hz, above 0; None: the harmonics of the record from 0.1 to 1.5 Hz.
     differentiate
         Whether the equation is for the time derivative of the response.
-    held
-        Names of the regressors that are inputs held over a step; `hold`: see `fourier_transforms`.
+    held, hold
+        Names of the regressors that are inputs constant over a step, and which step: the one after their sample
+        (`following`) or before (`preceding`).
     steady_start
-        Whether the series are perturbations from steady flight at the start of the record: see `fourier_transforms`.
+        Whether the series are perturbations from steady flight, zero at the start of the record; False: the mean is
+        taken from every series.
     instruments
-        Series that stand for regressors in W, by the name of the regressor, in any unit: instrumental variables, which
-        follow the regressor but have no part in the error of the equation, noise and gusts (T. Soderstrom, P. Stoica,
+        Instrumental variables, by the name of the regressor that they replace in W, in any unit: series that correlate
+        with the regressor but not with the error of the equation, noise and gusts (T. Soderstrom, P. Stoica,
         *Instrumental Variable Methods for System Identification*, 1983).
     corrected
         False: the transforms and the covariance as published in 2000, s^2 Re(X* X)^-1 with independent frequencies.
@@ -133,7 +139,8 @@ def regress_spectra(
     Raises
     ------
     ValueError
-        As for `prepare_regression` and `regress`, or a frequency is not between 0 and half the sampling rate.
+        A series or name is not valid, a regressor is mostly noise, regressors are collinear, there are no more
+        frequencies than parameters, or a frequency is not between 0 and half the sampling rate.
     """
     problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=False, noise=noise)
     if hold not in ("following", "preceding"):
@@ -214,11 +221,12 @@ def _correlated_covariance(
     residuals: Float[np.ndarray, " part"],
     components: list[RealMatrix],
 ) -> tuple[Float[np.ndarray, "parameter parameter"], float]:
-    """Return the covariance of the parameters, `weights` @ z, and the degrees of freedom of the residuals.
+    """Return the covariance of the parameters `weights` @ z, and the degrees of freedom of the residuals.
 
-    The error is a sum of independent parts, white noise through the matrices `components`: its variances are fitted to
-    the squares of the residuals, which the regression has reduced by P = 1 - X weights. The degrees of freedom
-    are those of a chi-square distribution with the mean and variance of the sum of squares (F. E. Satterthwaite, 1946).
+    The error of the equation is modelled as a sum of white noises in time, each transformed by a matrix of
+    `components`. Their variances are fitted to the squares of the residuals, which are P = 1 - X weights times the
+    error. The degrees of freedom are those of a chi-square distribution with the mean and variance of the sum of
+    squares (F. E. Satterthwaite, 1946).
     """
     P = np.eye(len(X)) - X @ weights
     shapes = [F @ F.T for F in components]

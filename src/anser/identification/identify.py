@@ -37,20 +37,21 @@ _FIT_MIN = 0.8
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Identification(PrintedTable):
-    """An aircraft, identified from a flight; printed as a table of the parameters with their 95 % intervals.
+    """Result of `anser.identify`: estimated parameters and fit; prints as a table of parameters with 95 % intervals.
 
     Attributes
     ----------
     model, method
-        Model structure and method of the estimate.
+        Model structure and method of estimation, as in `anser.identify`.
     estimates
-        Estimate of each equation of the model.
+        Estimate of each equation of the model; a single one for `output-error` and `filter-error`.
     fit, validation
-        Measured and modelled responses over time, of the flight of the estimate and of another; None: no other.
+        Measured and modelled responses over time: of the identified flight, and of the manoeuvre for validation (None:
+        no validation).
     data
-        Record of the flight, and its equations.
+        Record of the flight with the equations of the model.
     aircraft
-        Aircraft of the mass properties, lengths and engine; None: not needed by the model.
+        Aircraft with known mass properties, lengths and engine; None: linear model without an aircraft.
     """
 
     model: str
@@ -62,7 +63,7 @@ class Identification(PrintedTable):
     aircraft: AircraftModel | None
 
     def __getitem__(self, name: str) -> float:
-        """Return the value of a parameter by its name."""
+        """Return the value of a parameter by its name; raises KeyError if the parameter is not estimated."""
         if name not in self.parameters:
             raise KeyError(f"{name!r} is not estimated; the names are {', '.join(self.parameters)}")
         return self.parameters[name]
@@ -74,12 +75,12 @@ class Identification(PrintedTable):
 
     @property
     def record(self) -> FlightRecord:
-        """Record of the flight, aligned."""
+        """Record of the flight, without the delays that were removed."""
         return self.data.record
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on the record, on parameters that are not estimated, and on estimates with great uncertainty."""
+        """Remarks on the record and on parameters without estimate; cautions on poor fit, collinearity, jumps."""
         cautions = [
             f"Caution: the model explains {100.0 * max(r2, 0.0):.0f} % of {name}. Its parameters and intervals are not "
             "to be trusted: too little excitation, too few samples per second, or a model that lacks an effect."
@@ -98,16 +99,16 @@ class Identification(PrintedTable):
 
     @property
     def title(self) -> str:
-        """Model, aircraft and length of the record."""
+        """Title of tables and reports: aircraft, model, duration of the record (s) and method."""
         name = "" if self.aircraft is None else f"{self.aircraft.identity['aircraft']}: "
         return f"{name}{self.model} from {self.record.time_s[-1] - self.record.time_s[0]:g} s ({self.method})"
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter: value, 95 % interval, standard error, variance inflation."""
+        """Return by parameter: name, estimate, standard error, 95 % interval (low, high), variance inflation."""
         return [row for estimate in self.estimates for row in estimate.rows()]
 
     def fit_rows(self) -> list[dict[str, Any]]:
-        """Return a row for each response: R^2 and Theil's inequality coefficient, of fit and validation."""
+        """Return by response: R^2 and Theil's inequality coefficient, of the fit and of the validation, if any."""
         rows: list[dict[str, Any]] = [{"response": name} for name in self.fit.responses]
         for prefix, fit in (("", self.fit), ("validation_", self.validation)):
             if fit is None:
@@ -128,7 +129,7 @@ class Identification(PrintedTable):
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Labelled dataset: parameters, correlation, responses over time, and autocorrelation of the residuals."""
+        """Dataset: parameters, correlation of the errors, responses over time, autocorrelation of the residuals."""
         data = parameter_variables(self.estimates)
         for prefix, fit in (("", self.fit), ("validation_", self.validation)):
             if fit is None:
@@ -148,7 +149,7 @@ class Identification(PrintedTable):
         return xr.Dataset(data, attrs={**identity, **attributes, **version_attributes()})
 
     def document(self) -> dict[str, Any]:
-        """Return parameters and fit as plain data, for JSON."""
+        """Return parameters (SI units, radians), fit, notes and versions as plain data, for JSON."""
         return {
             "format_version": 1,
             "aircraft": {} if self.aircraft is None else dict(self.aircraft.identity),
@@ -163,12 +164,16 @@ class Identification(PrintedTable):
         }
 
     def aircraft_file(self, name: str | None = None) -> str:
-        """Return the text of an aircraft file with the estimated derivatives, which flies.
+        """Return the text of an aircraft file with the estimated derivatives, ready to fly.
+
+        Derivatives without an estimate, mass, geometry, actuators and engine are those of the known aircraft. A
+        lateral constant (`CY0`, `Cl0`, `Cn0`) whose 95 % interval contains zero is zero. `name` None: derived from the
+        known aircraft's name.
 
         Raises
         ------
         ValueError
-            The model is not `derivatives`.
+            The model is not `derivatives`, or the engine's power does not follow the throttle.
         """
         if self.model != "derivatives" or self.aircraft is None:
             raise ValueError(f"aircraft_file: arrived the model {self.model}; expected the model derivatives")
@@ -189,7 +194,7 @@ class Identification(PrintedTable):
         )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Write dataset, JSON document, page, figures, and for derivatives an aircraft file, into a new folder.
+        """Write dataset, JSON document, page, figures, and for derivatives an aircraft file; return the new folder.
 
         Raises
         ------
@@ -201,7 +206,7 @@ class Identification(PrintedTable):
         return Path(folder)
 
     def write_into(self, folder: Path) -> None:
-        """Write the files into an existing folder; raises FileExistsError if one of the files exists."""
+        """Write the files of `save` into an existing folder; raises FileExistsError if one of the files exists."""
         from anser.report.identification_figures import write_identification_report
 
         dataset = self.dataset
@@ -226,33 +231,35 @@ def identify(
     frequency_max_hz: float = 1.5,
     align: bool = True,
 ) -> Identification:
-    """Identify an aircraft from a recorded flight.
+    """Estimate the parameters of an aircraft model from a recorded flight, with intervals, fit and validation.
 
     Parameters
     ----------
     recording
-        Flight, dataset, table or path: see `anser.identification.flight_record`.
+        Flight of this package, dataset, table, or path of a file: see `anser.identification.flight_record`.
     model
-        `short-period`: rates of alpha and q by alpha, q and the surfaces; `lateral`: rates of beta, p and r likewise;
-        `derivatives`: derivatives of the aerodynamic coefficients, as an aircraft file has them.
+        `short-period`: linear equations of the rates of alpha and q, with alpha, q and the surfaces as regressors;
+        `lateral`: those of beta, p and r, with beta, p, r and the surfaces; `derivatives`: derivatives of the
+        aerodynamic coefficients, as in an aircraft file.
     aircraft
-        Aircraft whose mass, inertia, lengths and engine are known: as for `anser.simulate`. None: that of the
-        recording.
+        Aircraft with known mass, inertia, lengths and engine: name, path of an aircraft file, airframe or
+        `AircraftModel`. None: the aircraft named in the recording's attributes, if any; the model `derivatives` needs
+        one.
     method
         `frequency` or `equation-error`: regression of Fourier transforms, or in time; for linear models also
         `output-error` and `filter-error`: maximum likelihood of the integrated responses, without or with noise in the
         rates.
     validate
-        Recording of another manoeuvre, whose responses are predicted with the estimated parameters, and with the
+        Recording of a second manoeuvre, whose responses are predicted with the estimated parameters, and with the
         derivatives of the aircraft for arguments without an estimate.
     columns
-        Columns of the recording by names of the catalogue, or the path of a TOML file with them.
+        Map from names of the catalogue to columns of the recordings, or the path of a TOML file with the map.
     accelerometer_m
         Position of the accelerometers relative to the centre of gravity, body axes, m.
     aircraft_name
-        Aircraft of a recording with several.
+        Name of the aircraft that is taken from a recording of several.
     window_s
-        Start and end of the part of the recording that is used, s; None: all.
+        Start and end of the part of `recording` that is used, s; None: all. `validate` is used entirely.
     frequency_max_hz
         Highest frequency that the method `frequency` uses, Hz.
     align
@@ -261,7 +268,7 @@ def identify(
     Raises
     ------
     ValueError
-        An argument is not valid, or the recording does not contain what the model needs.
+        An argument is not valid, a recording lacks a channel or excitation, a unit is wrong, or the estimation fails.
     """
     for option, value, known in (("model", model, MODELS), ("method", method, METHODS)):
         if value not in known:
@@ -303,7 +310,7 @@ def identify(
 
 
 def _assumed(data: ModelData, airframe: AbstractAirframe, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the derivatives of the aircraft that the record did not tell: those of a symmetric aircraft."""
+    """Return the known aircraft's derivatives by name, as far as `parameters` lacks them and symmetry allows them."""
     own, surfaces = airframe_derivatives(airframe, data.record), airframe.actuators.names
     estimated = {equation.response for equation in data.equations}
     keys = [
@@ -315,7 +322,7 @@ def _assumed(data: ModelData, airframe: AbstractAirframe, parameters: Mapping[st
 
 
 def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> AircraftModel | None:
-    """Return the aircraft of the argument, or of the attributes of a recorded flight; None without either."""
+    """Return the aircraft of the argument, or of the attributes of a recorded flight; None if neither names one."""
     if isinstance(aircraft, AircraftModel):
         return aircraft
     if aircraft is not None:
@@ -336,6 +343,6 @@ def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> 
 
 
 def _file_of(name: str) -> AirframeFile | None:
-    """Return an aircraft file with derivatives by name or path; None if the aircraft has no such file."""
+    """Return the aircraft file of a library name or a path; None for an aircraft without a file of derivatives."""
     file = library_file(name) if name in LIBRARY_FILES else read_airframe(name) if is_aircraft_path(name) else None
     return file if isinstance(file, AirframeFile) else None

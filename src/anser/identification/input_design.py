@@ -1,4 +1,4 @@
-"""Design of experiments: the information of a planned manoeuvre, before it is flown."""
+"""Design of experiments: predicted standard errors of the parameters that a planned manoeuvre will identify."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,34 +16,35 @@ from anser.results.variable_labels import unit_attributes
 
 @dataclass(frozen=True, repr=False)
 class PlannedManoeuvre(PrintedTable):
-    """Predicted errors of the parameters that a manoeuvre will give: printed, a table."""
+    """Predicted standard errors and correlations of the parameters of a planned manoeuvre; prints as a table."""
 
     #: Names of the parameters, and their assumed values (parameter,).
     names: tuple[str, ...]
     values: Float[np.ndarray, " parameter"]
     #: Fisher's information matrix (parameter, parameter): its inverse is the Cramer-Rao bound of their covariance.
     information: Float[np.ndarray, "parameter parameter"]
-    #: Collinearity: see `anser.identification.estimates.Estimate`.
+    #: Condition number of the sensitivities scaled to unit length, and the factor by which the correlation with the
+    #: remaining parameters raises the variance of each parameter.
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
-    #: Times, s, and predicted outputs (sample, output).
+    #: Times of the samples, s, and predicted outputs (sample, output), in the model's units.
     time_s: Float[np.ndarray, " sample"]
     outputs: Float[np.ndarray, "sample output"]
     output_names: tuple[str, ...]  #: Names of the outputs.
 
     @property
     def covariance(self) -> Float[np.ndarray, "parameter parameter"]:
-        """Cramer-Rao bound of the covariance, for white noise of the outputs."""
+        """Cramer-Rao bound of the parameters' covariance for white noise of the outputs, in the parameters' units."""
         return np.linalg.inv(self.information)
 
     @property
     def standard_errors(self) -> Float[np.ndarray, " parameter"]:
-        """Predicted standard errors of the parameters."""
+        """Predicted standard errors of the parameters, in their units."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def correlation(self) -> Float[np.ndarray, "parameter parameter"]:
-        """Predicted correlation of the errors of the parameters."""
+        """Predicted correlation coefficients of the errors of the parameters, -1 to 1."""
         return self.covariance / np.outer(self.standard_errors, self.standard_errors)
 
     @property
@@ -96,7 +97,10 @@ def plan_manoeuvre(
     initial_states: Sequence[str] = (),
     held: bool = True,
 ) -> PlannedManoeuvre:
-    """Predict the information of a manoeuvre: the sum of S^T R^-1 S over its samples, with the sensitivities S.
+    """Predict how well a manoeuvre will identify parameters: Fisher information, standard errors and correlation.
+
+    The information is the sum of S^T R^-1 S over the samples, with the sensitivities S of the outputs to the parameters
+    and the covariance R of the measurement noise.
 
     Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, chapters 6 and 9.
 
@@ -109,17 +113,23 @@ def plan_manoeuvre(
     time_s
         Times of the samples, s, with equal steps.
     inputs
-        Signal, or samples, of inputs by name, in the model's units; the remaining inputs are zero.
+        Input signal, or its samples, by the input's name, in the model's units; inputs without an entry are zero.
     noise
-        Standard deviations of the measured outputs, by name, for every output.
-    fixed, initial_state, initial_states, held
-        As for `make_manoeuvre` and `estimate_output_error`.
+        Standard deviation of the measurement noise of every output, by name, in the model's units.
+    fixed
+        Values of the model's remaining parameters, by name.
+    initial_state
+        State at the first sample, shape (state,); None: zero.
+    initial_states
+        Names of the states whose initial value is estimated too, as the parameter `STATE(0)`.
+    held
+        Whether an input is constant over the step after its sample; False: straight lines between the samples.
 
     Raises
     ------
     ValueError
-        A name is unknown, an output diverges, or the manoeuvre tells nothing of a parameter, or only of a combination
-        of parameters; the message names the parameters.
+        A name is unknown, a number or shape is not valid, an output diverges, or the outputs do not depend on a
+        parameter, or only on a combination of parameters; the message names the parameters.
     """
     times = np.asarray(time_s, dtype=float)
     if not set(inputs) <= set(model.inputs) or not inputs:

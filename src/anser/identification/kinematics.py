@@ -1,4 +1,4 @@
-"""Kinematics of a record: specific force, and the rates of flow angles and attitude that inertial sensors imply."""
+"""Flight kinematics of a record: specific force, and rates of airspeed, flow angles and attitude from inertial data."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ Rows3 = Float[np.ndarray, "3 sample"]
 def flow_rates(
     airspeed: Any, alpha: Any, beta: Any, rates_b: Any, specific_force_b: Any, gravity_b: Any, xp: Any = np
 ) -> Any:
-    """Return the time derivatives of airspeed (m/s^2), angle of attack and sideslip angle (rad/s), stacked.
+    """Return an array with rows airspeed rate (m/s^2), angle-of-attack rate and sideslip rate (rad/s).
 
     Airspeed is in m/s, angles are in rad; body rates (rad/s), specific force and gravity (m/s^2) have one row per body
     axis. The wind is constant and uniform. `xp` is the array module, `numpy` or `jax.numpy`. Source: [SL] eqs. 2.5-29
@@ -41,8 +41,9 @@ def flow_rates(
 
 
 def attitude_rates(roll: Any, pitch: Any, rates_b: Any, xp: Any = np) -> Any:
-    """Return the rates of roll, pitch and yaw, rad/s, stacked, from the angles (rad) and the body rates (rad/s).
+    """Return an array with the rates of the Euler angles roll, pitch and yaw (rad/s) as rows.
 
+    Angles are in rad, body rates P, Q, R (rows) in rad/s.
     `xp` is the array module, `numpy` or `jax.numpy`. Source: [SL] eq. 1.4-4.
     """
     P, Q, R = rates_b
@@ -51,15 +52,16 @@ def attitude_rates(roll: Any, pitch: Any, rates_b: Any, xp: Any = np) -> Any:
 
 
 def gravity_in_body(roll: Any, pitch: Any, xp: Any = np) -> Any:
-    """Return the gravity in body axes, m/s^2, stacked."""
+    """Return the standard gravity vector in body axes, m/s^2, rows x, y, z; roll and pitch in rad."""
     level = xp.cos(pitch)
     return STANDARD_GRAVITY_M_S2 * xp.stack([-xp.sin(pitch), xp.sin(roll) * level, xp.cos(roll) * level])
 
 
 def with_attitude(record: FlightRecord) -> FlightRecord:
-    """Return the record with roll, pitch and yaw, from the quaternion where the record has no angles.
+    """Return the record with roll, pitch and yaw from its attitude quaternion, if roll or pitch is not recorded.
 
-    The angles over a full turn are continuous.
+    A record with both angles, or without a quaternion, is returned unchanged. Computed roll and yaw have no jumps by
+    a full turn.
     """
     if all(key in record for key in ("roll", "pitch")) or "quaternion_0" not in record:
         return record
@@ -69,29 +71,30 @@ def with_attitude(record: FlightRecord) -> FlightRecord:
 
 
 def record_gravity(record: FlightRecord) -> Rows3:
-    """Return the gravity in body axes along a record, m/s^2."""
+    """Return the standard gravity vector in body axes at the samples of a record, m/s^2."""
     return gravity_in_body(record["roll"], record["pitch"])
 
 
 def with_specific_force(
     record: FlightRecord, accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> FlightRecord:
-    """Return the record with the specific force f at the centre of gravity.
+    """Return the record with the specific force f at the centre of gravity (body axes, m/s^2), and a note on origin.
 
-    Accelerometers at the position r measure f_r; f = f_r - w' x r - w x (w x r). Without accelerometers, f follows from
-    the velocity v over ground: f = v' + w x v - g, in body axes, over a flat Earth.
+    Accelerometers at the position r measure f_r, and f = f_r - w' x r - w x (w x r) with the body rates w; for r = 0,
+    the record is returned unchanged. Without accelerometers, f is computed from the velocity v over ground and the
+    gravity g: f = v' + w x v - g, in body axes, over a flat Earth.
 
     Parameters
     ----------
     record
-        Record with body rates, and with specific forces, or with velocity and attitude.
+        Record with body rates, and with specific forces, or with velocity (body or NED axes) and attitude.
     accelerometer_m
         Position r of the accelerometers relative to the centre of gravity, body axes, m.
 
     Raises
     ------
     ValueError
-        The record lacks one of the channels needed.
+        The record lacks body rates, or has neither specific forces nor velocity with attitude.
     """
     record = with_attitude(record)
     rates = record.stack(*RATES)
@@ -129,10 +132,12 @@ def _cross(a: Rows3, b: Float[np.ndarray, "3 #sample"]) -> Rows3:
 
 
 def implied_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
-    """Return the time derivatives of airspeed, flow angles, attitude and altitude that other channels imply.
+    """Return time derivatives of recorded channels, by key, computed from the other channels by flight kinematics.
 
-    Body rates and specific force of the record; air at rest relative to the ground or moving steadily. A derivative is
-    left out where the record lacks a channel for it.
+    Keys: roll, pitch, yaw, alpha, beta (rad/s), altitude (m/s), airspeed (m/s^2). The air is at rest or moves steadily.
+    A key is absent if its channel or a channel of its equation is not recorded; without roll and pitch, the result is
+    empty; without body rates, ValueError is raised. Without specific forces, the rate of alpha is that of pitch minus
+    path angle (wings nearly level).
     """
     rates = record.stack(*RATES)
     if "roll" not in record or "pitch" not in record:
@@ -156,16 +161,18 @@ def implied_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"
 
 
 GUST_BAND_HZ = 1.5
+"""Upper frequency of the band in which gusts are detected, Hz."""
 _GUST_MIN = 4.0
-"""Least rate of a gust, relative to the noise of the measured flow angle's derivative in the band of the gusts."""
+"""Amplitude of the rate that counts as gusts, relative to the noise of the flow angle's derivative in the same band."""
 
 
 def gust_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
-    """Return the part of the rates of alpha and beta that the air causes, rad/s, by `alpha` and `beta`; empty in calm.
+    """Return the rates of the flow angles that gusts cause, rad/s, by the keys `alpha` and `beta`.
 
-    The measured rate less the rate that inertial sensors imply. Through a frozen field of gusts it is the pitch rate,
-    or minus the yaw rate, of the air, up to the lag of the aircraft's extent. Calm: within the band of gusts, the
-    difference is explained by the noise of the flow angle.
+    The rate is the derivative of the measured angle minus the rate computed from inertial sensors. In a frozen field of
+    gusts, the rate of alpha is the pitch rate of the air and the rate of beta minus its yaw rate, up to the lag of the
+    aircraft's extent. A key is absent if the record lacks a channel, or if the noise of the measured angle explains the
+    rate below `GUST_BAND_HZ` (calm air).
     """
     implied, step, gusts = implied_rates(record), record.step_s, {}
     for key in ("alpha", "beta"):

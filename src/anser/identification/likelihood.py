@@ -1,4 +1,4 @@
-"""Search for the maximum of a likelihood by Fisher's scoring with Levenberg's damping."""
+"""Maximum likelihood search: Fisher's scoring steps with Levenberg-Marquardt damping."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -8,28 +8,29 @@ from jaxtyping import Float
 
 Values = Float[np.ndarray, " parameter"]
 STEPS_MAX = 100
+"""Greatest number of steps of a search."""
 _CONVERGED = 1e-3
-"""Length of the last step in standard errors at which the search ends."""
+"""Length of a step, in standard errors of the parameters, below which the search has converged."""
 _DAMPING_MAX = 1e8
-"""Damping of a step that is too short to matter: a minimum to rounding, or a cliff."""
+"""Damping at which the search stops trying shorter steps: no step lowers the cost."""
 
 
 class LikelihoodPoint(NamedTuple):
-    """Negative log likelihood at one set of parameter values, with gradient and information matrix."""
+    """Negative log likelihood at one set of parameter values, with gradient and Fisher information matrix."""
 
-    cost: float  # infinite where the model diverges
-    gradient: Values
-    information: Float[np.ndarray, "parameter parameter"]  # Fisher's, an approximation of the second derivatives
-    prediction: Any  # of the model at this point
+    cost: float  # negative log likelihood; infinite if the model diverges
+    gradient: Values  # derivatives of the cost
+    information: Float[np.ndarray, "parameter parameter"]  # approximates the second derivatives of the cost
+    prediction: Any  # outputs of the model at these values, for the caller
 
 
 def maximize_likelihood(
     evaluate: Callable[[Values], LikelihoodPoint], values: Values, lower: Values
 ) -> tuple[Values, LikelihoodPoint]:
-    """Return the parameter values of greatest likelihood, at least `lower`, with likelihood and derivatives there.
+    """Return the parameter values of greatest likelihood that are at least `lower`, and `evaluate` at these values.
 
-    A parameter at its lower bound stays there as long as the likelihood falls in its direction. Raises ValueError if
-    the model diverges with the start values, or the search does not converge.
+    The search starts at `values`. A parameter at its lower bound stays there as long as a greater value would lower the
+    likelihood. Raises ValueError if the model diverges with the start values, or the search does not converge.
     """
     point, damping = evaluate(values), 1e-3
     if not np.isfinite(point.cost):
@@ -52,7 +53,10 @@ def maximize_likelihood(
 
 
 def _scoring_step(values: Values, point: LikelihoodPoint, lower: Values, damping: float) -> tuple[Values, float]:
-    """Return a damped step of the free parameters, and its length in standard errors."""
+    """Return a damped step of the parameters, 0 for a parameter held at its lower bound, and its length.
+
+    The length is in standard errors of the parameters.
+    """
     free, step = (values > lower) | (point.gradient < 0.0), np.zeros_like(values)
     information = point.information[np.ix_(free, free)]
     diagonal = np.diag(information)

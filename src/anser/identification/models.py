@@ -1,6 +1,6 @@
 """Model structures of identification: short period, lateral motion, and derivatives of the aerodynamic coefficients.
 
-Each model is a set of linear equations, a response for each, whose parameters the estimators find.
+Each model is a set of equations, linear in the parameters to be estimated, with one response each.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,17 +28,18 @@ from anser.identification.records import FlightRecord
 from anser.identification.smoothing import integrate, noise_level, smooth
 
 MODELS = ("short-period", "lateral", "derivatives")
+"""Names of the model structures, as arguments of `anser.identify`."""
 LONGITUDINAL, LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
 _EXCITATION_MIN = 0.5
-"""Least standard deviation of a smoothed regressor, relative to its noise; below, the regressor is left out.
+"""Least ratio of the standard deviation of a smoothed regressor to its noise; below, the regressor is left out.
 
-The noise within the band of the motion is a fifth of that, while a regressor with an effect must not be left out."""
+The ratio is small because only a fifth of the noise lies within the band of the motion."""
 _MOTION_MIN = {"alpha": 2e-3, "beta": 2e-3, "p": 2e-4, "q": 2e-5, "r": 1e-4}
-"""Ten times the least standard deviation of a regressor without noise: rad; rates non-dimensional, or in rad/s."""
+"""Ten times the least standard deviation of an excited motion variable: rad; rates non-dimensional or in rad/s."""
 SURFACE_MIN = 5e-4
-"""Least standard deviation of a surface that was moved, rad."""
+"""Least standard deviation of a deflection that counts as moved, rad."""
 _EFFECT_MIN = 0.05
-"""Least moment of a surface about an axis, relative to the surface's greatest moment coefficient."""
+"""Least ratio of a surface's moment derivative to its greatest one, for a place in the equations of an axis."""
 
 _GUST_NOTES: tuple[str, ...] = (
     "Turbulence: the rates of the air are regressors, q_gust and r_gust, with the sign of the rates of alpha and beta; "
@@ -49,28 +50,28 @@ Series = Float[np.ndarray, " sample"]
 
 
 class Equation(NamedTuple):
-    """An equation that is linear in its parameters: response, or its time derivative, from regressors."""
+    """An equation linear in its parameters: a response, or its rate, equals a sum of regressors times parameters."""
 
     response: str  # name of the response
     prefix: str  # start of the parameters' names: `CL` for `CL_alpha`
-    values: Series
-    regressors: dict[str, Series]
+    values: Series  # measured response, with the parts subtracted that are known
+    regressors: dict[str, Series]  # by the ending of the parameter: `alpha` for `CL_alpha`
     noise: dict[str, float]  # standard deviations of the white noise of the regressors
     is_rate: bool  # whether the equation is for the time derivative of the response
-    # Arguments of a coefficient that are no regressors; a constant where they vary no more than their noise. `values`
-    # is the coefficient less the part of these arguments by the derivatives of the aircraft, `assumed_part`.
+    # Arguments of a coefficient that are not regressors, as series, or as their mean if they vary no more than their
+    # noise. `assumed_part` is their contribution by the aircraft's derivatives; `values` is the coefficient minus it.
     other_arguments: Mapping[str, Series | float] = MappingProxyType({})
     assumed_part: Series | float = 0.0
 
 
 class ModelData(NamedTuple):
-    """A record arranged for a model: its equations, and remarks on regressors that are left out."""
+    """A record with the equations of a model along it."""
 
     record: FlightRecord
     equations: tuple[Equation, ...]
-    airframe: AbstractAirframe | None
-    is_turbulent: bool  # whether rates of the air are among the regressors
-    notes: tuple[str, ...]
+    airframe: AbstractAirframe | None  # aircraft of mass properties and known derivatives
+    is_turbulent: bool  # whether pitch or yaw rates of the air, from gusts, are among the regressors
+    notes: tuple[str, ...]  # remarks on turbulence and on parameters that are not estimated
 
 
 def arrange(
@@ -81,16 +82,18 @@ def arrange(
     *,
     gusts: bool = True,
 ) -> ModelData:
-    """Arrange a record as the equations of a model.
+    """Return the equations of a model (a name in `MODELS`) along a record.
 
-    In turbulence, unless `gusts` is false, the rates of the flow angles that the air causes become regressors: the
-    pitch and yaw rate of the air act like those of the aircraft, with opposite signs, and would else be taken for
-    effects of the angles.
+    In turbulence, the pitch and yaw rates of the air become the regressors `q_gust` and `r_gust`: their effects would
+    otherwise be attributed to the flow angles. `gusts=False` omits them from the linear models `short-period` and
+    `lateral`; the model `derivatives` always has them. `accelerometer_m` is the position of the accelerometers relative
+    to the centre of gravity, body axes, m.
 
     Raises
     ------
     ValueError
-        The record lacks a channel, no surface moved, or an equation has no regressor with excitation.
+        The record lacks a channel, no surface moved, a state of a linear model or all coefficients lack excitation, or
+        the model `derivatives` has no airframe.
     """
     if model == "derivatives":
         if airframe is None:
@@ -154,7 +157,12 @@ def _derivatives(
 def arrange_linear(
     model: str, record: FlightRecord, airframe: AbstractAirframe | None, gusts: Mapping[str, Series]
 ) -> ModelData:
-    """Arrange a record as the equations of the short period or of the lateral motion; `gusts`: see `gust_rates`."""
+    """Return the equations of `short-period` (states alpha, q) or `lateral` (beta, p, r) along a record.
+
+    `gusts` contains the rates of alpha and beta that gusts cause, rad/s, from `gust_rates`; empty for calm air. With an
+    airframe, only the surfaces with an effect on the model's axes are inputs. Raises ValueError if the record lacks a
+    channel, a state varies no more than its noise, or no surface moved.
+    """
     record = with_attitude(record)
     moved = _moved_surfaces(record)
     V, alpha = record.stack("airspeed", "alpha")
@@ -189,10 +197,10 @@ def arrange_linear(
 
 
 def _averaged(gust: Series, flow: str, airframe: AbstractAirframe | None, record: FlightRecord) -> Series:
-    """Return the pitch or yaw rate of the air (rad/s), averaged over the extent of the aircraft by a lag.
+    """Return a gust rate (rad/s) averaged over the extent of the aircraft by a first-order lag.
 
-    The time constant is 4 b / (pi V) in pitch and 3 b / (pi V) in yaw (MIL-F-8785C, section 3.7); none without an
-    aircraft.
+    The time constant is 4 b / (pi V) for the flow angle `alpha` and 3 b / (pi V) for `beta`, with the span b
+    (MIL-F-8785C, section 3.7). Without an airframe the rate is returned unchanged.
     """
     if airframe is None:
         return gust
@@ -207,7 +215,7 @@ def _is_excited(name: str, values: Series) -> bool:
 
 
 def _varies(values: Series, least: float) -> bool:
-    """Whether a time history varies by more than its noise, and by more than a least standard deviation."""
+    """Return whether the smoothed values' standard deviation exceeds both `least` and half of the noise's."""
     smoothed = smooth(values, 1.0)
     return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), least)
 
@@ -222,9 +230,9 @@ def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def _surface_axes(record: FlightRecord, airframe: AbstractAirframe, moved: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return the moved surfaces with an effect in the longitudinal and in the lateral equations, by the aircraft.
+    """Return the moved surfaces by axis, under `longitudinal` and `lateral`, from the airframe's moment derivatives.
 
-    A surface of which the aircraft knows no moment belongs to both.
+    A surface can belong to both axes; a surface without a moment in the airframe's model belongs to both.
     """
     own = airframe_derivatives(airframe, record)
     axes: dict[str, tuple[str, ...]] = {"longitudinal": (), "lateral": ()}

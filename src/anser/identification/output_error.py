@@ -1,4 +1,4 @@
-"""Output error: maximum likelihood for a model without process noise, plain or stabilised by measured outputs.
+"""Output-error method: maximum likelihood for a model without process noise, plain or stabilised by measured outputs.
 
 Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, chapter 6.
 """
@@ -24,6 +24,7 @@ from anser.identification.likelihood import LikelihoodPoint, maximize_likelihood
 from anser.identification.smoothing import noise_level
 
 _GROWTH_NOTABLE = 10.0
+"""Growth of an error over a manoeuvre above which a remark says that the model is unstable."""
 
 
 def estimate_output_error(
@@ -50,24 +51,26 @@ def estimate_output_error(
     initial_states
         Names of states whose initial value is estimated too, as the parameter `STATE(0)`.
     noise
-        Standard deviations of the measured outputs; None: estimated with the parameters.
+        Standard deviations of the measurement noise, in the order and units of the model's outputs; None: estimated
+        with the parameters.
     stabilized
-        Whether measured outputs correct the state, by the least constant gain that makes the prediction stable: for
-        unstable aircraft (R. V. Jategaonkar, *Flight Vehicle System Identification*, chapter 9).
+        Whether measured outputs correct the state at every sample, with the least constant gain that makes the
+        prediction stable: for unstable aircraft (R. V. Jategaonkar, *Flight Vehicle System Identification*, chapter 9).
     input_noise
-        Standard deviations of white noise in the samples of the inputs. The part of the outputs that it causes is
-        linear in it to first order and widens the intervals; None: exact inputs.
+        Standard deviations of white noise in the recorded inputs, in the order and units of the model's inputs, which
+        widens the intervals (to first order, computed without the correction of `stabilized`); None: exact inputs.
 
     Returns
     -------
-    The covariance is the Cramer-Rao bound corrected for coloured residuals; `white_covariance` is the plain bound. A
-    note tells if the model is unstable, which makes the plain method fail.
+    The estimate: `covariance` is the Cramer-Rao bound corrected for coloured residuals, `white_covariance` the bound
+    for white residuals. Without `stabilized`, a note warns of an unstable model whose errors grow more than tenfold.
 
     Raises
     ------
     ValueError
-        The predicted outputs diverge, the search does not converge, or the outputs do not depend on a parameter, or
-        only on a combination of parameters; the message names the parameters.
+        An argument is not valid, the predicted outputs diverge, the search does not converge, no gain makes the model
+        stable, or the outputs do not depend on a parameter, or only on a combination of parameters; the message names
+        the parameters.
     """
     parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
     levels = start_levels(model, manoeuvre, noise)
@@ -115,9 +118,11 @@ def validate(
     fixed: Mapping[str, float] | None = None,
     initial_states: Sequence[str] = (),
 ) -> Estimate:
-    """Predict another manoeuvre with estimated parameters; return the estimate with the fit to that manoeuvre.
+    """Predict a second manoeuvre with estimated parameters, and return the estimate with the fit to that manoeuvre.
 
-    The initial states of the former manoeuvre are dropped: those named in `initial_states` are estimated anew.
+    Estimated initial states of the first manoeuvre are dropped. The initial states in `initial_states` are estimated
+    from the second one; the rest are those of `manoeuvre`. `fixed` contains the values of the model's remaining
+    parameters. Raises ValueError if the predicted outputs diverge.
     """
     of_manoeuvre = {text.format(name) for name in model.states for text in ("{}(0)", "noise({})")}
     values = {name: value for name, value in estimate.parameters.items() if name not in of_manoeuvre}
@@ -142,7 +147,10 @@ def validate(
 def start_levels(
     model: DynamicModel, manoeuvre: Manoeuvre, noise: Sequence[float] | None
 ) -> Float[np.ndarray, " output"]:
-    """Return `noise` as an array, or if None the standard deviations of the outputs estimated from the record."""
+    """Return standard deviations of the measurement noise: `noise` as an array, or if None estimates from the record.
+
+    Raises ValueError if `noise` does not contain a positive number for each output.
+    """
     if noise is None:
         return np.maximum(noise_level(manoeuvre.outputs.T), noise_floor(manoeuvre))
     levels = np.asarray(noise, dtype=float)
@@ -152,7 +160,7 @@ def start_levels(
 
 
 def noise_floor(manoeuvre: Manoeuvre) -> Float[np.ndarray, " output"]:
-    """Return the least noise of outputs that is told from rounding, relative to their motion."""
+    """Return a least standard deviation of the measurement noise: 1e-7 of the standard deviation of each output."""
     return 1e-7 * np.maximum(np.std(manoeuvre.outputs, axis=0), 1e-12)
 
 
@@ -167,7 +175,10 @@ def _search(
     gain: Gain | None,
     noise: Float[np.ndarray, " output"] | None,
 ) -> tuple[Values, Prediction]:
-    """Minimize the negative log likelihood; with estimated noise, of the residuals' own variances."""
+    """Return the parameter values of greatest likelihood, and the outputs predicted with them.
+
+    `noise` contains the standard deviations of the measurement noise; None: those of the residuals, at every step.
+    """
 
     def evaluate(values: Values) -> LikelihoodPoint:
         prediction = parameters.predict(values, manoeuvre, gain)
@@ -187,7 +198,7 @@ def _search(
 
 
 def describe_growth(parameters: ParameterSet, values: Values, manoeuvre: Manoeuvre) -> str:
-    """Return a remark on an unstable model whose errors grow over the manoeuvre; empty for a harmless model."""
+    """Return a warning if errors of an unstable model grow more than tenfold over the manoeuvre, else an empty text."""
     A = parameters.linearize(values, manoeuvre).A
     rate = float(np.max(np.linalg.eigvals(A).real)) if np.all(np.isfinite(A)) else np.nan
     duration = float(manoeuvre.time_s[-1] - manoeuvre.time_s[0])
@@ -203,7 +214,11 @@ def describe_growth(parameters: ParameterSet, values: Values, manoeuvre: Manoeuv
 def _stabilizing_gain(
     parameters: ParameterSet, values: Values, manoeuvre: Manoeuvre, levels: Float[np.ndarray, " output"]
 ) -> Gain:
-    """Return the steady Kalman gain for vanishing process noise: it mirrors unstable eigenvalues to stable ones."""
+    """Return the steady Kalman gain for nearly zero process noise: unstable eigenvalues are mirrored to stable ones.
+
+    `levels` are the standard deviations of the measurement noise. Raises ValueError if an unstable state is not
+    observable from the outputs.
+    """
     linear = parameters.linearize(values, manoeuvre)
     C, R = linear.C / levels[:, None], np.eye(len(levels))
     Q = 1e-9 * np.diag(1.0 / np.maximum(np.sum(C**2, axis=0), 1e-12))

@@ -1,6 +1,7 @@
-"""Records for identification: flights of this package and users' recordings as channels of the catalogue in SI units.
+"""Flight records for identification: a flight of this package or a user's recording as time series in SI units.
 
-A record has a constant sampling period; gaps and irregular samples are interpolated within limits, or refused.
+The series carry the names of the catalogue of variables, such as `alpha`. A record has a constant sampling period:
+irregular samples and short gaps are interpolated, longer gaps are refused with ValueError.
 """
 
 import dataclasses
@@ -24,11 +25,13 @@ from anser.units import DEG_RAD, FOOT_M, KNOT_M_S, LBF_N, PSF_PA
 from anser.variables import MEASUREMENT_VARIABLES, STANDARD_SURFACES, Variable, catalogue
 
 GAP_MAX_S = 0.2
-"""Longest gap that is interpolated, s."""
+"""Longest gap between samples that `flight_record` interpolates by default, s."""
 _SAMPLES_MIN = 50
+"""Least number of samples of a record."""
 _JITTER = 1e-3
-"""Deviation of a sampling interval from the period, relative to the period, that counts as constant."""
+"""Greatest deviation of the sampling intervals from their mean, relative to the mean, that needs no resampling."""
 _ANGLES_OVER_A_TURN = ("roll", "yaw", "ground_course", "course", "bank")
+"""Channels that may jump by a full turn in a recording; a record has them without jumps."""
 
 _UNITS: dict[str, tuple[str, float]] = {
     "rad": ("angle", 1.0),
@@ -54,7 +57,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "1": ("number", 1.0),
     "percent": ("number", 0.01),
 }
-"""Units of a recording: quantity, and factor to SI units or radians."""
+"""Accepted units of a recording's columns: physical quantity, and factor that converts to SI units or radians."""
 _QUANTITIES = {
     "degree": "angle",
     "degree s-1": "rate",
@@ -67,14 +70,15 @@ _QUANTITIES = {
     "1": "number",
     "percent": "number",
 }
+"""Physical quantity of each unit that the catalogue of variables uses."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class FlightRecord:
-    """Channels of a flight at a constant sampling period."""
+    """Time series of a flight, called channels, at a constant sampling period."""
 
     time_s: Float[np.ndarray, " sample"]  #: Times of the samples, s.
-    #: Values by the keys of the catalogue, in SI units and radians; angles over a full turn are continuous.
+    #: Series by the catalogue's keys, such as `alpha`, in SI units and radians; angles have no jumps by a full turn.
     channels: Mapping[str, Float[np.ndarray, " sample"]]
     surfaces: tuple[str, ...] = STANDARD_SURFACES  #: Names of the control surfaces.
     notes: tuple[str, ...] = ()  #: Sentences on what was done to the recording: interpolation, alignment.
@@ -98,7 +102,7 @@ class FlightRecord:
         return key in self.channels
 
     def __getitem__(self, key: str) -> Float[np.ndarray, " sample"]:
-        """Return a channel by its key; raises ValueError if the record lacks the channel."""
+        """Return a channel by its key, in SI units or radians; raises ValueError if the record lacks the channel."""
         if key not in self.channels:
             variables = _variables(self.surfaces)
             present = ", ".join(variables[channel].name for channel in self.channels)
@@ -107,11 +111,11 @@ class FlightRecord:
         return self.channels[key]
 
     def stack(self, *keys: str) -> Float[np.ndarray, "channel sample"]:
-        """Return channels as rows of one array; raises ValueError if the record lacks one of the channels."""
+        """Return channels, by key, as rows of one array; raises ValueError if the record lacks one of the channels."""
         return np.stack([self[key] for key in keys])
 
     def window(self, start_s: float, end_s: float) -> "FlightRecord":
-        """Return the part of the record between two times; raises ValueError if the part is too short."""
+        """Return the record from `start_s` to `end_s` inclusive; raises ValueError if fewer than 50 samples remain."""
         inside = (self.time_s >= start_s - 1e-9) & (self.time_s <= end_s + 1e-9)
         if np.count_nonzero(inside) < _SAMPLES_MIN:
             raise ValueError(
@@ -122,23 +126,23 @@ class FlightRecord:
         return dataclasses.replace(self, time_s=self.time_s[inside], channels=channels)
 
     def with_channels(self, notes: Sequence[str] = (), **channels: Float[np.ndarray, " sample"]) -> "FlightRecord":
-        """Return the record with channels added or replaced, and notes added."""
+        """Return a copy with channels (by key, SI units and radians) added or replaced, and with notes appended."""
         return dataclasses.replace(self, channels={**self.channels, **channels}, notes=(*self.notes, *notes))
 
     def with_noise(self, sigma: Mapping[str, float], seed: int = 0) -> "FlightRecord":
-        """Return the record with white noise added, as sensors would have it.
+        """Return the record with independent Gaussian white noise added to channels, to simulate sensors.
 
         Parameters
         ----------
         sigma
-            Standard deviations by the names of a dataset, in its units: `{"alpha_deg": 0.1}`.
+            Standard deviations by variable of a dataset, in the unit of the name: `{"alpha_deg": 0.1}`.
         seed
             Seed of the random numbers.
 
         Raises
         ------
         ValueError
-            The record lacks one of the channels.
+            A name is no variable of the catalogue, or the record lacks the channel.
         """
         variables = {variable.name: variable for variable in _variables(self.surfaces).values()}
         random, noisy = np.random.default_rng(seed), {}
@@ -152,7 +156,7 @@ class FlightRecord:
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Channels over `time` by the names and in the units of the catalogue."""
+        """The channels as a dataset over `time` (s), with the catalogue's names and units, such as `alpha_deg`."""
         variables = _variables(self.surfaces)
         data = {
             variables[key].name: ("time", values * variables[key].factor, catalogue_attributes(variables[key]))
@@ -171,28 +175,34 @@ def flight_record(
     surfaces: Sequence[str] | None = None,
     gap_max_s: float = GAP_MAX_S,
 ) -> FlightRecord:
-    """Make a record from a flight of this package, or from a recording of the user.
+    """Return the record of a flight of this package or of a user's recording, at a constant sampling period.
+
+    Commands and surfaces are interpolated linearly, other channels by cubic splines. A `FlightRecord` is returned
+    unchanged.
 
     Parameters
     ----------
     recording
-        A dataset with variables of the catalogue over `time` (and `aircraft`), a flight with such a dataset, a
-        DataFrame, or the path of a folder with `flight.nc`, of a NetCDF file or of a CSV file.
+        An xarray Dataset with variables of the catalogue over `time` (and `aircraft`), an object with such a dataset
+        as attribute `dataset`, a pandas DataFrame, or the path of a folder with `flight.nc`, of a NetCDF file or of a
+        CSV file.
     columns
-        Columns of the recording by the names of the catalogue: `{"time_s": "t", "alpha_deg": "AOA", "pitch_rate_deg_s":
-        {"column": "Q", "unit": "rad/s"}}`; without a unit that of the name. A `factor` multiplies the values: -1 for an
-        opposite sign. Columns with names of the catalogue need no entry.
+        Map from names of the catalogue to columns of the recording: `{"time_s": "t", "alpha_deg": "AOA",
+        "pitch_rate_deg_s": {"column": "Q", "unit": "rad/s"}}`. Without `unit`, the values have the unit in the name. A
+        `factor` multiplies the values: -1 for an opposite sign. Columns with names of the catalogue need no entry.
     aircraft_name
-        Aircraft of a dataset with several.
+        Name of the aircraft that is taken from a dataset; required if the dataset contains several.
     surfaces
-        Names of the control surfaces; None: those of the dataset, or the standard ones.
+        Names of the control surfaces; None: those in the dataset's attributes, or else the standard surfaces.
     gap_max_s
-        Longest interval between samples, or of missing values of a channel, that is interpolated, s.
+        Longest interval between samples, or stretch of missing values (NaN) of a channel, that is interpolated, s;
+        intervals up to 1.5 times their median always are.
 
     Raises
     ------
     ValueError
-        The recording cannot be read, has no times or none of the catalogue's variables, or a gap is too long.
+        The recording cannot be read, has no times that rise, has fewer than 50 samples or no variable of the
+        catalogue, a gap is too long, or an entry of `columns` is not valid.
     """
     if isinstance(recording, FlightRecord):
         return recording
@@ -214,12 +224,12 @@ def flight_record(
 
 
 def read_columns(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the columns of a recording from a TOML file: for `flight_record`.
+    """Return the argument `columns` of `flight_record` (catalogue name -> column of the recording) from a TOML file.
 
     Raises
     ------
     ScenarioError
-        The file cannot be read.
+        The file cannot be read, or is not valid TOML.
     """
     return parse_toml(read_text(path, "map"), os.fspath(path))
 
@@ -233,7 +243,7 @@ def _name_of(key: str, variables: Mapping[str, Variable]) -> str:
 
 
 def _read(recording: Any, aircraft_name: str | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return the columns of a recording by name, and its attributes."""
+    """Return the columns of a recording by name, in its units, and its attributes (empty for a table)."""
     if isinstance(recording, str | os.PathLike):
         recording = _read_file(Path(recording))
     if hasattr(recording, "dataset"):
@@ -282,7 +292,7 @@ def _numbers(name: str, column: Any) -> np.ndarray:
 def _select(
     table: Mapping[str, np.ndarray], columns: Mapping[str, Any], variables: Mapping[str, Variable]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the times (s), and the channels by key of the catalogue, converted to SI units and radians."""
+    """Return the times (s), and the channels by the catalogue's keys in SI units and radians; omit all-NaN columns."""
     entries: dict[str, Any] = {name: name for name in table if name in variables or name == "time_s"}
     entries |= {name: columns[name] for name in columns}
     if "time_s" not in entries:
@@ -344,7 +354,10 @@ def _check_times(time_s: np.ndarray) -> None:
 
 
 def _regular_grid(time_s: np.ndarray, gap_max_s: float) -> tuple[np.ndarray, list[str]]:
-    """Return times (s) at a constant period over the recording's times, and notes; refuse gaps that are too long."""
+    """Return equally spaced times (s), and notes on resampling; raises ValueError if a gap is too long.
+
+    The period is the mean interval if the intervals are constant to 0.1 %, otherwise their median.
+    """
     intervals = np.diff(time_s)
     period = float(np.median(intervals))
     longest = int(np.argmax(intervals))
@@ -372,7 +385,11 @@ def _resample(
     is_step: bool,
     notes: list[str],
 ) -> np.ndarray:
-    """Interpolate a channel at the times of the grid: commands and surfaces linearly, motion by cubic splines."""
+    """Return a channel at the times `grid` (s): linearly interpolated if `is_step`, otherwise by a cubic spline.
+
+    A note is appended to `notes` if missing values (NaN) are filled. Raises ValueError if they last longer than
+    `gap_max_s` or stand at an end.
+    """
     present = np.isfinite(values)
     if not present.all():
         times = np.concatenate([[time_s[0]], time_s[present], [time_s[-1]]])

@@ -1,8 +1,8 @@
 """Equation error in the time domain: ordinary, total and stepwise least squares, and regression with prior values.
 
-The response is a linear combination of measured regressors plus an error, which may be coloured: covariances then
-follow from the autocorrelation of the residuals (E. A. Morelli, V. Klein, *Accuracy of aerodynamic model parameters
-estimated from flight test data*, J. Guidance 20(1), 1997).
+The response is a linear combination of measured regressors plus an error. In a record, the error may be coloured, and
+the covariance is computed from the autocorrelation of the residuals (E. A. Morelli, V. Klein, *Accuracy of aerodynamic
+model parameters estimated from flight test data*, J. Guidance 20(1), 1997).
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -20,29 +20,33 @@ Square = Float[np.ndarray, "parameter parameter"]
 
 
 class Regression(NamedTuple):
-    """A linear regression problem: z = X theta + v."""
+    """A linear regression problem z = X theta + v: response z, regressors X, parameters theta, error v."""
 
     names: tuple[str, ...]  # parameters, by the names of their regressors
     X: Matrix  # regressors; the column of `CONSTANT` is 1
-    z: Float[np.ndarray, " sample"]
-    time_s: Float[np.ndarray, " sample"] | None  # times of a uniformly sampled record; None: independent samples
+    z: Float[np.ndarray, " sample"]  # response
+    time_s: Float[np.ndarray, " sample"] | None  # times of a uniformly sampled record, s; None: independent samples
     response: str  # name of z
     noise: Float[np.ndarray, " parameter"]  # standard deviation of the white noise in each regressor
 
     def information(self) -> Square:
-        """Return X^T X without its share of noise."""
+        """Return X^T X minus the expected contribution of the regressors' noise."""
         return self.X.T @ self.X - len(self.X) * np.diag(self.noise**2)
 
     def check_collinearity(self) -> Collinearity:
-        """Check the regressors, without noise and as deviations from the mean if there is a constant term.
+        """Return the collinearity of the noise-free regressors, as deviations from the mean if a constant is estimated.
 
-        Raises ValueError if a regressor does not vary or varies no more than its noise, or if regressors are collinear.
+        Raises ValueError if noise is more than half of a regressor's power, or if regressors are collinear.
         """
         X = self.require_excitation()
         return collinearity(X.T @ X - len(X) * np.diag(self.noise**2), self.names)
 
     def require_excitation(self) -> Matrix:
-        """Return the regressors as deviations; raises ValueError if noise, known or apparent, is most of one."""
+        """Return the regressors, as deviations from the mean if a constant is estimated.
+
+        Raises ValueError if a regressor does not vary, or if noise (`noise` or, in a record, noise apparent from the
+        samples) is more than half of its power.
+        """
         X, noise = self.X.copy(), self.noise**2
         if self.names[-1] == CONSTANT:
             X[:, :-1] -= np.mean(X[:, :-1], axis=0)
@@ -53,7 +57,7 @@ class Regression(NamedTuple):
         return X
 
     def error_covariance(self, X: Matrix, residuals: Float[np.ndarray, " sample"], inverse: Square) -> ErrorCovariance:
-        """Return the covariance of parameters with errors inverse @ X^T v, v coloured if the samples are a record."""
+        """Return the covariance of the parameter errors inverse @ X^T v, for coloured v if the samples are a record."""
         return coloured_covariance(X[:, None], residuals[:, None], inverse, is_record=self.time_s is not None)
 
     def subset(self, names: Sequence[str]) -> "Regression":
@@ -65,7 +69,7 @@ class Regression(NamedTuple):
 def require_signal(
     names: Sequence[str], power: Float[np.ndarray, " parameter"], noise: Float[np.ndarray, " parameter"]
 ) -> None:
-    """Raise ValueError if the power of the noise in a regressor is half of its power or more."""
+    """Raise ValueError if the power of the noise in a regressor is more than half of the regressor's power."""
     weak = [
         f"{name} ({100.0 * n / p:.0f} % noise)" for name, p, n in zip(names, power, noise, strict=True) if n > 0.5 * p
     ]
@@ -82,7 +86,7 @@ def prepare_regression(
     constant: bool = True,
     noise: Mapping[str, float] | None = None,
 ) -> Regression:
-    """Check the measured series and arrange a regression problem.
+    """Return the regression problem of measured series, after checks of names, shapes and numbers.
 
     Parameters
     ----------
@@ -97,13 +101,14 @@ def prepare_regression(
     constant
         Whether a constant term, named `constant`, is added.
     noise
-        Standard deviations of the white noise in measured regressors, by name; 0 if absent. Ordinary least squares
-        underestimates the parameter of a noisy regressor; with `noise` the share of the noise in X^T X is removed.
+        Standard deviations of the white noise in measured regressors, by name; 0 if absent. The contribution of the
+        noise to X^T X is removed, which otherwise makes the parameter of a noisy regressor too small.
 
     Raises
     ------
     ValueError
-        A series has another length, a number that is not finite, or no more samples than parameters.
+        A name is `constant` or occurs twice, a series differs in length or is not finite, there are no more samples
+        than parameters, times have unequal steps, or `noise` is not valid.
     """
     series = {name: np.asarray(values, dtype=float) for name, values in {**regressors, response_name: response}.items()}
     z = series[response_name]
@@ -133,7 +138,7 @@ def prepare_regression(
 
 
 def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]:
-    """Return `count` times (s) as an array; raises ValueError if the steps are not equal, to 0.1 %."""
+    """Return times (s) as an array; raises ValueError unless they are `count` numbers with steps equal to 0.1 %."""
     times = np.asarray(time_s, dtype=float)
     if times.shape != (count,) or not np.all(np.isfinite(times)):
         raise ValueError(f"time_s: arrived an array of shape {times.shape}; expected ({count},) finite times, s")
@@ -147,7 +152,7 @@ def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]
 
 
 def white_variance(X: Matrix) -> Float[np.ndarray, " parameter"]:
-    """Estimate the variance of white noise in smooth series from third differences, whose gain is 1 + 9 + 9 + 1."""
+    """Return the variance of white noise in each smooth column of X, from third differences (gain 1 + 9 + 9 + 1)."""
     return np.mean(np.diff(X, 3, axis=0) ** 2, axis=0) / 20.0
 
 
@@ -160,14 +165,15 @@ def regress(
     constant: bool = True,
     noise: Mapping[str, float] | None = None,
 ) -> Estimate:
-    """Estimate parameters by ordinary least squares; arguments and errors as for `prepare_regression`.
+    """Estimate the parameters of a linear equation by ordinary least squares, in the time domain.
 
-    The covariance is corrected for coloured residuals if the samples are a record in time.
+    The covariance is corrected for coloured residuals if `time_s` makes the samples a record. Arguments and further
+    errors: see `anser.identification.regression.prepare_regression`.
 
     Raises
     ------
     ValueError
-        The regressors are singular, nearly collinear or no more than noise; the message names them.
+        Regressors are collinear, or a regressor is mostly noise; the message names them.
     """
     problem = prepare_regression(
         regressors, response, time_s, response_name=response_name, constant=constant, noise=noise
@@ -221,11 +227,11 @@ def regress_total(
     response_name: str = "response",
     constant: bool = True,
 ) -> Estimate:
-    """Estimate parameters by total least squares, for noise in response and regressors.
+    """Estimate the parameters of a linear equation by total least squares, for noise in response and regressors.
 
-    Only the ratios of the standard deviations `noise` and `response_noise` matter. Regressors without noise are
-    eliminated by orthogonal transformation. Source: S. Van Huffel, J. Vandewalle, *The Total Least Squares Problem*,
-    SIAM 1991, section 3.6. Arguments and errors as for `regress`.
+    `noise` contains the standard deviations of noise in regressors by name (absent: exact regressors), `response_noise`
+    that of the response; only their ratios matter. Source: S. Van Huffel, J. Vandewalle, *The Total Least Squares
+    Problem*, SIAM 1991, section 3.6. The remaining arguments and the errors raised are those of `regress`.
     """
     problem = prepare_regression(
         regressors, response, time_s, response_name=response_name, constant=constant, noise=noise
@@ -260,13 +266,13 @@ def regress_stepwise(
     criterion: Literal["F", "PSE"] = "F",
     response_name: str = "response",
 ) -> Estimate:
-    """Select regressors one by one, and estimate their parameters and a constant by ordinary least squares.
+    """Select regressors by stepwise regression, and estimate their parameters and a constant by ordinary least squares.
 
-    The candidate with the greatest partial correlation with the response enters; regressors that lost their
-    significance leave. The selection ends by the criterion: no partial F ratio of a candidate exceeds 20 or R^2 grows
-    by less than 0.5 %, or the predicted squared error (PSE) does not fall. Source: V. Klein, E. A. Morelli, *Aircraft
-    System Identification*, AIAA 2006, section 5.4. Arguments and errors as for `regress`; the notes of the estimate
-    list the steps.
+    At each step the candidate with the greatest partial correlation with the response enters. With the criterion `F`,
+    regressors with a partial F ratio below 20 then leave, and the selection ends if the entering candidate's ratio is
+    20 or less or R^2 grows by 0.005 or less. With `PSE`, no regressor leaves, and the selection ends if the predicted
+    squared error does not fall. Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, section
+    5.4. The notes of the estimate list the steps; the remaining arguments and errors are those of `regress`.
 
     Raises
     ------
@@ -291,7 +297,7 @@ def regress_stepwise(
         return squares(names) / count + float(variation) / (count - 1) * (len(names) + 1) / count
 
     def partial_f(name: str, names: Sequence[str]) -> float:
-        """Return the F ratio of one regressor of a model."""
+        """Return the partial F ratio of the regressor `name` in the model with the regressors `names`."""
         full = squares(names)
         return (squares([n for n in names if n != name]) / full - 1.0) * (count - len(names) - 1)
 
@@ -317,7 +323,7 @@ def regress_stepwise(
 
 
 _F_MIN = 20.0
-"""Partial F ratio of a significant regressor: chance reaches 20 in 1 of 100,000 cases with some hundred samples."""
+"""Partial F ratio above which a regressor is significant: chance reaches 20 in 1 of 100,000 cases."""
 
 
 def regress_with_prior(
@@ -329,20 +335,23 @@ def regress_with_prior(
     response_name: str = "response",
     constant: bool = True,
 ) -> Estimate:
-    """Estimate parameters from a record and prior values: mixed estimation (H. Theil, A. S. Goldberger, 1961).
+    """Estimate the parameters of a linear equation from a record and prior values, by mixed estimation.
+
+    Source: H. Theil, A. S. Goldberger, 1961.
 
     Parameters
     ----------
     regressors, response, time_s, response_name, constant
-        As for `regress`; the regressors may be collinear where the prior values tell them apart.
+        Series and options of the regression: see `prepare_regression`. The regressors may be collinear as far as
+        prior values tell the parameters apart.
     prior
-        Prior value and standard error of parameters, by name.
+        Prior value and standard error by parameter, for some or all parameters.
 
     Raises
     ------
     ValueError
-        A prior value is not that of a regressor, or its standard error is not positive and finite. Otherwise as for
-        `regress`, with collinearity judged from the sum of the information of the record and of the prior values.
+        A name in `prior` is no parameter, a standard error is not positive and finite, or an error of `regress`, with
+        the collinearity of the sum of the information of the record and of the prior values.
     """
     problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=constant)
     if not set(prior) <= set(problem.names) or not all(0.0 < error < np.inf for _, error in prior.values()):
@@ -372,11 +381,12 @@ def step_means(
     time_s: ArrayLike,
     held: Collection[str] = (),
 ) -> tuple[dict[str, Float[np.ndarray, " step"]], Float[np.ndarray, " step"], Float[np.ndarray, " step"]]:
-    """Return means over each step of the regressors, the rate of a state, and the times of the middles.
+    """Return for each step the means of the regressors by name, the mean rate of a state (per s) and the mid time (s).
 
-    The mean rate is exact: the difference of the state over the step. Its errors and those of the means do not
-    correlate; white noise of standard deviation sigma in a sample becomes sigma / sqrt(2) in a mean, and
-    sqrt(2) sigma / step in the rate. An input that is `held` over the step after its sample is its own mean.
+    The mean rate is the difference of the state over the step, divided by the step. Noise in the rates and in the means
+    does not correlate; white noise of standard deviation sigma in a sample becomes sigma / sqrt(2) in a mean, and
+    sqrt(2) sigma / step in the rate. A regressor in `held` is an input that is constant over the step after its sample:
+    the mean is the value of that sample.
     """
     times = uniform_times(time_s, np.asarray(time_s).size)
     series = {name: np.asarray(values, dtype=float) for name, values in regressors.items()}

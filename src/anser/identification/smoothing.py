@@ -7,18 +7,18 @@ from jaxtyping import Float
 from scipy.fft import dct, dst
 
 _NOISE_BAND = 0.6
-"""Part of the highest frequency from which coefficients are taken for noise."""
+"""Fraction of the highest frequency above which all Fourier coefficients are taken for noise."""
 _EXCEEDANCE = 4.0
-"""Power, relative to the noise, above which a coefficient belongs to the signal."""
+"""Power of a Fourier coefficient, relative to the power of the noise, above which the coefficient is signal."""
 _DECAY = 6
-"""Exponent of the decay of the signal's power with frequency: an odd series of a smooth signal falls as its cube."""
+"""Exponent with which the signal's power falls with frequency: amplitudes of a smooth signal fall with the cube."""
 _NEGLIGIBLE_NOISE = 1e-5
-"""Noise relative to the signal's deviation, below which nothing is filtered: numbers of a simulation."""
+"""Ratio of noise to the signal's standard deviation below which nothing is filtered, as for simulated data."""
 _SAMPLES_MIN = 16
 
 
 class Smoothed(NamedTuple):
-    """Smoothed time history, its time derivative, and the standard deviation of the noise in the measured history."""
+    """Smoothed time histories, their time derivatives (unit per s), and standard deviation of the measurement noise."""
 
     values: Float[np.ndarray, "*channel sample"]
     rate: Float[np.ndarray, "*channel sample"]
@@ -41,10 +41,10 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
     values
         Samples at a constant period, along the last axis; any unit.
     step_s
-        Period, s.
+        Sampling period, s.
     shared
-        True: the least weights of all channels are applied to every one, so that both sides of an equation are filtered
-        alike and no noise of a regressor is left that the response does not have.
+        True: all channels get the same weights, at each frequency the least weight of all channels, so that both
+        sides of an equation are filtered alike. False: each channel gets weights from its noise.
 
     Raises
     ------
@@ -78,20 +78,23 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
 
 
 def noise_level(values: Float[np.ndarray, "*channel sample"]) -> Float[np.ndarray, "*channel"]:
-    """Return the standard deviation of white noise in time histories, from the upper frequencies, by channel."""
+    """Return the standard deviation of the white noise of each channel, from the upper 40 % of the frequencies.
+
+    Raises ValueError for fewer than 16 samples or values that are not finite.
+    """
     return smooth(values, 1.0).noise
 
 
 def integrate(rate: Float[np.ndarray, "*channel sample"], step_s: float) -> Float[np.ndarray, "*channel sample"]:
-    """Return the integral from the first sample, by the trapezoidal rule."""
+    """Return the time integrals of rates by the trapezoidal rule, 0 at the first sample."""
     increments = 0.5 * step_s * (rate[..., 1:] + rate[..., :-1])
     return np.concatenate([np.zeros_like(rate[..., :1]), np.cumsum(increments, axis=-1)], axis=-1)
 
 
 def _ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values at start and end of time histories, smoothed by a parabola fitted to the outer samples.
+    """Return the values of time histories at start and end, from parabolas through the outer 15 samples or fewer.
 
-    The measured end value is kept where the samples deviate from the parabola by its misfit rather than by noise.
+    If the samples deviate smoothly from the parabola, not by noise, the measured end value is returned instead.
     Noise in an end value would leave a jump in the odd series, and the coefficients would fall with the first power of
     the frequency instead of the cube.
     """
@@ -121,7 +124,7 @@ def _wiener(power: np.ndarray, noise_power: np.ndarray, numbers: np.ndarray) -> 
 
 
 def _sustained(above: np.ndarray, width: int) -> np.ndarray:
-    """Whether one of the next `width` coefficients, the present one included, is above the noise."""
+    """Return for each coefficient whether any of the `width` coefficients from there on is above the noise."""
     padded = np.concatenate([above, np.zeros((*above.shape[:-1], width - 1), dtype=bool)], axis=-1)
     return np.any(np.lib.stride_tricks.sliding_window_view(padded, width, axis=-1), axis=-1)
 

@@ -1,4 +1,4 @@
-"""One aircraft in the user's hands: trim, linear model, performance, open-loop flight, and a simulator by steps."""
+"""Single aircraft: model with trim and linear model, performance sheet, simulated flight, and a simulator by steps."""
 
 import lazy_loader
 

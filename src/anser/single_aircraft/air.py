@@ -1,4 +1,4 @@
-"""Air and Earth of a flight of one aircraft, in the tables of a scenario file."""
+"""Air and Earth of a flight of one aircraft, from the tables of a scenario file."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
@@ -19,7 +19,7 @@ from anser.scenario.schema_tables import SEED_MAX
 
 
 class Air(Table):
-    """Earth, atmosphere, wind, turbulence and discrete gusts of one aircraft's flight, as in a scenario file."""
+    """Earth, atmosphere, wind, turbulence and discrete gusts of one aircraft's flight, as tables of a scenario file."""
 
     earth: EarthField | None = table("the Earth and its origin", 'a table, or the word "flat" or "wgs84"', None)
     atmosphere: Atmosphere | None = table("air off the standard", "a table of an atmosphere", None, omit_default=True)
@@ -30,16 +30,16 @@ class Air(Table):
 
     @property
     def name(self) -> str:
-        """Name of the aircraft, for gusts that are meant for one aircraft."""
+        """Name "aircraft" of the single aircraft, to which gusts of a scenario file can refer."""
         return "aircraft"
 
     @property
     def is_random(self) -> bool:
-        """Whether the flight depends on the seed."""
+        """Whether the air depends on the seed: there is turbulence."""
         return self.turbulence.intensity != "none"
 
     def describe(self) -> str:
-        """Return the air in a sentence: Earth, wind, turbulence with its seed, gusts."""
+        """Return a text on Earth, atmosphere (if not standard), wind, turbulence with its seed, and number of gusts."""
         earth = "flat Earth, standard gravity" if self.earth is None else f"Earth {self.earth.model}"
         uniform = f"wind {self.wind.speed_m_s:g} m/s from {self.wind.from_deg:g} deg, {self.wind.up_m_s:g} m/s up"
         wind = "wind by layers" if self.wind.layers is not None else uniform
@@ -54,14 +54,14 @@ class Air(Table):
         return "; ".join(parts)
 
     def environment(self) -> Environment:
-        """Build atmosphere, wind and Earth; without an Earth, a flat one with standard gravity."""
+        """Return atmosphere, wind and Earth; without a table of the Earth, flat with standard gravity."""
         if self.earth is None:
             standard = standard_environment()
             return Environment(build_atmosphere(self.atmosphere), build_wind(cast(Scenario, self)), standard.earth)
         return build_environment(cast(Scenario, self))
 
     def gusts(self, airframe: AbstractAirframe) -> AbstractGusts:
-        """Build the gusts at an aircraft; turbulence depends on its span."""
+        """Return turbulence, which depends on the span, and discrete gusts at an aircraft."""
         span_m = span_of(airframe) if self.is_random else 0.0
         return build_gusts(cast(Scenario, self), cast(Any, self), span_m)
 
@@ -74,9 +74,10 @@ def read_air(
     seed: int = 0,
     atmosphere: Mapping[str, Any] | Atmosphere | None = None,
 ) -> Air:
-    """Validate Earth, wind, turbulence (a table, or its intensity alone), gusts and atmosphere.
+    """Return the air of a flight from tables as in a scenario file, validated; `turbulence` may be its intensity alone.
 
-    The path of a sounding starts from the working folder. Raises ScenarioError for a table that is not valid.
+    None: flat Earth with standard gravity, no wind, no turbulence, standard atmosphere. The path of a sounding is
+    relative to the working folder. Raises ScenarioError for a table that is not valid.
     """
     if isinstance(turbulence, str):
         turbulence = {"intensity": turbulence}

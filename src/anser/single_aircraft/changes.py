@@ -1,4 +1,4 @@
-"""Changes of an aircraft during the flight of one aircraft, in the keys of a scenario's event."""
+"""Changes of an aircraft (faults, ice, shifted load) during its flight, with the keys of a scenario's event."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,12 +16,12 @@ from anser.scenario.schema_settings import DURATION_MAX_S
 
 
 class Change(Deviation):
-    """Deviation of an aircraft from a time on."""
+    """Deviation of an aircraft from its model, such as a fault or ice, from a time of the flight on."""
 
     time_s: float = number("time of the change", 0, DURATION_MAX_S, "s")
 
     def consistency_problems(self) -> list[Problem]:
-        """List factors on coefficients, which cannot change during the flight."""
+        """Return a problem if the change has factors on coefficients, which cannot change in flight; else none."""
         if self.coefficients == CoefficientFactors():
             return []
         return [Problem("coefficients", "a table", "none: coefficients do not change during the flight")]
@@ -34,12 +34,12 @@ class _Changes(Table):
 def read_changes(
     airframe: AbstractAirframe, change: Mapping[str, Any] | Sequence[Mapping[str, Any]], duration_s: float
 ) -> AirframeChanges | None:
-    """Validate changes of an aircraft and build them for a flight of `duration_s`; None without any.
+    """Return the changes of an aircraft over a flight of `duration_s` from one or several tables; None without changes.
 
     Raises
     ------
     ScenarioError
-        A change is not valid; the message names the key, the value that arrived and the values expected.
+        A change is not valid or not before the end of the flight; the message names key, value and expected values.
     """
     values = {"change": (change,) if isinstance(change, Mapping) else tuple(change)}
     try:

@@ -1,4 +1,4 @@
-"""Controls and commands of a flight of one aircraft: tables of the samples from numbers, arrays, tables and signals."""
+"""Controls and commands of a flight of one aircraft, sampled from numbers, arrays, tables and input signals."""
 
 import os
 from collections.abc import Mapping
@@ -26,12 +26,14 @@ def sample_inputs(
     Parameters
     ----------
     inputs
-        Values by name of the input, as for `anser.simulate`; or a table with a column `time_s` (a Dataset: the
-        coordinate `time`) and a column per input, whose name may end with `_deg`. Inputs left out keep their reference.
+        Values by name of the input: a number, an array with a value per sample, a pair (times in s, values), or an
+        input signal; or a table (CSV file, DataFrame, Dataset) with a column `time_s` (a Dataset: the coordinate
+        `time`) and a column per input. Names may end with `_deg`. Values over time are interpolated linearly, and
+        constant beyond their times; absent inputs keep their reference.
     reference
-        Values at the start, by name of the input, in the unit of the input.
+        Values at the start, by name of the input, in the unit of the input; they define the order of the columns.
     time_s
-        Times of the samples.
+        Times of the samples, s.
     increments
         True: numbers, arrays and tables are increments to the reference, as signals always are.
     """
@@ -84,7 +86,11 @@ def _sample(value: Any, time_s: np.ndarray, place: str) -> np.ndarray:
 
 
 def _read_table(table: Any, subject: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Read inputs over time from a CSV file, a DataFrame or a Dataset: pairs (times, values) by name of the column."""
+    """Return the columns of a CSV file, a DataFrame or a Dataset by name, each as a pair (times in s, values).
+
+    Raises ValueError if the table cannot be read, is empty, lacks `time_s`, or has a value that is no finite number or
+    times that do not rise.
+    """
     import pandas as pd
 
     if isinstance(table, str | os.PathLike):
@@ -121,12 +127,12 @@ def _read_table(table: Any, subject: str) -> dict[str, tuple[np.ndarray, np.ndar
 
 
 def _is_by_name(inputs: Any) -> bool:
-    """Whether inputs are a mapping by name; a Dataset is a mapping too, but a table here."""
+    """Return whether inputs are a mapping by name, and not a Dataset (a mapping too), which is a table over time."""
     return isinstance(inputs, Mapping) and not hasattr(inputs, "data_vars")
 
 
 def describe_inputs(inputs: Any) -> str:
-    """Describe controls or commands for the provenance of a dataset."""
+    """Return a text on controls or commands for the attributes of a dataset, such as "elevator: -2; throttle: 0.3"."""
     if not _is_by_name(inputs):
         return getattr(inputs, "__qualname__", str(inputs) if isinstance(inputs, str | os.PathLike) else "table")
 
@@ -139,10 +145,10 @@ def describe_inputs(inputs: Any) -> str:
 
 
 def sample_times(duration_s: float, step_s: float) -> Float[np.ndarray, " sample"]:
-    """Return the times of the samples of a flight, from 0 to `duration_s`.
+    """Return the times of the samples of a flight (s), from 0 to `duration_s` inclusive, `step_s` apart.
 
-    Raises ValueError if duration or step is not positive, the duration is no multiple of the step, or the flight has
-    more than ten million samples.
+    Raises ValueError if the duration is not positive, the step is not within 0.001 to 0.05 s, the duration is no
+    multiple of the step, or the flight has more than ten million steps.
     """
     require_seconds("duration_s", duration_s)
     require_step(step_s)

@@ -1,4 +1,4 @@
-"""Excitation of the flight of one aircraft in the closed loop: check of the test inputs by name."""
+"""Excitation of a closed-loop flight of one aircraft: input signals by name, checked against the controller."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ _COMMANDS = {
     f"{name}_{'m_s' if name == 'airspeed' else 'deg_s' if name.endswith('rate') else 'deg'}": name
     for name in (*PATH_INPUTS, *LOOP_INPUTS)
 }
-"""Commands by their names with unit."""
+"""Commands that can be excited: name with unit, such as `bank_deg`, and key of the excitation."""
 
 
 def read_excitation(
@@ -22,24 +22,24 @@ def read_excitation(
     controller: AbstractController,
     step_s: float,
 ) -> Excitation | None:
-    """Build the test inputs of a flight with a controller; None without any.
+    """Return the excitation of a flight with a controller from input signals by name; None without signals.
 
     Parameters
     ----------
     actuators
         Actuators of the aircraft, whose commanded surfaces can be excited.
     excitation
-        Signals by input; names of commands with their unit (`bank_deg`) or without.
+        Signals by input: a surface (deg), `throttle`, or a command with its unit (`bank_deg`) or without.
     controller
         Controller of the flight.
     step_s
-        Period of the samples.
+        Sampling period, s.
 
     Raises
     ------
     ValueError
-        The flight has no controller, an input is unknown or not part of the loop, or a value is no signal or a signal
-        too fast for the samples.
+        The flight has no controller, an input is unknown or not a command of this controller, or a value is no signal
+        or a signal too fast for the sampling period.
     """
     if not excitation:
         return None

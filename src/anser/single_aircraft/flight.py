@@ -1,4 +1,4 @@
-"""Simulated flight of one aircraft: open loop under given controls, or with a controller under given commands."""
+"""Simulated flight of one aircraft: open loop under prescribed controls, or closed loop under prescribed commands."""
 
 import dataclasses
 import functools
@@ -58,17 +58,17 @@ from anser.variables import catalogue
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OPEN_LOOP = "none: open loop"  #: Attribute `controller` of a flight without one.
+OPEN_LOOP = "none: open loop"  #: Attribute `controller` of the dataset of a flight without a controller.
 _ROWS = 512  # least number of rows of a compiled flight; longer flights have 2, 4, 8 ... times as many
 _INVERSIONS: dict[str, Inversion] = {"inversion": "model", "incremental": "incremental", "adaptive": "incremental"}
-"""Autopilots of the package by name; the adaptive one inverts increments with a model that is corrected in flight."""
+"""Inversion of each autopilot of the package, by the name of the autopilot; "adaptive" also corrects the model."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class AircraftFlight:
-    """Flight of one aircraft."""
+    """Result of `anser.simulate`: time histories of one aircraft; prints as a summary of least and greatest values."""
 
-    dataset: xr.Dataset  #: Variables of the catalogue over `time`, one aircraft.
+    dataset: xr.Dataset  #: Variables of the catalogue over `time` (s); units in the names.
 
     def __repr__(self) -> str:
         lines = [f"{self.dataset.attrs['aircraft']}: {float(self.dataset.time[-1]):g} s, {self.dataset.attrs['end']}"]
@@ -84,23 +84,24 @@ class AircraftFlight:
         return "\n".join(lines)
 
     def plot(self) -> "Figure":
-        """Draw airspeed, altitude, flow angles, attitude, rates, load factor, surfaces and engine over time.
+        """Return a figure of airspeed, altitude, flow angles, attitude, rates, load factor, controls, engine over time.
 
-        With an adaptive autopilot also its estimates, with bands of two standard deviations and the truth.
+        A flight with an adaptive autopilot adds its estimates, with bands of two standard deviations and the truth.
         """
         from anser.report.aircraft_flight import aircraft_flight_figure
 
         return aircraft_flight_figure(self.dataset)
 
     def margins(self, time_s: float | None = None) -> xr.Dataset:
-        """Compute the stability margins of the adaptive autopilot with its estimates frozen at a time of the flight, s.
+        """Compute the margins of the adaptive autopilot with its estimates frozen at `time_s`, s (None: the end).
 
-        `time_s` None is the end of the flight. See `anser.single_aircraft.frozen_adaptation.frozen_margins`.
+        Result and errors are those of `anser.single_aircraft.frozen_adaptation.frozen_margins`; ValueError for a flight
+        without an adaptive autopilot.
         """
         return frozen_margins(self.dataset, time_s)
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Write `flight.nc`, `flight.png` and `report.html` into a new folder.
+        """Write `flight.nc`, `flight.png` and `report.html` into a new folder, and return the folder.
 
         Raises FileExistsError if the folder exists and `force` is False.
         """
@@ -109,7 +110,7 @@ class AircraftFlight:
         return Path(folder)
 
     def write_into(self, folder: Path) -> None:
-        """Write the three files into an existing folder; raises FileExistsError if one of the files exists."""
+        """Write the files of `save` into an existing folder; raises FileExistsError if one of the files exists."""
         from anser.report.aircraft_flight import write_aircraft_report
         from anser.report.style import save_figure
         from anser.results.netcdf import write_netcdf
@@ -120,7 +121,10 @@ class AircraftFlight:
         write_aircraft_report(self.dataset, folder / "report.html", figure)
 
     def report(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write the flight's page, one HTML file: figure, least and greatest values, conditions."""
+        """Write the report, one HTML file with figure, least and greatest values and conditions; return the path.
+
+        Raises FileExistsError if the file exists and `overwrite` is False.
+        """
         from anser.report.aircraft_flight import write_aircraft_report
 
         write_aircraft_report(self.dataset, Path(path), overwrite=overwrite)
@@ -151,10 +155,10 @@ def simulate(
     actuator_lag: bool = True,
     engine_lag: bool = True,
 ) -> AircraftFlight:
-    """Fly one aircraft under given controls (open loop), or with a controller under given commands.
+    """Fly one aircraft under prescribed controls (open loop), or with a controller under prescribed commands.
 
-    Raises ValueError for an argument that is not valid, ScenarioError for a table of the air that is not valid, and
-    ConditionError for a trim without steady flight as the start.
+    Raises ValueError if an argument is not valid, ScenarioError if a table of air, Earth or change is not valid, and
+    ConditionError if the start is a trim without steady flight.
 
     Parameters
     ----------
@@ -167,45 +171,47 @@ def simulate(
         Surfaces (deg) and throttle (0..1) by name: numbers, arrays with a value per sample, pairs (times, values),
         signals such as `anser.doublet(1.0)`; or a table with a column `time_s` (CSV file, DataFrame, Dataset); or a
         function `law(time_s, state) -> {"elevator": ...}` of the time and of the variables by name, written in
-        `jax.numpy`. Signals are increments to the start, the rest absolute; inputs left out keep their value at the
-        start. Controls are constant between samples.
+        `jax.numpy`. Signals are increments to the start, all else is absolute; absent inputs keep their value at the
+        start. Controls are constant between samples. None: the controls of the start.
     duration_s, step_s
-        Length of the flight, and period of samples and integration, s; a step from 0.001 to 0.05 s.
+        Duration of the flight, and period of samples and integration, s; a step from 0.001 to 0.05 s.
     record_period_s
         Period of the rows of the dataset, a multiple of the step; None: every sample.
     increments
-        True: numbers, arrays and tables are increments to the start too.
+        True: numbers, arrays and tables are increments to the controls of the start, as signals always are.
     controller
         Controller of the closed loop: an `anser.parts.AbstractController`, or "inversion", the autopilot of the
-        package with the gains and limits that a scenario would give the aircraft; "incremental" and "adaptive" invert
-        as these words say in a scenario. Excludes `controls`.
+        package with dynamic inversion of the onboard model and with published (F-16) or derived gains and limits;
+        "incremental" inverts increments of measured accelerations, "adaptive" also corrects the onboard model in
+        flight. A controller excludes `controls`.
     command
-        Command to the controller: `airspeed_m_s`, `path_angle_deg`, `course_deg`, each like a control; or a guidance.
-        Left out: those of the start.
+        Command to the controller: `airspeed_m_s`, `path_angle_deg`, `course_deg`, each given like a control; or an
+        `anser.parts.AbstractGuidance`. Absent commands are those of the start.
     excitation
         Test inputs in the closed loop, signals by name: of surfaces (deg) and `throttle`, added after the control law
         and before the limits of the actuators; or of `airspeed_m_s`, `path_angle_deg`, `course_deg`, added to the
         command; or, with the package's autopilot, of `bank_deg`, `alpha_deg`, `beta_deg`, `roll_rate_deg_s`,
         `pitch_rate_deg_s`, `yaw_rate_deg_s`, added to the commands between its loops.
     sensors, estimator
-        Parts between the truth and the controller; None: ideal, with forces and moments of the unchanged aircraft.
+        Sensors, and the estimator of the state from their readings; None: no errors, with the forces and moments of the
+        unchanged aircraft (corrected in flight with "adaptive").
     wind, turbulence, gust, earth, atmosphere
         Tables as in a scenario: `wind={"speed_m_s": 8, "from_deg": 270}`, `turbulence="moderate"`, `earth="wgs84"`,
         `atmosphere={"temperature_offset_k": 20}`. None: still air, a flat Earth with standard gravity, the standard
-        atmosphere. A trim as the start is one in the same air if `trim` had the same atmosphere.
+        atmosphere. A trim as the start must have been computed with the same atmosphere.
     change
-        Change of the true aircraft during the flight, unknown to its controller, as of an event of a scenario:
-        `{"time_s": 20, "surface_effectiveness": {"elevator": 0.5}, "cg_shift": 0.05}`; or several.
+        Change of the true aircraft from a time on, unknown to its controller, with the keys of a scenario's event:
+        `{"time_s": 20, "surface_effectiveness": {"elevator": 0.5}, "cg_shift": 0.05}`; or a sequence of changes.
     seed
         Seed of turbulence and sensor errors.
     actuator_lag, engine_lag
-        False: the surfaces, or the power, jump to the command at each sample.
+        False: the surfaces, or the engine power, take the commanded value at each sample.
 
     Returns
     -------
     AircraftFlight
-        `dataset` ends before the ground is reached, the wind field of a file ends or a value becomes non-finite; its
-        attribute `end` tells so.
+        Its `dataset` ends at `duration_s`, or before the first row on the ground (altitude 0), beyond the wind field of
+        a file or with a non-finite value; the attribute `end` states which.
     """
     enable_compilation_cache()
     model = load_aircraft(aircraft)
@@ -302,7 +308,7 @@ def _outside(wind: AbstractWind, positions_n: Float[Array, "row 3"], times: Floa
 def _outside_field(
     wind: AbstractWind, history: Mapping[str, np.ndarray], time_s: Float[np.ndarray, " row"]
 ) -> Bool[np.ndarray, " row"] | None:
-    """Return the rows of a flight beyond the wind field of a file; None for another wind."""
+    """Return for each row of a flight whether the position is beyond the wind field of a file; None for other wind."""
     if not isinstance(wind, GriddedWind):
         return None
     positions_n = np.stack([history["north"], history["east"], -history["altitude"]], axis=1)
@@ -323,9 +329,9 @@ _fly = compiled_by_older_generator(("count",), "flight")(_flown)
 def set_lags(
     airframe: AbstractAirframe, points: list[TrimPoint], *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
-    """Return the airframe without the lags that are switched off, and the trim points with the states of the new parts.
+    """Return the airframe without actuator or engine lag if switched off, and the trim points for this airframe.
 
-    The new states correspond to the same deflections and power.
+    Deflections and power of the trim points are unchanged.
     """
     lags = (("actuators", "surfaces", without_lag, actuator_lag), ("engine", "power", InstantEngine, engine_lag))
     for name, quantity, instant, is_kept in lags:
@@ -341,7 +347,7 @@ def set_lags(
 def _open_loop(
     airframe: AbstractAirframe, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
-    """Return the controller that plays controls: a table of samples, or a function of time and state."""
+    """Return the controller that applies `controls`: a table of samples, or a function of time and state."""
     law: Any = controls
     if callable(controls) and not isinstance(controls, InputSignal | Mapping):
         # A new object for each flight, traced anew: the values that the function refers to may have changed.
@@ -354,7 +360,11 @@ def _open_loop(
 def autopilot(
     airframe: AbstractAirframe, environment: Environment, point: TrimPoint, name: Any, step_s: float
 ) -> InversionAutopilot:
-    """Return an autopilot of the package by name, with the gains and limits of step tests at a flight point."""
+    """Return an autopilot by name, with gains and limits for level flight at the start's airspeed and altitude.
+
+    An F-16 has the published gains, another aircraft derived ones. Raises ValueError for an unknown name,
+    ConditionError if there is no such level flight in the standard atmosphere.
+    """
     from anser.analysis.step_flights import step_case
 
     if name not in _INVERSIONS:
@@ -373,11 +383,11 @@ def flight_dataset(
     air_layers: Layers = STANDARD_LAYERS,
     is_outside: Bool[np.ndarray, " row"] | None = None,
 ) -> xr.Dataset:
-    """Convert the recorded variables of one aircraft to a dataset over time, up to the end of the flight.
+    """Return the recorded variables of one aircraft (by key, SI units) as a dataset over time, up to the flight's end.
 
-    `air_layers` is the air of the flight, see `anser.environment.air`; `is_outside` marks rows beyond its wind field.
-    The flight ends before the first sample on the ground, beyond the wind field or with a non-finite motion; the
-    attribute `end` says which.
+    `air_layers` describes the atmosphere of the flight; `is_outside` marks rows beyond the wind field. The flight ends
+    before the first row on the ground, beyond the wind field or with a non-finite motion; the attribute `end` states
+    which. Raises ValueError if the first row is such a row.
     """
     motion = [history[key] for key in ("airspeed", "alpha", "altitude", "roll_rate", "pitch_rate", "yaw_rate")]
     endings = {

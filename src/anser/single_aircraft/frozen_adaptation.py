@@ -1,4 +1,4 @@
-"""Increments that an adaptive autopilot has learnt in a flight: their record, and the margins with them frozen."""
+"""Coefficient increments that an adaptive autopilot estimates in flight: history, and margins with them frozen."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -25,21 +25,21 @@ _STATE_REGRESSORS = ("constant", "alpha_or_beta", "pitch_or_roll_rate", "yaw_rat
 
 
 class AdaptationHistory(AbstractRecorder):
-    """Recorder of one aircraft whose estimator corrects its model: all variables, and the increments."""
+    """Recorder of one aircraft with an adaptive autopilot: all variables, and the increments of the onboard model."""
 
     stride: int = eqx.field(static=True, default=1)
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return the variables by key, and the arrays of the corrected airframe."""
+        """Return the variables of a sample by key (SI, rad), with increments and reference of the onboard model."""
         corrected: Any = sample.belief.airframe
         return {**record(sample), _INCREMENTS: corrected.increments, _REFERENCE: corrected.reference}
 
 
 def increment_variables(history: Mapping[str, np.ndarray], rows: int, surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the recorded increments as variables of a dataset; empty for a flight without them.
+    """Return the increments of the first `rows` samples as dataset variables; empty for a flight without increments.
 
-    The variables are the increments of the coefficients per unit of each regressor, and the regressors from which the
-    deviations count. Angles are in rad, rates dimensionless.
+    The variables are the increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor (1, alpha or beta,
+    dimensionless rates, surfaces; angles in rad), and the reference values of the regressors.
     """
     if _INCREMENTS not in history:
         return {}
@@ -56,28 +56,29 @@ def increment_variables(history: Mapping[str, np.ndarray], rows: int, surfaces: 
 
 
 def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Dataset:
-    """Compute the margins of an adaptive autopilot whose estimates are frozen as they are at a time of a flight.
+    """Compute the stability margins of an adaptive autopilot with its estimates frozen at a time of a flight.
 
-    The autopilot inverts the corrected model; the aircraft is the true one, with its changes up to that time except a
-    loss of thrust. The flight is level, at the airspeed and the altitude of that time, in still standard air.
+    The autopilot inverts the onboard model with the estimates of that time; the flown aircraft is the true one, with
+    its changes up to that time except a loss of thrust. The margins are those of level flight at the airspeed and
+    altitude of that time, in still standard air.
 
     Parameters
     ----------
     dataset
         Flight of `anser.simulate` with `controller="adaptive"`.
     time_s
-        Time, s; None: the end of the flight.
+        Time of the flight, s; None: the end.
 
     Returns
     -------
     xr.Dataset
-        Margins as of `anser.analysis.margins_at`, with the attribute `time_s`.
+        Dataset of `anser.analysis.margins_at`, with the time as attribute `time_s`.
 
     Raises
     ------
     ValueError
-        The flight has no estimates or not this time, it was flown without a lag, or its aircraft has neither a name nor
-        a file.
+        The flight has no estimates or does not contain the time, actuators or engine had no lag, or the aircraft is
+        an airframe object without a name or file.
     ConditionError
         No margin exists: see `anser.analysis.margins_at`.
     """

@@ -1,4 +1,4 @@
-"""Linear feedback of the state as a controller: from a gain matrix, or by the weights of a quadratic regulator."""
+"""Linear state feedback as a controller, from a gain matrix or as a linear-quadratic regulator from weights."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -33,26 +33,26 @@ _VARIABLES = {
     "altitude": ("altitude_m", 1.0),
     "power": ("power_percent", 1.0),
 }
-"""Variable of a dataset, and factor to the unit of the linear model, of each state that can be fed back."""
+"""For each state that can be fed back, the variable of a dataset and the factor to the unit of the linear model."""
 _INTEGRALS = {"V_integral": 30.0, "gamma_integral": 0.3}
-"""Greatest integrals of the errors of airspeed (m) and path angle (rad s), reached where the controls are at stops."""
+"""Limits of the integrals of the errors of airspeed (m) and path angle (rad s), against windup at control limits."""
 
 
 class LinearFeedback(AbstractController):
     """Linear feedback about a trim: u = u0 - K (x - x0), in SI units and radians.
 
-    Commands move the reference x0: the airspeed that of V, the path angle that of theta, and the course that of phi, by
-    the bank of the commanded turn plus `course_gain` times the error of the course, at most `bank_max` whatever the
-    scenario's limit. The last columns of K may be those of the integrals of the errors of airspeed and path angle.
-    Inputs without feedback keep their trim.
+    Commands change the reference x0: V is the commanded airspeed, theta changes by the commanded minus the trimmed path
+    angle, and phi is the bank of a turn with the commanded course rate plus `course_gain` times the error of the
+    course, at most `bank_max` whatever the scenario's limit. The last columns of K may be those of the integrals of the
+    errors of airspeed and path angle. Inputs without feedback keep their trim values.
     """
 
     gain: Float[Array, "input state"]  #: K: a row for each input of the linear model, the throttle first.
-    trim_state: Vector  #: x0 without integrals.
-    trim_input: Vector  #: u0.
+    trim_state: Vector  #: x0: trim values of the states of K, without integrals.
+    trim_input: Vector  #: u0: throttle (0 to 1), then deflections (rad) of the trim.
     trim_path_angle: Scalar  #: Path angle of the trim, rad.
-    course_gain: Scalar  #: Commanded rate of the course for an error of the course, 1/s.
-    bank_max: Scalar  #: Limit of the reference of phi, rad.
+    course_gain: Scalar  #: Commanded course rate per error of the course, 1/s.
+    bank_max: Scalar  #: Greatest commanded bank angle, rad.
     states: tuple[str, ...] = eqx.field(static=True)  #: Names of the columns of K, integrals last.
     surfaces: tuple[str, ...] = eqx.field(static=True)  #: Names of the aircraft's surfaces.
 
@@ -67,14 +67,15 @@ class LinearFeedback(AbstractController):
         course_gain: float = 0.25,
         bank_max_deg: float = 40.0,
     ) -> "LinearFeedback":
-        """Return the feedback by a gain matrix.
+        """Return the feedback with a given gain matrix.
 
-        Raises ValueError if a name is unknown, a shape does not fit, or the model is of another kind.
+        Raises ValueError if a name is unknown, a shape does not fit, or the model is not the open loop without
+        actuators.
 
         Parameters
         ----------
         linear
-            Open-loop linear model without actuators, from `aircraft.linearize(...)`, for its trim.
+            Open-loop linear model without actuators, from `aircraft.linearize(...)`, which gives the trim.
         gain
             K, a row for each of `inputs` and a column for each of `states`; SI units and radians.
         states
@@ -82,7 +83,7 @@ class LinearFeedback(AbstractController):
         inputs
             Names among the aircraft's surfaces and throttle.
         course_gain, bank_max_deg
-            Commanded rate of the course for an error of the course, 1/s; greatest bank that is commanded, deg.
+            Commanded course rate per error of the course, 1/s; greatest commanded bank angle, deg.
         """
         model = _open_model(linear)
         motion = [name for name in states if name not in _INTEGRALS]
@@ -108,17 +109,18 @@ class LinearFeedback(AbstractController):
     ) -> "LinearFeedback":
         """Return the linear-quadratic regulator: K minimizes the integral of x' Q x + u' R u.
 
-        Raises ValueError if a name is unknown, a weight is negative, or no regulator exists for these weights.
+        Raises ValueError if a name is unknown, a weight in `Q` is negative or in `R` not positive, or no regulator
+        exists for these weights.
 
         Parameters
         ----------
         linear, **options
-            See `from_gain`.
+            Open-loop linear model, `course_gain` and `bank_max_deg`: see `from_gain`.
         Q
-            Weights of states and integrals by name, in SI units and radians. All states of the motion but heading and
-            altitude are fed back, with the weight 0 if they are left out.
+            Weights of states and integrals by name, in SI units and radians. All states except heading are fed back,
+            with weight 0 if absent; altitude and integrals only if they have a weight.
         R
-            Weights of the inputs that are moved.
+            Weights of the inputs that the feedback moves, by name.
         """
         from scipy.linalg import LinAlgError, solve_continuous_are
 
@@ -147,13 +149,16 @@ class LinearFeedback(AbstractController):
         return cls.from_gain(linear, (B / weights[1]).T @ cost, states, list(R), **options)
 
     def init(self, state: AircraftState, attitude: Vector3) -> Vector:
-        """Return the integrals of the errors at the start: 0."""
+        """Return the integrals of the errors at the start, all 0: an element for each integral among `states`."""
         return jnp.zeros(len(self.states) - self.trim_state.size, state.rates_b.dtype)
 
     def control(
         self, controller_state: Vector, belief: Belief, command: PathCommand, step: ScalarLike
     ) -> tuple[Controls, None, Vector]:
-        """Return the controls of the feedback, no signals, and the integrals at the next sample."""
+        """Return the controls (surfaces in rad, not limited), None (no signals), and the integrals at the next sample.
+
+        Raises ValueError if the aircraft's surfaces differ from those of the linear model.
+        """
         if belief.airframe.actuators.names != self.surfaces:
             arrived = ", ".join(belief.airframe.actuators.names)
             raise ValueError(f"linear feedback: arrived {arrived}; expected the surfaces {', '.join(self.surfaces)}")
@@ -177,10 +182,10 @@ class LinearFeedback(AbstractController):
         return Controls(jnp.stack(surfaces), jnp.clip(throttle, 0.0, 1.0)), None, next_state
 
     def controls(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the controls, by name, with which the feedback leads the state of a `Simulator` back to the trim.
+        """Return the controls by name for a state by name, such as `Simulator.state`, with the trim as reference.
 
-        The surfaces are in deg; the throttle is limited to 0 to 1. Commands and integrals have no effect. The variables
-        of `state` are numbers or arrays, so that a law of `anser.simulate` can call the method too.
+        Surfaces are in deg, not limited; the throttle is limited to 0 to 1. Commands and integrals have no effect. The
+        variables of `state` are numbers or arrays, so that a control law of `anser.simulate` can call the method too.
         """
         count = self.trim_state.size
         variables = [_VARIABLES[name] for name in self.states[:count]]

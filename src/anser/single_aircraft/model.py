@@ -1,4 +1,4 @@
-"""An aircraft in the user's hands: description, trim, linear model, performance, and its equations of motion."""
+"""Model of one aircraft: description, trim, linear model, performance, and equations of motion."""
 
 import dataclasses
 import os
@@ -36,10 +36,10 @@ _UPWARDS = np.array([1.0, 1.0, -1.0])  # factors from north, east, down to north
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class AircraftModel:
-    """An aircraft, which prints as a list of its mass, size, surfaces with stops, engine, range of data, and inputs."""
+    """An aircraft with its analyses; prints as a list of mass, size, surfaces, engine, range of data and inputs."""
 
-    airframe: AbstractAirframe  #: The airframe, for the kernels of the package.
-    identity: Mapping[str, str | int | float]  #: Name, and variant if any, for labels and provenance.
+    airframe: AbstractAirframe  #: Airframe, as the functions of the package take it.
+    identity: Mapping[str, str | int | float]  #: Name, and variant and centre of gravity if any, for labels.
 
     def __repr__(self) -> str:
         effects = dict(zip(self.airframe.actuators.names, surface_effects(self.airframe), strict=True))
@@ -54,12 +54,12 @@ class AircraftModel:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs: surfaces in deg, and the throttle from 0 to 1."""
+        """Names of the inputs: surfaces (deg), then `throttle` (0 to 1)."""
         return input_names(self.airframe)
 
     @property
     def start_names(self) -> tuple[str, ...]:
-        """Names of the variables that define a start state."""
+        """Names, with units, of the variables that define the start of a flight: see `anser.simulate`."""
         return start_names(self.airframe)
 
     def trim(
@@ -75,9 +75,10 @@ class AircraftModel:
         pitch_rate_deg_s: float = 0.0,
         atmosphere: Mapping[str, Any] | None = None,
     ) -> TrimResult:
-        """Solve a steady flight in still air; an airspeed and the altitude are required, arguments as `anser.trim`.
+        """Compute a steady flight in still air; exactly one airspeed and the altitude are required.
 
-        `atmosphere` is a table as in a scenario, such as `{"temperature_offset_k": 20}`; None: the standard atmosphere.
+        Arguments and errors are those of `anser.trim`. `atmosphere` is a table as in a scenario, such as
+        `{"temperature_offset_k": 20}`; None: the standard atmosphere.
         """
         return trim(
             self.airframe,
@@ -95,9 +96,11 @@ class AircraftModel:
     def linearize(
         self, trim: TrimResult | None = None, *, actuators: bool = False, **condition: float
     ) -> "LinearizationResult":
-        """Linearize the aircraft about a trim, or about a condition given as to `trim`: see `anser.linearize`.
+        """Return the linear model about a trim, or about a condition such as `speed_m_s=150, altitude_m=1000`.
 
-        Raises ValueError for neither a trim nor a condition, or both; ConditionError if no such steady flight exists.
+        The steady flight of the condition is trimmed anew; `condition` takes the arguments of `anser.linearize`.
+        `actuators`: the inputs are commands, and the actuators' states are added. Raises ValueError for neither or both
+        of trim and condition, ConditionError if the steady flight does not exist.
         """
         from anser.analysis.linear_models import linearize
 
@@ -113,18 +116,18 @@ class AircraftModel:
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
 
     def performance(self, altitude_m: float = 0.0) -> "PerformanceSheet":
-        """Compute the performance sheet at an altitude: see `PerformanceSheet`."""
+        """Compute stall, level flight, climb, glide and turns at an altitude (0 to 20,000 m), and the ceilings."""
         from anser.single_aircraft.performance import performance_sheet
 
         return performance_sheet(self.airframe, self.identity, altitude_m)
 
     def start(self, trim: TrimResult) -> dict[str, float]:
-        """Return a trim as a start by name, to be changed: `{**f16.start(trim), "alpha_deg": 12.0}`."""
+        """Return a trim as a start by named variables, to be modified: `{**f16.start(trim), "alpha_deg": 12.0}`."""
         environment = _still_air(trim)
         return named_state(self.airframe, environment, resolve_start(self.airframe, environment, trim))
 
     def state_names(self, *, lag: bool = True) -> tuple[str, ...]:
-        """Return the names of the states of `derivatives`, in order; without lag, the rigid body alone."""
+        """Return the names of the states of `derivatives`: rigid body, then, with `lag`, actuators and engine."""
         actuators, engine = self.airframe.actuators.state_names, self.airframe.engine.state_names
         return (*_BODY_STATES, *((*(f"{name}_actuator" for name in actuators), *engine) if lag else ()))
 
@@ -136,23 +139,24 @@ class AircraftModel:
         *,
         lag: bool = True,
     ) -> Float[Array, " state"]:
-        """Compute the time derivative of the state: pure, and open to `jax.jit`, `jax.vmap` and `jax.jacfwd`.
+        """Compute the time derivative of the state vector; pure JAX, for `jax.jit`, `jax.vmap` and `jax.jacfwd`.
 
         Parameters
         ----------
         state
-            In the order of `state_names(lag=lag)`; SI units and radians, engine power in percent. The attitude is by
-            Euler angles, so the pitch must stay off 90 degrees.
+            State in the order of `state_names(lag=lag)`; SI units and radians, engine power in percent. The attitude is
+            given by Euler angles: at a pitch of 90 deg the rates are singular.
         controls
-            Surfaces (rad) in the order of `inputs`, and throttle (0..1).
+            Surfaces (rad) in the order of `inputs`, then throttle (0 to 1).
         environment
-            Air and Earth, the Earth flat; None: standard, without wind.
+            Air and Earth, the Earth flat; None: standard atmosphere and gravity, no wind.
         lag
             False: actuators and engine follow the controls at once, and have no states.
 
         Returns
         -------
-        Rates in the order of the state, per second. Source: [SL] eq. 1.7-18, flat Earth, and eq. 1.4-4.
+        Rates of the states, in the same order, per second. Raises ValueError if a shape does not fit. Source: [SL] eq.
+        1.7-18, flat Earth, and eq. 1.4-4.
         """
         for name, array, names in (("state", state, self.state_names(lag=lag)), ("controls", controls, self.inputs)):
             if jnp.shape(array) != (len(names),):
@@ -185,7 +189,7 @@ class AircraftModel:
         return jnp.concatenate([rate.position_n * _UPWARDS, rate.velocity_b, euler_rates, rate.rates_b, *lags])
 
     def state_vector(self, start: Any, *, lag: bool = True) -> np.ndarray:
-        """Return a start (a trim, or a state by name) as the state vector of `derivatives` with the same `lag`."""
+        """Return a start (a trim, or variables by name) as the state vector of `derivatives` with the same `lag`."""
         point = resolve_start(self.airframe, _still_air(start), start)
         state = point.state
         euler = np.asarray(euler_from_quaternion(state.quaternion))
@@ -194,14 +198,14 @@ class AircraftModel:
         return np.concatenate([np.atleast_1d(np.asarray(part)) for part in (*body, *lags)])
 
     def input_vector(self, start: Any) -> np.ndarray:
-        """Return the controls of a start as the controls of `derivatives`: surfaces (rad), and throttle (0..1)."""
+        """Return the controls of a start as the `controls` of `derivatives`: surfaces (rad), then throttle (0 to 1)."""
         point = resolve_start(self.airframe, _still_air(start), start)
         inputs = np.array(list(reference_inputs(self.airframe, point.controls).values()))
         return np.append(np.radians(inputs[:-1]), inputs[-1])
 
 
 def _still_air(start: Any) -> Environment:
-    """Return still air: the atmosphere of a trim, or the standard atmosphere for a state by name."""
+    """Return still air over a flat Earth, with the atmosphere of a trim, or else the standard atmosphere."""
     environment = standard_environment()
     return (
         dataclasses.replace(environment, atmosphere=start.atmosphere) if isinstance(start, TrimResult) else environment
@@ -214,7 +218,7 @@ def aircraft(
     *,
     x_cg_over_c: float | None = None,
 ) -> AircraftModel:
-    """Load an aircraft.
+    """Load an aircraft by name, file or airframe, for trim, linear model, performance and flight.
 
     Raises ValueError if no airframe has this name, or its mass properties are impossible; ScenarioError if the aircraft
     file is not valid.
@@ -225,7 +229,7 @@ def aircraft(
         Name of an airframe of the library or of an entry point (`anser aircraft list` lists them), path of an aircraft
         file, an airframe of the user's own class, or an `AircraftModel`, which is returned.
     variant, x_cg_over_c
-        Variant and centre of gravity of the library's F-16: see `load_airframe`.
+        Variant of the library's F-16, and its centre of gravity as a fraction of the mean chord (None: the variant's).
     """
     if isinstance(what, AircraftModel):
         return what
@@ -237,7 +241,10 @@ _EFFECTS = (("rolls right", "rolls left"), ("nose up", "nose down"), ("nose righ
 
 
 def surface_effects(airframe: AbstractAirframe) -> list[str]:
-    """Describe by its greatest moment what a positive deflection of each surface does, at 2 deg angle of attack."""
+    """Return the effect of a positive deflection of each surface, such as "nose up", by the surface's greatest moment.
+
+    The condition is 2 deg of alpha at sea level and the middle of the valid airspeeds.
+    """
     speed = float(np.mean(valid_airspeed_range(airframe)))
     moments = np.asarray(_surface_moments(airframe, standard_environment(), as_array(speed)))
     axes = np.argmax(np.abs(moments), axis=0)
@@ -247,7 +254,7 @@ def surface_effects(airframe: AbstractAirframe) -> list[str]:
 
 @compiled_quickly
 def _surface_moments(airframe: AbstractAirframe, environment: Environment, speed: Scalar) -> Float[Array, "3 surface"]:
-    """Return the derivatives of the moment (N m) by the deflections (rad), in neutral position."""
+    """Return the derivatives of the moment (N m, body axes) by the deflections (rad), about neutral surfaces."""
     alpha = jnp.asarray(0.035)
     velocity_b = speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
     data = air_data(velocity_b, 0.0, environment.atmosphere.at(0.0))

@@ -1,6 +1,6 @@
 """Performance sheet of an aircraft: stall, level flight, climb, ceiling, glide, turns, and specific excess power.
 
-Each figure is the result of trims, and is given with the limit that ends it.
+Each figure is computed from trims, and is stated with the limit that prevents a better value, such as full power.
 """
 
 import dataclasses
@@ -38,11 +38,11 @@ _F16_SPEEDS_M_S = (40.0, 400.0)
 _LOAD_FACTOR_MAX, _TURN_GRID, _TURN_PASSES = 9.0, 9, 4
 _STALLS = {"least level airspeed": 1.0} | {f"least level airspeed, mass {m:.0%}": m for m in (0.8, 0.9, 1.1, 1.2)}
 _CLIMB_STEPS = 8
-_CHUNK = 64  # points that are trimmed in one call
+_CHUNK = 64  # number of points that are trimmed in one call
 _SERVICE_CLIMB_M_S = 0.508  # climb rate that remains at the service ceiling: 100 ft/min
 # least change of the angle of attack (rad) between neighbouring airspeeds that shows the greatest lift
 _STALL_JUMP = 5.0 * DEG_RAD
-_LIMITS = {  # by obstacle of a trim
+_LIMITS = {  # text on a limit, by obstacle of a trim
     "tables": "end of the data (altitude or Mach number)",
     "no_balance": "no balance of forces and moments",
     "thrust_max": "full power",
@@ -54,18 +54,18 @@ _LIMITS = {  # by obstacle of a trim
 
 
 class _Points(NamedTuple):
-    """Steady flights to trim, a row each."""
+    """Steady flights to be trimmed, an element each."""
 
     speed: Float[Array, " point"]  # airspeed, m/s
     altitude: Float[Array, " point"]  # m
     turn_rate: Float[Array, " point"]  # rate of the course, rad/s
-    mass: Float[Array, " point"]  # relative to that of the airframe
-    # power at which the path climbs or descends, percent; NaN: level flight at the power that it needs
+    mass: Float[Array, " point"]  # mass over the airframe's mass
+    # engine power that determines the climb angle, percent; NaN: level flight, with the power as result
     power: Float[Array, " point"]
 
 
 class _Flights(NamedTuple):
-    """Trims of `_Points`, with path angle (rad) and acceleration (thrust - drag) / mass at full power (m/s^2)."""
+    """Trims of `_Points`, path angles (rad), and accelerations (thrust - drag) / mass at full power (m/s^2)."""
 
     trims: TrimMapPoint
     path_angle: Float[Array, " point"]
@@ -102,7 +102,7 @@ def _trim_points(
 
 @dataclasses.dataclass(frozen=True)
 class PerformanceFigure:
-    """One figure of a performance sheet, with the limit that ends it; NaN if there is no such flight."""
+    """A figure of a performance sheet: name, value (NaN: no such flight), unit, and limit that determines the value."""
 
     name: str
     value: float
@@ -112,19 +112,19 @@ class PerformanceFigure:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class PerformanceSheet:
-    """Performance of an aircraft in still standard air; printed as a table."""
+    """Performance of an aircraft in the standard atmosphere and still air; prints as a table."""
 
-    #: Figures at the sheet's altitude: stall speed (least airspeed of level flight) by mass, least and greatest level
-    #: airspeed, best climb, best glide, turns; and the ceilings.
+    #: Figures at `altitude_m`: least airspeed of level flight (stall) for five masses, greatest level airspeed, best
+    #: climb rate and glide ratio with their airspeeds, best sustained turns; and the ceilings.
     figures: tuple[PerformanceFigure, ...]
-    #: Specific excess power (m/s) at full power in level flight over altitude and airspeed, with the Mach number; NaN
-    #: where level flight is beyond another limit than the power.
+    #: Specific excess power (m/s) at full power in level flight, and Mach number, over altitude (m) and true airspeed
+    #: (m/s); NaN where level flight is impossible for a reason other than power.
     dataset: xr.Dataset
     identity: Mapping[str, str | int | float]  #: Name of the aircraft, and variant if any.
-    altitude_m: float
+    altitude_m: float  #: Altitude of the figures, m.
 
     def __getitem__(self, name: str) -> PerformanceFigure:
-        """Return a figure by its name."""
+        """Return a figure by its name; raises KeyError if the name is unknown."""
         by_name = {figure.name: figure for figure in self.figures}
         if name not in by_name:
             raise KeyError(f"{name!r} is not on the sheet; the names are {', '.join(by_name)}")
@@ -132,7 +132,7 @@ class PerformanceSheet:
 
     @property
     def title(self) -> str:
-        """Aircraft and altitude."""
+        """Title of tables and figures: aircraft and altitude."""
         return f"{airframe_label(self.identity)}: performance at {self.altitude_m:g} m"
 
     def __repr__(self) -> str:
@@ -145,7 +145,7 @@ class PerformanceSheet:
         return notebook_table(self.title, cells)
 
     def document(self) -> dict[str, Any]:
-        """Return the figures as plain data for JSON; the value of a figure is None if there is no such flight."""
+        """Return aircraft, altitude (m) and figures as plain data for JSON; value None: no such flight."""
         return {
             "format_version": 1,
             "aircraft": dict(self.identity),
@@ -154,7 +154,7 @@ class PerformanceSheet:
         }
 
     def plot(self) -> "Figure":
-        """Draw the specific excess power over Mach number and altitude."""
+        """Return a figure of the specific excess power at full power over Mach number and altitude."""
         from anser.report.aircraft_flight import excess_power_figure
 
         title = f"{airframe_label(self.identity)}: specific excess power at full power"
@@ -164,7 +164,11 @@ class PerformanceSheet:
 def performance_sheet(
     airframe: AbstractAirframe, identity: Mapping[str, str | int | float], altitude_m: float = 0.0
 ) -> PerformanceSheet:
-    """Compute the performance of an aircraft at an altitude (0 to 20 km), and its ceilings, in still standard air."""
+    """Compute the performance of an aircraft at an altitude, and the ceilings, in the standard atmosphere, still air.
+
+    `identity` is the description of the aircraft from `resolve_airframe`. Raises ValueError unless the altitude is
+    within 0 to 20,000 m.
+    """
     if not isinstance(altitude_m, int | float | np.number) or not 0.0 <= altitude_m <= _ALTITUDE_MAX_M:
         raise ValueError(f"altitude_m: arrived {altitude_m!r}; expected a number from 0 to {_ALTITUDE_MAX_M:g}")
     enable_compilation_cache()
@@ -212,10 +216,10 @@ def _limit_of(flights: _Flights, index: int) -> str:
 
 
 def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
-    """Return the limit between a flight and its neighbour that cannot be flown.
+    """Return a text on the limit between a flyable level flight and its neighbour in airspeed that cannot be flown.
 
-    Where a limit is passed, the trim changes little; beyond the greatest lift the only balance, if any, is another one
-    far behind the stall, which can be beyond several limits that have nothing to do with it.
+    `inside` and `outside` are the indices of both. If alpha jumps between them, the limit is the greatest lift: the
+    neighbour's trim, if any, lies far beyond the stall. Otherwise the limits are those that the neighbour violates.
     """
     alpha = np.asarray(flights.trims.trim.alpha)
     is_stall = abs(alpha[outside] - alpha[inside]) > _STALL_JUMP
@@ -223,7 +227,10 @@ def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
 
 
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
-    """Return the least or the greatest airspeed of level flight, its unit, and the limit beyond it."""
+    """Return the least or the greatest airspeed of level flight (NaN: none), the unit, and a text on the limit there.
+
+    `mass` is relative to the airframe's mass.
+    """
     value, grid, limit = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
         flights = fly(speed=grid, mass=mass)
@@ -240,7 +247,7 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
 
 
 def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
-    """Return the best climb rate at full power, or the best glide ratio at idle, with its airspeed."""
+    """Return best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), then its airspeed; a NaN if none."""
     flights = fly(speed=speeds, power=power)
     angle = np.asarray(flights.path_angle)
     # The power is given: its own limits are met by rounding only.
@@ -264,7 +271,10 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
 
 
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
-    """Return load factor, rate and radius of the best level turns that full power sustains."""
+    """Return greatest load factor and rate (deg/s) and least radius (m) of sustained level turns, each with airspeed.
+
+    The search ends at a load factor of 9. Without level flight, the result is a single NaN.
+    """
     low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
     limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size
     if not _is_flyable(fly(speed=speeds)).any():
@@ -309,10 +319,10 @@ def _excess_power(field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gr
 
 
 def _ceiling(dataset: xr.Dataset, threshold: float) -> tuple[float, str, str]:
-    """Return the altitude (m) at which the greatest specific excess power falls to a threshold (m/s).
+    """Return the altitude at which the greatest specific excess power falls to `threshold` (m/s), the unit, the limit.
 
-    Also returns the unit "m", and a text on what limits the altitude. The altitude is NaN if the power at the lowest
-    altitude does not exceed the threshold; it is the highest altitude with data if the power stays above it.
+    The altitude (m) is NaN if the excess power at sea level does not exceed the threshold, and the highest altitude
+    with data if the excess power exceeds the threshold everywhere.
     """
     best, altitudes = dataset["specific_excess_power_m_s"].max("airspeed").values, dataset["altitude"].values
     if not best[0] > threshold:

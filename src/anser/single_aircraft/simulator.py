@@ -1,4 +1,4 @@
-"""Simulator by hand: one aircraft, or many at once, advanced step by step under the user's controls."""
+"""Simulator of the open-loop motion of one aircraft, or of many at once, advanced step by step under given controls."""
 
 import functools
 import math
@@ -27,13 +27,13 @@ from anser.single_aircraft.model import aircraft as load_aircraft
 from anser.single_aircraft.starts import input_names, reference_inputs, resolve_start
 from anser.units import DEG_RAD
 
-_BLOCK_MIN = 64  # least number of aircraft in a block on a core of its own
+_BLOCK_MIN = 64  # least number of aircraft that are computed on a separate core
 
 
 class NamedState(Mapping[str, Any]):
-    """Variables of the aircraft at one sample by the names of a dataset: `state["alpha_deg"]`.
+    """Variables of the aircraft at one sample, by the names of a dataset, such as `state["alpha_deg"]`.
 
-    A value is a number for one aircraft, and an array over the aircraft for several.
+    A value is a number for one aircraft, or an array over the aircraft for several.
     """
 
     def __init__(self, indices: Mapping[str, int], values: Callable[[], np.ndarray]) -> None:
@@ -62,11 +62,11 @@ class Simulator:
     Parameters
     ----------
     aircraft, wind, earth, atmosphere, actuator_lag, engine_lag
-        See `anser.simulate`.
+        Aircraft, air and Earth, and lags, as in `anser.simulate`.
     start
-        Start of `anser.simulate`; or a sequence of starts, one for each of several aircraft.
+        Trim or state by name, as in `anser.simulate`; or a sequence of these, one for each of several aircraft.
     step_s
-        Period of a step, 0.001 to 0.05 s: the motion is integrated over a step by the classical Runge-Kutta method.
+        Period of a step, 0.001 to 0.05 s; a step of the motion is one classical Runge-Kutta step.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Simulator:
         self.reset()
 
     def reset(self) -> NamedState:
-        """Return to the start."""
+        """Reset time, motion and inputs to the start, and return the state there."""
         return self.restore(self._start)
 
     @property
@@ -120,7 +120,7 @@ class Simulator:
 
     @property
     def state(self) -> NamedState:
-        """Variables of the catalogue at the present sample, by name; computed when one of them is read."""
+        """State at the present sample, by the names of a dataset: numbers, or arrays over several aircraft."""
         packed, inputs = self._packed, self._inputs
         if self._count is None and self._number > 0:
             values = np.asarray(packed[0])
@@ -131,17 +131,18 @@ class Simulator:
         return NamedState(self._programs.indices, compute)
 
     def step(self, controls: Mapping[str, Any] | Float[np.ndarray, "... input"] | None = None) -> NamedState:
-        """Advance the motion by one step under constant controls, and return the state at its end.
+        """Advance the motion by one step under constant controls, and return the state at the end of the step.
 
-        Raises ValueError if an input is unknown, a shape does not fit, or the step leads beyond the wind field of a
-        file, unless its boundary values hold; the state then stays as it was.
+        Raises ValueError, and leaves the state unchanged, if an input is unknown, not finite or of a wrong shape, the
+        throttle is not within 0 to 1, or the step ends beyond the wind field of a file (unless the field continues with
+        its boundary values).
 
         Parameters
         ----------
         controls
-            By name, surfaces in deg and throttle 0..1, a number, or for several aircraft also an array over the
-            aircraft; inputs left out keep the value of the step before. Or an array of all inputs in the order of
-            `inputs`, for several aircraft with a leading axis over the aircraft.
+            Mapping of inputs by name, surfaces in deg and throttle 0 to 1: numbers, or for several aircraft also arrays
+            over the aircraft; absent inputs keep the value of the previous step. Or an array of all inputs in the order
+            of `inputs`, for several aircraft with a leading axis over the aircraft. None: the previous inputs.
         """
         inputs = self._merge(controls)
         packed = self._in_parallel(self._programs.step, self._packed, inputs)
@@ -153,7 +154,7 @@ class Simulator:
         return self.state
 
     def _in_parallel(self, program: Callable[..., Array], packed: Sequence[Any], inputs: np.ndarray) -> list[Array]:
-        """Call a program for the blocks of aircraft, each on a core of its own."""
+        """Call a program for each block of aircraft, each on a separate core, and return a result per block."""
         if self._count is None:
             return [program(self._constants, packed[0], inputs)]
         parts = zip(packed, self._blocks, strict=True)
@@ -172,14 +173,14 @@ class Simulator:
             )
 
     def save(self) -> dict[str, Any]:
-        """Return a checkpoint, from which `restore` continues bit by bit as without it; it can be pickled or copied."""
+        """Return a checkpoint (arrays, can be pickled), from which `restore` continues with identical numbers."""
         motion = np.concatenate(self._packed, axis=-1)
         return {"motion": motion, "inputs": np.array(self._inputs), "number": self._number}
 
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
-        """Return to a checkpoint of `save`, of this simulator or of an equal one.
+        """Reset to a checkpoint from `save` of this or an equal simulator, and return the state there.
 
-        Raises ValueError for anything but a checkpoint, and for one of another aircraft or number of aircraft.
+        Raises ValueError unless the argument is a checkpoint with as many states, inputs and aircraft.
         """
         if not isinstance(checkpoint, Mapping) or not checkpoint.keys() >= self._start.keys():
             raise ValueError(f"checkpoint: arrived {checkpoint!r:.60}; expected one that `save` has returned")
@@ -195,7 +196,10 @@ class Simulator:
         return self.state
 
     def _merge(self, controls: Any) -> np.ndarray:
-        """Return all inputs of a step; raises ValueError for controls that do not fit."""
+        """Return all inputs of a step (deg, throttle 0 to 1), from `controls` and the previous inputs.
+
+        Raises ValueError for an unknown name, a wrong shape, or a number out of range.
+        """
         if controls is None:
             return self._inputs
         if isinstance(controls, Mapping):
@@ -228,12 +232,12 @@ class Simulator:
 
 
 class _Programs:
-    """Compiled functions of the simulators with one structure of aircraft and air, alone or batched.
+    """Compiled functions of simulators with the same structure of aircraft and air, for one aircraft or for several.
 
-    A call with few arguments takes less time: all numbers of the aircraft and the air enter as one array, which ends
-    with the step. The motion, the number of the sample and the variables (at `indices`) are another one, with a last
-    axis over the aircraft where there are several: each quantity is then contiguous, as vector instructions need. The
-    step of one aircraft is a single kernel, its variables included; those of several are computed when they are read.
+    Few arguments shorten a call: one array contains all numbers of aircraft and air, then the step (s); a second one
+    contains motion, number of the sample and variables (at `indices`), with a last axis over several aircraft, so that
+    each quantity is contiguous. The step of one aircraft is a single kernel that also computes the variables; the
+    variables of several aircraft are computed when they are read.
     """
 
     def __init__(
@@ -278,7 +282,7 @@ _to_motion = compiled_quickly(to_motion_state)
 def _prepare(
     airframe: AbstractAirframe, environment: Environment, motion: MotionState, step: float, *, batched: bool
 ) -> tuple[Array, _Programs]:
-    """Return the numbers of aircraft, air and step as one array, and the programs of their structure."""
+    """Return the numbers of aircraft and air, then the step (s), as one array, and the compiled functions for them."""
     numbers, rest = eqx.partition((airframe, environment), lambda leaf: getattr(leaf, "dtype", None) == np.float64)
     constants, unravel_constants = ravel_pytree(numbers)
     state, unravel = ravel_pytree(motion)

@@ -1,4 +1,4 @@
-"""Start of a flight: a trim point, or any state by named variables; and the names of states and inputs."""
+"""Start of a flight of one aircraft, from a trim or from named variables; names of start variables and inputs."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -30,26 +30,26 @@ _OPTIONAL = (
 
 
 def start_names(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Return the names of the variables that define a start state.
+    """Return the names, with units, of the variables that define the start of a flight, such as `airspeed_m_s`.
 
-    All but airspeed and altitude default to 0, throttle and deflections included. Calibrated or equivalent airspeed
-    (`airspeed_calibrated_m_s`, `airspeed_equivalent_m_s`) or `mach` may stand in the place of the true airspeed.
+    `airspeed_m_s` (true) and `altitude_m` are required; all further variables, throttle and deflections included, are 0
+    if absent. `airspeed_calibrated_m_s`, `airspeed_equivalent_m_s` or `mach` may replace the true airspeed.
     """
     return (*_REQUIRED, *_OPTIONAL, *(f"{name}_deg" for name in airframe.actuators.names), "throttle")
 
 
 def input_names(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Return the names of the inputs: the surfaces (deg), and the throttle (0..1)."""
+    """Return the names of the inputs: the surfaces (deg), then `throttle` (0 to 1)."""
     return (*airframe.actuators.names, "throttle")
 
 
 def resolve_start(airframe: AbstractAirframe, environment: Environment, start: Any) -> TrimPoint:
-    """Return the start of a flight in the form of a trim point.
+    """Return the start of a flight, state and controls, as a trim point (steady or not).
 
-    `start` is a trim, a `TrimPoint` of still air, or a mapping with the names of `start_names`; its airspeed is kept in
-    any wind.
-    Raises ConditionError for a trim that is no steady flight, ValueError for a trim of another aircraft or atmosphere,
-    and for a name that is unknown or missing or a value out of range.
+    `start` is the result of a trim, a `TrimPoint` in still air, or a mapping with the names of `start_names`. The
+    airspeed is that of `start`; the environment's wind is added to the velocity over ground. Raises ConditionError for
+    a trim without steady flight, ValueError for a trim of a different aircraft or atmosphere, for an unknown or missing
+    name, and for a value out of range.
     """
     if isinstance(start, TrimResult):
         if start.diagnosis is not None:
@@ -99,7 +99,7 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
 
 
 def _same_air(trimmed: AbstractAtmosphere, flown: AbstractAtmosphere) -> bool:
-    """Whether two atmospheres are the same: of one class with equal numbers."""
+    """Return whether two atmospheres have the same class and equal numbers."""
     if type(trimmed) is not type(flown):
         return False
     leaves = (jax.tree.leaves(atmosphere) for atmosphere in (trimmed, flown))
@@ -107,7 +107,10 @@ def _same_air(trimmed: AbstractAtmosphere, flown: AbstractAtmosphere) -> bool:
 
 
 def _with_true_airspeed(environment: Environment, start: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a start with the true airspeed in the place of another form of it."""
+    """Return a start with the true airspeed instead of a calibrated or equivalent airspeed or a Mach number.
+
+    Raises ValueError for more than one airspeed.
+    """
     others = [name for name in _OTHER_AIRSPEEDS if name in start]
     if not others or "altitude_m" not in start:
         return start
@@ -143,7 +146,7 @@ def _named_start(airframe: AbstractAirframe, environment: Environment, values: V
 
 @compiled_quickly
 def _in_wind(environment: Environment, trim: TrimPoint) -> TrimPoint:
-    """Return a trim in still air with the same airspeed in the environment's wind, by its velocity over ground."""
+    """Return a trim in still air with the environment's wind added to the velocity over ground: the same airspeed."""
     state = trim.state
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_b = state.velocity_b + rotate(rotation_from_quaternion(state.quaternion), wind_n)
@@ -151,7 +154,7 @@ def _in_wind(environment: Environment, trim: TrimPoint) -> TrimPoint:
 
 
 def reference_inputs(airframe: AbstractAirframe, controls: Controls) -> dict[str, float]:
-    """Return the inputs at the start by name: surfaces in deg, throttle 0..1."""
+    """Return the values of controls by the names of the inputs: surfaces in deg, throttle 0 to 1."""
     deflections = np.asarray(controls.surfaces) * RAD_DEG
     return dict(zip(input_names(airframe), [*map(float, deflections), float(controls.throttle)], strict=True))
 
@@ -162,13 +165,13 @@ def _variables(airframe: AbstractAirframe, environment: Environment, point: Trim
 
 
 def named_state(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> dict[str, float]:
-    """Return a start by the names of `start_names`, from which `resolve_start` makes the same start again."""
+    """Return the values of a start by the names of `start_names`; `resolve_start` turns them into the same start."""
     variables = {name: float(value) for name, value in _variables(airframe, environment, point).items()}
     return {name: variables[name] for name in start_names(airframe)}
 
 
 def air_path(environment: Environment, point: TrimPoint) -> dict[str, float]:
-    """Return airspeed, path angle and course through the air of a start, by the names of a dataset."""
+    """Return `airspeed_m_s`, `path_angle_deg` and `course_deg` of a start, relative to the air."""
     V, gamma, chi = (float(value) for value in _air_path(environment, point.state))
     return {"airspeed_m_s": V, "path_angle_deg": gamma * RAD_DEG, "course_deg": chi * RAD_DEG}
 
