@@ -1,10 +1,11 @@
 """Air in layers over the geopotential altitude, and conversion between true, calibrated and equivalent airspeed.
 
 A table of layers is an array (layer, 7) of base altitude (geopotential, m), temperature (K), lapse rate (K/m), lapse
-rate over temperature (1/m) and pressure (Pa) at the base, and the two coefficients of the pressure: at a height z above
-the base it is ``p exp(-power log1p(relative lapse z) - decay z)``. A hydrostatic layer with a lapse rate has ``power``
-= g/(R lapse) alone, an isothermal one ``decay`` = g/(R T) alone, and one between two measured pressures, whose
-logarithm is linear in altitude, ``decay`` alone. The first layer holds below its base too, the last up to any altitude.
+rate over temperature (1/m) and pressure p (Pa) at the base, and the coefficients ``power`` and ``decay`` (1/m) of the
+pressure: at a height z above the base the pressure is ``p exp(-power log1p(lapse z / T) - decay z)``. In a hydrostatic
+layer with a lapse rate ``power`` = g/(R lapse) and ``decay`` = 0, in an isothermal layer ``power`` = 0 and ``decay`` =
+g/(R T). Between two measured pressures the logarithm is linear in altitude: ``power`` = 0. The first layer continues
+below its base, the last up to any altitude.
 
 The temperature of moist air is the virtual temperature: dry air of this temperature has the pressure and the density
 of the moist air. The module needs NumPy alone, so that files are read without JAX.

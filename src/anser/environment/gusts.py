@@ -12,7 +12,7 @@ from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 
 
 class Gust(eqx.Module):
-    """Motion of the air around one aircraft relative to the mean wind, body axes.
+    """Velocity and rotation of the air around one aircraft relative to the mean wind, body axes.
 
     The aerodynamic forces follow from the aircraft's motion through the mean wind minus the gust.
     """
@@ -23,7 +23,7 @@ class Gust(eqx.Module):
 
 
 class AirFlow(eqx.Module):
-    """Flow at one aircraft at one time, the input of a gust model."""
+    """Flow at one aircraft, the input of a gust model: airspeed, height, attitude, mean wind and time."""
 
     airspeed: Scalar  #: True airspeed without gusts, m/s.
     height: Scalar  #: Height above the ground, m.
@@ -57,7 +57,7 @@ class AbstractGusts(eqx.Module):
 
 
 class NoGusts(AbstractGusts):
-    """Smooth air."""
+    """Gust model of smooth air: no gusts, no state and no random numbers."""
 
     @property
     def normals(self) -> int:
@@ -112,7 +112,7 @@ class SummedGusts(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """Number of standard normals of all parts together."""
+        """Number of standard normals that all models together draw per sample."""
         return sum(part.normals for part in self.parts)
 
     def _shared(self, normals: Float[Array, " count"]) -> list[Array]:
@@ -120,13 +120,13 @@ class SummedGusts(AbstractGusts):
         return [normals[stop - part.normals : stop] for part, stop in zip(self.parts, stops, strict=True)]
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> tuple[Any, ...]:
-        """Return the initial states of the parts."""
+        """Return a tuple of the models' initial states; each model gets its part of the normals."""
         return tuple(
             part.init(part_normals, flow) for part, part_normals in zip(self.parts, self._shared(normals), strict=True)
         )
 
     def at(self, state: tuple[Any, ...], flow: AirFlow) -> Gust:
-        """Return the sum of the parts' gusts."""
+        """Return the sum of the models' gusts, velocities and rates, in body axes."""
         gusts = [part.at(part_state, flow) for part, part_state in zip(self.parts, state, strict=True)]
         velocities, rates = (
             jnp.stack(vectors) for vectors in zip(*((gust.velocity_b, gust.rates_b) for gust in gusts), strict=True)
@@ -136,6 +136,6 @@ class SummedGusts(AbstractGusts):
     def advance(
         self, state: tuple[Any, ...], normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
     ) -> tuple[Any, ...]:
-        """Return the states of the parts after one sampling period."""
+        """Return a tuple of the models' states after one sampling period `step` (s)."""
         inputs = zip(self.parts, state, self._shared(normals), strict=True)
         return tuple(part.advance(part_state, part_normals, flow, step) for part, part_state, part_normals in inputs)

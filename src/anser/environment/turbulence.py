@@ -1,7 +1,7 @@
 """Continuous turbulence by MIL-F-8785C and MIL-HDBK-1797.
 
-Scale lengths and intensities as functions of height, Dryden and von Karman spectra, and the body rates equivalent to
-the gradients of the gusts.
+The module contains scale lengths and intensities as functions of height, Dryden and von Karman spectra, and the body
+rates equivalent to the gradients of the gusts.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ _SCALE_FT = {"dryden": 1750.0, "von-karman": 2500.0}  # above 2,000 ft
 
 
 class ExceedanceTable(eqx.Module):
-    """Table of the root-mean-square gust velocity over height and exceedance probability."""
+    """Table of the root-mean-square gust velocity (m/s) over height (m) and log10 of the exceedance probability."""
 
     heights: Float[Array, " heights"]  #: Rising heights above the ground, m.
     log_probabilities: Float[Array, " probabilities"]  #: Falling log10 of the probability of exceedance.
@@ -100,7 +100,10 @@ _ROLL = FirstOrderFilter()
 
 
 class TurbulenceState(eqx.Module):
-    """State of the turbulence at one aircraft between two samples, in units of the intensities."""
+    """State of the turbulence at one aircraft between two samples: filter states and low-passed gusts.
+
+    The gusts are in units of their intensities.
+    """
 
     # states of the shaping filters of the gusts u, v, w and of the gust roll rate p
     u: Array
@@ -116,9 +119,10 @@ class Turbulence(AbstractGusts):
     """Turbulence of MIL-F-8785C and MIL-HDBK-1797 (identical spectra), independent for each aircraft.
 
     An aircraft flies through a frozen field; gusts of two aircraft are independent, an assumption for distances of
-    several scales. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w down (the
-    standards take the direction of the mean wind past the aircraft, the same without sideslip); from 2,000 ft the axes
-    are the body axes; in between the gust is the average, linear in height. Gusts are constant between samples.
+    several scale lengths. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w
+    down (the standards take the direction of the mean flow past the aircraft, equal without sideslip); from 2,000 ft
+    the axes are the body axes; in between the gust is the average, linear in height. Gusts are constant between
+    samples.
 
     The rates are those of the air: q is minus the gradient of w along the flight and r the gradient of v, both
     low-passed by the span; p is independent noise. (The standards print the opposite signs: rates of the aircraft
@@ -133,7 +137,7 @@ class Turbulence(AbstractGusts):
 
     @property
     def filters(self) -> tuple[AbstractShapingFilter, AbstractShapingFilter]:
-        """Shaping filters of the longitudinal gust u and of the transverse gusts v, w."""
+        """Two shaping filters: of the longitudinal gust u, and of each of the transverse gusts v and w."""
         if self.family == "dryden":
             return DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE
         return VON_KARMAN_LONGITUDINAL, VON_KARMAN_TRANSVERSE

@@ -33,12 +33,12 @@ class DirectControls(AbstractController):
     def control(
         self, controller_state: None, belief: Belief, command: Controls, step: ScalarLike
     ) -> tuple[Controls, None, None]:
-        """Return the commanded surfaces (rad) and throttle, with neither state nor signals."""
+        """Return the commanded surfaces (rad) and throttle, and None for the controller's state and its signals."""
         return command, None, None
 
 
 class AutopilotStep(NamedTuple):
-    """One step of the expert's autopilot, from which a level of action computes the equivalent action."""
+    """One step of the expert's autopilot (command, controls, signals), from which a level computes an action."""
 
     command: Any  # command to the autopilot: `PathCommand` or `LoopCommand`
     controls: Controls  # resulting surfaces (rad) and throttle
@@ -145,7 +145,7 @@ class RateLevel(AbstractActionLevel):
         return (*(_command(f"{axis}_rate_deg_s", -limit, limit) for axis, limit in rates), _THROTTLE)
 
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return the rate loop of the autopilot."""
+        """Return the rate loop of the autopilot as a controller of commanded body rates and throttle."""
         return InversionAutopilot(autopilot.gains, autopilot.limits, loop="rates")
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> LoopCommand:

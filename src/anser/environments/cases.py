@@ -131,7 +131,7 @@ def trim_rows(
 
 
 class FlightRange(eqx.Module):
-    """Range of the flight conditions from which the starts of episodes are drawn."""
+    """Range of airspeed, altitude, path angle, bank and wind from which the starts of episodes are drawn."""
 
     speed_m_s: tuple[float, float] = eqx.field(static=True)  #: Least and greatest true airspeed.
     altitude_m: tuple[float, float] = eqx.field(static=True)  #: Least and greatest altitude above sea level.

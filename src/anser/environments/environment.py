@@ -57,7 +57,7 @@ MOTION = (
 
 
 class Parameters(eqx.Module):
-    """Numbers of an environment, the argument `params` of its functions."""
+    """Numbers of an environment, the argument `params` of its functions: cases, observations at starts, step."""
 
     #: Cases of the episodes, stacked along a leading axis; for a fleet along two axes, cases and aircraft.
     cases: Stacked[Case]
@@ -77,7 +77,7 @@ class Parameters(eqx.Module):
 
 
 class EpisodeState(eqx.Module):
-    """State of one environment between two decisions."""
+    """State of one environment between two decisions: time, case, key, aircraft, and count of settled decisions."""
 
     time: Integer  #: Number of decisions since the reset.
     row: Integer  #: Number of the case in `Parameters.cases`, from 0.

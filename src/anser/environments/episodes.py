@@ -78,7 +78,7 @@ class Expert:
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """Result of a policy over many episodes."""
+    """Result of a policy over many episodes: fractions of success and failure, and mean return."""
 
     success: float  #: Fraction of the episodes that ended with success.
     #: Mean over the episodes of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
@@ -89,7 +89,7 @@ class Score:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """Record of one episode."""
+    """Record of one episode: start, observations, actions, rewards, and the kind of its end."""
 
     environment: AnyEnvironment
     start: EpisodeState  #: State at the start.

@@ -187,8 +187,8 @@ class EpisodeSequence:
     def reset(self, seed: int | None, rng: np.random.Generator) -> np.ndarray:
         """Start an episode, and return its first observation.
 
-        With a seed, the first episode of the seed starts, otherwise the next one of the present seed. Without any seed
-        so far, `rng` draws the key of the episodes.
+        With a seed, the first episode of the seed starts, otherwise the next episode of the present seed. Without any
+        seed so far, `rng` draws the key of the episodes.
         """
         if seed is not None or not self.key.size:
             self.key = rng.integers(2**32, size=2, dtype=np.uint32) if seed is None else seed_words(seed)

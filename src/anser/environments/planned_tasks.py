@@ -68,7 +68,7 @@ def planned_cases(
     values are no valid scenario, or that have no plan, are left out.
 
     Raises ScenarioError if a file is not valid, the arrival rule is "earliest", or no flight has a plan; ValueError if
-    the aircraft of a flight arrive at different times, or an aircraft has another controller than the autopilot.
+    the aircraft of a flight arrive at different times, or an aircraft's controller is not the package's autopilot.
     """
     shipped = str(resources.files("anser.environments").joinpath(f"data/{default}"))
     loaded, scenario, columns = load_study(shipped if study is None else study)
@@ -134,7 +134,7 @@ def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s
     """Return the case of each aircraft of a planned flight.
 
     `trims` are the trim points of the aircraft groups, `paths` the planned paths of the fleet. Raises ValueError if the
-    aircraft arrive at different times, or one has another controller than the autopilot.
+    aircraft arrive at different times, or if an aircraft's controller is not the package's autopilot.
     """
     cases: list[Case] = []
     arrivals = np.asarray(paths.times)[:, -1]
@@ -256,7 +256,7 @@ class PathTracking(AbstractPlannedTask):
 
 
 class Arrival(AbstractPlannedTask):
-    """Be at the rendezvous with a moving goal at the planned arrival time.
+    """Reach the rendezvous with a moving goal at the planned arrival time.
 
     The rendezvous is at least 150 m above a goal on the surface, or at least 100 m from an airborne goal. Success: a
     distance of at most 50 m to the rendezvous at the arrival time. Before, the error is the zero-effort miss: the

@@ -148,7 +148,10 @@ def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
 
 
 class Stacked(eqx.Module, Generic[T]):
-    """Several objects of equal structure, stored as one pytree for `vmap`; see `stack_objects`."""
+    """Several objects of equal structure, stored as two pytrees for `vmap`; `stack_objects` makes them.
+
+    Leaves that differ between the objects have a leading axis; a leaf that is equal in all objects is stored once.
+    """
 
     # leaves that differ between the objects, with a leading axis over the objects; None in place of shared leaves
     batched: T

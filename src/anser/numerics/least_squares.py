@@ -37,8 +37,8 @@ class Linearized(NamedTuple):
 class Damping(NamedTuple):
     """Rule for the damping of the steps.
 
-    The first damping is `initial` of the cost at the start. The damping is multiplied by `decrease` after a step that
-    lowers the cost, and by `increase` after another step, and limited to `minimum` and `maximum`.
+    The function `initial` gives the first damping from the cost at the start. The damping is multiplied by `decrease`
+    after a step that lowers the cost, and by `increase` after any other step, and limited to `minimum` and `maximum`.
     """
 
     initial: Callable[[Scalar], Scalar]

@@ -1,9 +1,10 @@
 """Adaptation of the onboard model in flight: estimated increments of the aerodynamic coefficients.
 
-The difference between measured forces and moments (from accelerometers and gyros) and those of the onboard model, made
-dimensionless, are the missing coefficients. From them, recursive least squares estimate increments of the coefficients'
-constants and derivatives. The autopilot's dynamic inversion uses the airframe with these increments. Derivations:
-docs/theory/identification.md. In array shapes, p is the number of regressors (`anser.aircraft.corrected_airframe`).
+The missing coefficients are the measured forces and moments (from accelerometers and gyros) minus those of the onboard
+model, made dimensionless. From the missing coefficients, recursive least squares estimate increments of constants and
+derivatives of CX, CY, CZ, Cl, Cm and Cn. The autopilot's dynamic inversion uses the airframe with these increments.
+Derivations: docs/theory/identification.md. In array shapes, p is the number of regressors: 4 of the motion
+(`anser.aircraft.corrected_airframe`) and one for each control surface.
 """
 
 import dataclasses
@@ -110,7 +111,7 @@ class AdaptationSettings(eqx.Module):
 
 
 def default_settings() -> AdaptationSettings:
-    """Return the package's default settings: 5 rad/s, 20 s, 5 s and an excitation of 16."""
+    """Return the default settings: bandwidth 5 rad/s, forgetting time 20 s, mean time 5 s, least excitation 16."""
     return AdaptationSettings(*(jnp.asarray(value) for value in (5.0, 20.0, 5.0, 16.0)))
 
 
@@ -295,7 +296,7 @@ class AdaptiveEstimator(AbstractEstimator):
         return self.corrected_belief(next_state, belief), next_state
 
     def learn(self, state: AdaptationState, belief: Belief, step: ScalarLike) -> AdaptationState:
-        """Return the state after one sample; the learning rate depends on the sampling period `step` (s).
+        """Return the state after one sample, with new increments; `step` is the sampling period, s.
 
         The missing coefficients follow from specific force, body rates and air data of the belief. The forces and
         moments in `belief.condition` must be those of the model without increments.
@@ -442,9 +443,9 @@ def _gradient_step(
 
 
 def _bounded(state: AdaptationState, increments: Increments) -> Increments:
-    """Return the increments limited to 3 prior standard deviations, and control effectiveness to 0.3 to 2 times model.
+    """Return the increments, limited to 3 standard deviations before the flight, (6, p).
 
-    The limit of the effectiveness applies to the surfaces of `_is_effective`.
+    The control effectiveness of the surfaces of `_is_effective` is limited to 0.3 to 2 times the model's.
     """
     limit = _INCREMENT_MAX * state.prior_deviation
     bounded = jnp.clip(increments, -limit, limit)
@@ -454,7 +455,7 @@ def _bounded(state: AdaptationState, increments: Increments) -> Increments:
 
 
 def _is_effective(derivatives: Increments) -> Any:
-    """Whether each derivative, (6, p), is that of a moment by a surface with a tenth of the axis' greatest effect."""
+    """Return flags (6, p) of derivatives of a moment by a surface that exceed a tenth of the axis' greatest."""
     size = jnp.abs(derivatives)
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)
     greatest = jnp.max(size[:, STATE_REGRESSORS:], axis=1, keepdims=True)

@@ -86,7 +86,7 @@ class TrackingState(eqx.Module):
 
 
 class TrackingEstimator(AbstractEstimator):
-    """Estimator with filters of the aircraft's motion, the air and the goal; each filter is optional.
+    """Estimator of one aircraft with filters of the aircraft's motion, the air and the goal; each filter is optional.
 
     Without filters, the belief is the reading; the goal's motion follows from the line of sight (theory section 7).
     """

@@ -62,7 +62,7 @@ class FaultDetection(eqx.Module):
     surfaces: int = eqx.field(static=True)
 
     def init(self) -> "FaultState":
-        """Return the state of a healthy aircraft."""
+        """Return the state before the first sample: no fault, and all integrals 0."""
         count = SURFACE - 1 + self.surfaces
         zero = jnp.zeros(())
         return FaultState(

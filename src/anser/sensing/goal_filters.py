@@ -1,6 +1,6 @@
 """Kalman filters that estimate a goal's motion from its measurements.
 
-A filter has one motion model or several interacting ones. `hand_over_goal` passes the estimate to another aircraft.
+A filter has one motion model or several interacting models. `hand_over_goal` passes the estimate to another aircraft.
 """
 
 import abc
@@ -35,7 +35,7 @@ class VehicleMotion(eqx.Module):
 
 
 class GoalEstimate(eqx.Module):
-    """Estimate of a goal's motion at one sample."""
+    """Estimated position and velocity of a goal at one sample, with covariance and status."""
 
     # position and velocity, NED, m and m/s
     mean: Float[Array, "6"]
@@ -63,7 +63,7 @@ class AbstractGoalFilter(eqx.Module):
 
 
 class GoalTrack(eqx.Module):
-    """State of a `GoalFilter` between two samples."""
+    """State of a `GoalFilter` between two samples: estimate and probability of each motion model, and innovations."""
 
     # estimate of each motion model at the time of the latest measurement, or at the start
     means: Float[Array, "models n"]
@@ -274,8 +274,8 @@ def hand_over_goal(receiver_state: Any, giver_state: Any) -> Any:
     """Return the sensor and estimator states of an aircraft that takes over another aircraft's goal.
 
     The estimate of the goal (`GoalTrack` or `GoalState`) is the giver's. The receiver's queue of delayed measurements
-    (`MeasurementQueue`) is emptied, because they concern the former goal; the other states stay the receiver's. Only
-    these types are recognized: a user-defined sensor or filter with another state type is not handed over.
+    (`MeasurementQueue`) is emptied, because the measurements concern the former goal. All other states remain the
+    receiver's, also the goal's estimate in a state of another type, of a user-defined sensor or filter.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class MeasurementQueue(eqx.Module):
 
 
 class GoalSensorState(eqx.Module):
-    """State of a goal sensor between two samples."""
+    """State of a goal sensor between two samples: biases, outage flag, and queue of delayed measurements."""
 
     biases: Float[Array, "6"]  # biases of this flight, in order and units of `NoisyGoalSensor.bias_sigmas`
     outage: Flag  # whether the sensor is in an outage
@@ -64,7 +64,7 @@ def _of_azimuths(errors: Array, sight: LineOfSight) -> Array:
 
 
 class NoisyGoalSensor(eqx.Module):
-    """Sensor of one goal with errors; a part of `NoisySensors`, not itself an `AbstractSensors`."""
+    """Sensor of one goal with noise, biases, latency, dropouts and a field of view; a part of `NoisySensors`."""
 
     #: Standard deviations of the noise of the six values of `GoalReading`, in its order and units. For a line of sight,
     #: errors of angles are across the line of sight: the error of the azimuth is greater by 1 / cos(elevation).
@@ -189,9 +189,9 @@ class NoisyGoalSensor(eqx.Module):
 
 
 def queue_slots(latency_max_s: float, period_s: float) -> int:
-    """Return the number of slots for measurements of a period and a greatest latency: 0, or a power of 2 from 2 on.
+    """Return the number of slots in the queue of delayed measurements, from greatest latency and measurement period.
 
-    The number is 0 without latency.
+    The number is 0 without latency, otherwise a power of 2, at least 2.
     """
     if latency_max_s <= 0.0:
         return 0

@@ -68,7 +68,7 @@ def extended_update(
 
 
 class SigmaPoints(NamedTuple):
-    """Parameters of the scaled unscented transform: E. A. Wan, R. van der Merwe, Proc. AS-SPCC 2000."""
+    """Parameters alpha, beta and kappa of the scaled unscented transform (Wan, van der Merwe, Proc. AS-SPCC 2000)."""
 
     alpha: float = 0.5
     beta: float = 2.0
@@ -164,7 +164,7 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def _solve_lower(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]) -> Float[Array, "m k"]:
-    """Solve L X = B for X, with the lower triangular L = `root` and B = `right_hand_side`."""
+    """Return the solution X (m, k) of L X = B, with the lower triangular L = `root` and B = `right_hand_side`."""
     indices = jnp.arange(right_hand_side.shape[0])
 
     def row(k: Integer, solution: Float[Array, "m k"]) -> Float[Array, "m k"]:

@@ -17,7 +17,7 @@ from anser.spatial.rotations import rotate, rotate_back
 
 
 class NavigationState(eqx.Module):
-    """State of the `NavigationFilter`: estimates and covariance."""
+    """State of the `NavigationFilter`: position, velocity, slow error of the fixes, acceleration, and covariance."""
 
     # estimated position (m, in the Earth's chart) and velocity over the ground (m/s), NED
     position_n: Vector3
@@ -169,7 +169,7 @@ class AirFilter(eqx.Module):
         velocity_air_b: Vector3,  # measured velocity through the air, body axes, m/s
         step: ScalarLike,  # sampling period, s
     ) -> AirMotion:
-        """Return the filter state after one more sampling period."""
+        """Return the estimated mean wind and gust after one more sampling period."""
         difference_b = rotate(R_bn, velocity_n - filter_state.wind_n) - velocity_air_b
         wind_n = filter_state.wind_n - jnp.expm1(-step / self.wind_time) * rotate_back(R_bn, difference_b)
         square = jnp.maximum(jnp.sum(velocity_air_b**2), 1.0)

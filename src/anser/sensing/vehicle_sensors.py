@@ -118,7 +118,10 @@ class VehicleSensorState(eqx.Module):
 
 
 class VehicleReading(eqx.Module):
-    """Measurements of `VehicleSensors` at one sample; `NoisySensors` copies them into a `Reading`."""
+    """Measured attitude, body rates, specific force, velocity through the air and position fix at one sample.
+
+    `NoisySensors` copies the measurements of `VehicleSensors` into a `Reading`.
+    """
 
     quaternion: Quaternion  # attitude, NED to body
     rates_b: Vector3  # body rates, rad/s
@@ -128,7 +131,7 @@ class VehicleReading(eqx.Module):
 
 
 class VehicleSensors(eqx.Module):
-    """Satellite navigation, inertial sensors and air data of one aircraft; a part of `NoisySensors`."""
+    """Satellite navigation, inertial sensors and air data of one aircraft, with errors; a part of `NoisySensors`."""
 
     satellite: SatelliteNavigation
     inertial: InertialSensors
