@@ -92,10 +92,7 @@ def _hydrostatic_layer(base: float, temperature: float, temperature_top: float, 
 
 
 def _hydrostatic_law(lapse: float, temperature: float) -> tuple[float, float]:
-    """Return `power` (no unit) and `decay` (1/m) of a hydrostatic layer from lapse rate (K/m) and base temperature (K).
-
-    The decay is 0 in a layer with a lapse rate, the power in an isothermal layer.
-    """
+    """Return `power` and `decay` (1/m) of a hydrostatic layer from lapse rate (K/m) and base temperature (K)."""
     return (_HYDROSTATIC_K_M / lapse, 0.0) if lapse else (0.0, _HYDROSTATIC_K_M / temperature)
 
 
@@ -302,10 +299,7 @@ def impact_pressure_ratio(mach: Any) -> Any:
 
 
 def mach_from_impact_pressure(ratio: Any) -> Any:
-    """Return the Mach number from the ratio of impact pressure to static pressure (positive).
-
-    The formula is closed up to Mach 1; above, Newton's method is used.
-    """
+    """Return the Mach number from the ratio of impact to static pressure (positive); Newton's method above Mach 1."""
     xp = _namespace(ratio)
     subsonic = xp.sqrt(5.0 * xp.expm1(xp.log1p(ratio) / 3.5))
     is_fast = ratio > _CRITICAL_RATIO

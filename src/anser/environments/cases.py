@@ -69,7 +69,7 @@ class Situation(eqx.Module):
     truth: Truth  #: True motion of the aircraft, and air data and forces.
     belief: Belief  #: The aircraft's own estimate of its motion.
     variables: Mapping[str, Scalar]  #: True variables of the catalogue by dataset name ("alpha_deg"), in its unit.
-    estimates: Mapping[str, Scalar]  #: The same variables as estimated by the aircraft.
+    estimates: Mapping[str, Scalar]  #: Variables of the catalogue as the aircraft estimates them, by dataset name.
 
     @property
     def time(self) -> Scalar:

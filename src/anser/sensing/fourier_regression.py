@@ -81,12 +81,12 @@ class RegressionEstimate(eqx.Module):
 class FourierRegression(eqx.Module):
     """Real-time regression: each response is a linear combination of the regressors, with constant coefficients.
 
-    The zero frequency is not used, so biases and trim values drop out.
+    Biases and trim values drop out, because the frequencies do not include 0.
 
     Attributes
     ----------
     frequencies
-        Angular frequencies of the transforms, rad/s, shape (frequency,).
+        Angular frequencies of the transforms, all positive, rad/s, shape (frequency,).
     forgetting_time
         Time constant of exponential forgetting, s; infinite: all samples have equal weight.
     responses

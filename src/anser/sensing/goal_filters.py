@@ -97,8 +97,8 @@ class GoalFilter(AbstractGoalFilter):
     #: "ekf": extended Kalman filter; "ukf": unscented Kalman filter.
     kind: Literal["ekf", "ukf"] = eqx.field(static=True, default="ekf")
     points: SigmaPoints = eqx.field(static=True, default=SigmaPoints())  #: Sigma points of the unscented filter.
-    #: Number of stored samples of the aircraft's motion, at least the greatest delay of a measurement in samples; 0: no
-    #: measurement is delayed.
+    #: Number of stored samples of the aircraft's motion, greater than the greatest delay of a measurement in samples;
+    #: 0: no measurement is delayed.
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> GoalTrack:

@@ -74,8 +74,8 @@ class NoisyGoalSensor(eqx.Module):
     bias_sigmas: Float[Array, "6"]
     measures: Bool[Array, "6"]  #: Flags of the measured components.
     period: Scalar  #: Time between two measurements, s; a multiple of the sampling period.
-    #: Least and greatest latency of a measurement, s; uniformly distributed, so measurements may arrive out of
-    #: sequence.
+    #: Least and greatest latency of a measurement, s; uniformly distributed, so that measurements may arrive out of
+    #: sequence. The latency is longer if several measurements are due at one sample (see `read`).
     latency: Float[Array, "2"]
     view: FieldOfView  #: Field of view.
     dropouts: Dropouts  #: Random losses and outages.
@@ -102,7 +102,7 @@ class NoisyGoalSensor(eqx.Module):
     ) -> tuple[GoalReading, GoalSensorState]:
         """Return the measurement that arrives at this sample, or an empty reading, and the new sensor state.
 
-        At most one delayed measurement arrives per sample.
+        At most one delayed measurement arrives per sample; other measurements that are due arrive at later samples.
         """
         is_sampled = is_due(instant, self.period)
         outage, measurement, delay = select_if_any(
