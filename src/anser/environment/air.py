@@ -82,7 +82,7 @@ def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float =
 
 
 def _hydrostatic_layer(base: float, temperature: float, temperature_top: float, pressure: float) -> list[float]:
-    """Return the row of the table of layers for a layer 500 m thick.
+    """Return the row, 7 numbers, of the table of layers for a hydrostatic layer 500 m thick.
 
     `base` is the geopotential altitude of the base, m; `temperature` and `temperature_top` are the virtual temperatures
     at base and top, K; `pressure` is the pressure at the base, Pa.

@@ -224,7 +224,10 @@ class RotatingEarth(AbstractEarth):
         return rotate(R_ne, line_e), rotate(R_ne, rotate_back(other_R_ne, velocity_n))
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the chart position (m) of the far end of the line of sight, and the rate of this position (m/s)."""
+        """Return the chart position (m) of the far end of the line of sight, and the rate of this position (m/s).
+
+        For the inputs see `AbstractEarth.motion_on_chart`.
+        """
         R_ne = self._axes(position_n)
         other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))
         other_velocity_n = rotate(self._axes(other_n), rotate_back(R_ne, velocity_n))

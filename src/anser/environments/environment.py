@@ -103,7 +103,7 @@ class AbstractEnvironment(abc.ABC):
     @property
     @abc.abstractmethod
     def single(self) -> "AircraftEnvironment":
-        """Environment of one aircraft: the environment itself, or the common one of a fleet's aircraft."""
+        """Environment of one aircraft: the environment itself, or `member`, common to the aircraft of a fleet."""
 
     @abc.abstractmethod
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:

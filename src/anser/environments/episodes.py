@@ -122,7 +122,7 @@ def score(environment: AnyEnvironment, policy: str | Policy = "expert", episodes
 def fly_episodes(
     environment: AnyEnvironment, policy: str | Policy = "expert", episodes: int = 1, seed: int = 0
 ) -> list[Episode]:
-    """Fly episodes under a policy and record them.
+    """Fly episodes under a policy and return their records.
 
     Policy and seed have the meaning in `score`, and the same arguments give the same episodes. Raises ValueError for
     fewer than one episode or an unknown policy.

@@ -246,7 +246,7 @@ class PathTracking(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the values of `entries`, in their units, from the aircraft's own estimates."""
+        """Return the components that `entries` lists (m and m/s), not normalized, from the aircraft's estimates."""
         belief, trajectory = situation.belief, situation.case.task.trajectory
         planned, later = trajectory.at(situation.time), trajectory.at(situation.time + 2.0)
         position_n = belief.state.position_n
@@ -288,7 +288,10 @@ class Arrival(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the values of `entries`, in their units, from the aircraft's estimates and the goal's true motion."""
+        """Return the quantities that `entries` lists (s, m, m/s), not normalized.
+
+        Position and velocity are the aircraft's own estimates; the goal's motion is the true one.
+        """
         belief, task, time = situation.belief, situation.case.task, situation.time
         time_left = task.trajectory.arrival_time - time
         to_rendezvous_n = task.rendezvous_n(time) - belief.state.position_n

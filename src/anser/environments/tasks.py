@@ -145,7 +145,7 @@ class AbstractCommandTask(AbstractTask):
         return tuple(catalogue_entry(name, 0.0, scale, *texts) for name, scale, *texts in rows if scale)
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the values of `entries`, in their units, from the aircraft's own estimates."""
+        """Return the quantities that `entries` lists, not normalized, from the aircraft's own estimates."""
         aims, v = list(zip(self.aims, self.commands(situation), strict=True)), situation.estimates
         differences = [aim.shown(command, v[aim.name]) for aim, command in aims if aim.difference_scale]
         return (*differences, *(command * RAD_DEG for aim, command in aims if aim.command_scale))

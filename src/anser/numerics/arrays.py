@@ -1,7 +1,7 @@
 """Functions for arrays and pytrees of arrays.
 
-Creation without compilation, change of precision, row selection, padding, and stacking of equally structured objects
-for `vmap`.
+The functions create arrays without compilation, change the precision, select and pad rows, and stack equally structured
+objects for `vmap`.
 """
 
 import functools

@@ -71,7 +71,7 @@ def bracketed_newton(
 def implicit_root(function: Callable, parameters: object, root: Scalar) -> Scalar:
     """Return `root` with its derivative with respect to the parameters, by the implicit function theorem.
 
-    `function(x, parameters)` returns value and slope df/dx; the derivative is zero if the slope is zero.
+    `function(x, parameters)` returns a value and its slope with respect to x; at slope zero the derivative is zero.
     """
     return root
 

@@ -250,10 +250,10 @@ class _EndWeights:
         return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor[None, :]
 
     def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
-        """Return the end terms x(T) exp(-i w T) - m x(0) of every signal x, with the forgetting factor m of the start.
+        """Return the end terms x(T) exp(-i w T) - m x(0) of every signal x at every frequency w.
 
-        x(0) and x(T) are the end values of straight lines through the first and the last samples; with `steady_start`
-        x(0) is 0.
+        The factor m is the weight of the first sample after exponential forgetting. x(0) and x(T) are the end values of
+        straight lines through the first and the last samples; with `steady_start` x(0) is 0.
         """
         start = self.start_weight * (self.start_line @ sums.first)[:, None]
         return (self.line @ sums.last)[:, None] * self.end_phasor[None, :] - start

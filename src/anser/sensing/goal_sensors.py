@@ -189,7 +189,7 @@ class NoisyGoalSensor(eqx.Module):
 
 
 def queue_slots(latency_max_s: float, period_s: float) -> int:
-    """Return the number of slots in the queue of delayed measurements, from greatest latency and measurement period.
+    """Return the number of slots in the queue of delayed measurements, from greatest latency and period of measuring.
 
     The number is 0 without latency, otherwise a power of 2, at least 2.
     """
