@@ -1,19 +1,20 @@
-"""Air and airspeeds without JAX: layers over the geopotential altitude, and conversion between forms of an airspeed.
+"""Air in layers over the geopotential altitude, and conversion between true, calibrated and equivalent airspeed.
 
 A table of layers is an array (layer, 7) of base altitude (geopotential, m), temperature (K), lapse rate (K/m), lapse
-rate over temperature (1/m) and pressure (Pa) at the base, and the two coefficients of the pressure: at a height z above
-the base it is ``p exp(-power log1p(relative lapse z) - decay z)``. A hydrostatic layer with a lapse rate has ``power``
-= g/(R lapse) alone, an isothermal one ``decay`` = g/(R T) alone, and one between two measured pressures, whose
-logarithm is linear in altitude, ``decay`` alone. The first layer holds below its base too, the last up to any altitude.
+rate over temperature (1/m) and pressure p (Pa) at the base, and the coefficients ``power`` and ``decay`` (1/m) of the
+pressure: at a height z above the base the pressure is ``p exp(-power log1p(lapse z / T) - decay z)``. In a hydrostatic
+layer with a lapse rate ``power`` = g/(R lapse) and ``decay`` = 0, in an isothermal layer ``power`` = 0 and ``decay`` =
+g/(R T). Between two measured pressures the logarithm is linear in altitude: ``power`` = 0. The first layer continues
+below its base, the last up to any altitude.
 
-The temperature of moist air is the virtual one, that of dry air of the same pressure and density. The module needs
-NumPy alone, so that files are read without JAX.
+The temperature of moist air is the virtual temperature: dry air of this temperature has the pressure and the density
+of the moist air. The module needs NumPy alone, so that files are read without JAX.
 
 The calibrated airspeed is that which an ideal pitot-static airspeed indicator shows: the true airspeed that has the
 same impact pressure at sea level in the standard atmosphere. The impact pressure is that of compressible flow,
 isentropic below Mach 1 and behind a normal shock above (Rayleigh's pitot formula). The equivalent airspeed has the same
-dynamic pressure at the standard's sea-level density. These conversions are pure: NumPy arrays and numbers are computed
-by NumPy, everything else by its own array namespace; gradients are finite down to an airspeed of zero.
+dynamic pressure at the standard's sea-level density. The conversions take numbers, NumPy arrays (computed by NumPy) and
+JAX arrays (computed by JAX); gradients are finite down to an airspeed of zero.
 """
 
 import math
@@ -37,7 +38,7 @@ AIR_GAS_CONSTANT_J_KG_K = GAS_CONSTANT_J_MOL_K / AIR_MOLAR_MASS_KG_MOL
 CELSIUS_K = 273.15
 """Kelvin temperature of 0 degrees Celsius."""
 LOWEST_M = -5000.0
-"""Geometric altitude below which the air is that at this altitude."""
+"""Geometric altitude, m, below which the air is constant."""
 
 # [USSA76] table 4: geopotential bases in m and lapse rates in K/m; the last row carries the air on above the
 # standard's top.
@@ -46,11 +47,11 @@ LAPSES_K_M = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3, 0.0])
 _HYDROSTATIC_K_M = STANDARD_GRAVITY_M_S2 / AIR_GAS_CONSTANT_J_KG_K
 
 Layers = np.ndarray
-"""Table of layers, shape (layer, 7)."""
+"""Table of layers, shape (layer, 7), with the columns that the module's docstring lists."""
 
 
 class AirValues(NamedTuple):
-    """Air at given altitudes: density kg/m^3, pressure Pa, (virtual) temperature K, speed of sound m/s."""
+    """Air at one or several altitudes: density kg/m^3, pressure Pa, (virtual) temperature K, speed of sound m/s."""
 
     density: np.ndarray
     pressure: np.ndarray
@@ -59,7 +60,7 @@ class AirValues(NamedTuple):
 
 
 def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float = SEA_LEVEL_PRESSURE_PA) -> "Layers":
-    """Return the layers of the standard atmosphere with a temperature offset and a pressure at sea level.
+    """Return the table of layers of the standard atmosphere with another temperature or sea-level pressure.
 
     Parameters
     ----------
@@ -81,13 +82,17 @@ def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float =
 
 
 def _hydrostatic_layer(base: float, temperature: float, temperature_top: float, pressure: float) -> list[float]:
-    """Return the layer of `_HUMID_STEP_M` between two virtual temperatures (K), with a pressure (Pa) at its base."""
+    """Return the row, 7 numbers, of the table of layers for a hydrostatic layer 500 m thick.
+
+    `base` is the geopotential altitude of the base, m; `temperature` and `temperature_top` are the virtual temperatures
+    at base and top, K; `pressure` is the pressure at the base, Pa.
+    """
     lapse = (temperature_top - temperature) / _HUMID_STEP_M
     return [base, temperature, lapse, lapse / temperature, pressure, *_hydrostatic_law(lapse, temperature)]
 
 
 def _hydrostatic_law(lapse: float, temperature: float) -> tuple[float, float]:
-    """Return `power` and `decay` of a hydrostatic layer: one of them is zero."""
+    """Return `power` and `decay` (1/m) of a hydrostatic layer from lapse rate (K/m) and base temperature (K)."""
     return (_HYDROSTATIC_K_M / lapse, 0.0) if lapse else (0.0, _HYDROSTATIC_K_M / temperature)
 
 
@@ -111,9 +116,9 @@ def vapour_pressure(temperature: np.ndarray | float) -> np.ndarray:
 def virtual_temperature(
     temperature: np.ndarray | float, pressure: np.ndarray | float, relative_humidity: np.ndarray | float
 ) -> np.ndarray:
-    """Return the virtual temperature (K), at which dry air of equal pressure has the density of the moist air.
+    """Return the virtual temperature (K) of moist air: dry air of this temperature has equal pressure and density.
 
-    The moist air has a temperature (K), a pressure (Pa) and a relative humidity over water (0 to 1). Source: law of
+    Inputs: temperature (K), pressure (Pa) and relative humidity over water (0 to 1) of the moist air. Source: law of
     ideal gases with the molar masses of both gases.
     """
     vapour = np.minimum(relative_humidity * vapour_pressure(temperature), pressure)
@@ -123,10 +128,11 @@ def virtual_temperature(
 def humid_layers(
     relative_humidity: float, temperature_offset: float = 0.0, sea_level_pressure: float = SEA_LEVEL_PRESSURE_PA
 ) -> "Layers":
-    """Return the layers of `standard_layers` in moist air below the tropopause.
+    """Return the table of layers of the standard atmosphere with moist air below the tropopause.
 
-    The relative humidity, 0 to 1, is the same from sea level to 500 m below the tropopause (11 km), where the air is
-    dry. Within a layer of 500 m the virtual temperature is linear in the geopotential altitude.
+    The relative humidity, 0 to 1, is constant from sea level to 10.5 km geopotential altitude; from the tropopause at
+    11 km upwards the air is dry. Within each layer of 500 m the virtual temperature is linear in the altitude. For
+    temperature offset (K) and sea-level pressure (Pa) see `standard_layers`.
     """
     bases = np.arange(0.0, BASES_M[1], _HUMID_STEP_M)
     dry = standard_layers(temperature_offset)
@@ -155,10 +161,11 @@ def measured_layers(
     temperature: np.ndarray | Sequence[float],
     pressure: np.ndarray | Sequence[float],
 ) -> "Layers":
-    """Return the layers between measured levels: geopotential altitude (m), virtual temperature (K), pressure (Pa).
+    """Return the table of layers of a sounding, from its levels in rising order.
 
-    Temperature and logarithm of the pressure are linear between levels. Below the lowest level the air continues by the
-    lowest layer, above the highest with the temperature there and the hydrostatic pressure.
+    Inputs per level: geopotential altitude (m), virtual temperature (K), pressure (Pa). Temperature and logarithm of
+    the pressure are linear between levels. Below the lowest level the lowest layer continues; above the highest level
+    the temperature is constant and the pressure hydrostatic.
     """
     h, T, p = (np.asarray(values, dtype=float) for values in (geopotential, temperature, pressure))
     lapse = np.append(np.diff(T) / np.diff(h), 0.0)
@@ -167,7 +174,7 @@ def measured_layers(
 
 
 def padded_layers(layers: Layers, count: int) -> "Layers":
-    """Return `count` layers with the same air: the highest one, cut into pieces of 1 km."""
+    """Return a table of `count` layers (at least `len(layers)`) with unchanged air: the top layer is cut every 1 km."""
     missing = count - len(layers)
     heights = layers[-1, 0] + 1000.0 * np.arange(1.0, missing + 1.0)
     air = air_at_geopotential(layers, heights)
@@ -188,7 +195,10 @@ def geometric_altitude(geopotential: Any) -> Any:
 
 
 def air_in_layers(layers: Layers, altitude: np.ndarray | float) -> AirValues:
-    """Return the air at geometric altitudes above mean sea level (m), of any shape."""
+    """Return the air of `layers` at geometric altitudes above mean sea level (m), a number or an array of any shape.
+
+    Below -5 km the air is the air at -5 km.
+    """
     return air_at_geopotential(layers, geopotential_altitude(np.maximum(altitude, LOWEST_M)))
 
 
@@ -219,7 +229,11 @@ def density_altitude(density: np.ndarray | float) -> np.ndarray:
 
 
 def _altitude_from(logarithm: np.ndarray, base: np.ndarray, power: np.ndarray, decay: np.ndarray) -> np.ndarray:
-    """Return the altitude at which a falling quantity of the standard has a logarithm, given those at the bases."""
+    """Return the geopotential altitude (m) at which pressure or density of the standard has a natural logarithm.
+
+    `base` holds the logarithms of the quantity at the layers' bases, `power` and `decay` (1/m) the coefficients of its
+    law in each layer, as for the pressure in the module's docstring.
+    """
     row = np.searchsorted(-base[1:], -logarithm, side="right")
     drop, relative_lapse = base[row] - logarithm, STANDARD_LAYERS[row, 3]
     is_isothermal = power[row] == 0.0
@@ -229,15 +243,15 @@ def _altitude_from(logarithm: np.ndarray, base: np.ndarray, power: np.ndarray, d
 
 
 def altimeter_setting(station_altitude: float, pressure: float) -> float:
-    """Return the QNH (Pa) of a station.
+    """Return the QNH (Pa) of a station, from its geopotential altitude (m) and its pressure (Pa).
 
-    An altimeter with this setting shows the station's geopotential altitude (m) at the station's pressure (Pa).
+    An altimeter with this setting shows the station's altitude at the station's pressure.
     """
     return float(air_at_geopotential(STANDARD_LAYERS, pressure_altitude(pressure) - station_altitude).pressure)
 
 
 def altimeter_setting_in_layers(layers: Layers) -> float:
-    """Return the QNH (Pa) of a station at the lowest measured level, or at sea level in layers without measurement."""
+    """Return the QNH (Pa) of a station at the base of the lowest layer: a sounding's lowest level, or sea level."""
     station = layers[np.argmax(layers[:, 0] > LOWEST_M)]
     return altimeter_setting(float(station[0]), float(station[4]))
 
@@ -254,7 +268,7 @@ _NEWTON_STEPS = 8  # to rounding, for Mach numbers up to 30
 
 
 class AirState(Protocol):
-    """Air at a point: pressure (Pa), density (kg/m^3) and speed of sound (m/s)."""
+    """Interface of the air at a point, `Air` or `AirValues`: pressure, density and speed of sound."""
 
     @property
     def pressure(self) -> Any:
@@ -275,7 +289,7 @@ def _namespace(*values: Any) -> ModuleType:
 
 
 def impact_pressure_ratio(mach: Any) -> Any:
-    """Return the impact pressure over the static pressure at a Mach number."""
+    """Return the ratio of impact pressure to static pressure at a Mach number (0 or more)."""
     xp = _namespace(mach)
     squared = mach * mach
     subsonic = xp.expm1(3.5 * xp.log1p(0.2 * squared))
@@ -285,7 +299,7 @@ def impact_pressure_ratio(mach: Any) -> Any:
 
 
 def mach_from_impact_pressure(ratio: Any) -> Any:
-    """Return the Mach number at an impact pressure over static pressure (positive); Newton's method above Mach 1."""
+    """Return the Mach number from the ratio of impact to static pressure (positive); Newton's method above Mach 1."""
     xp = _namespace(ratio)
     subsonic = xp.sqrt(5.0 * xp.expm1(xp.log1p(ratio) / 3.5))
     is_fast = ratio > _CRITICAL_RATIO
@@ -300,7 +314,7 @@ def mach_from_impact_pressure(ratio: Any) -> Any:
 
 
 def calibrated_from_true(airspeed: Any, air: AirState) -> Any:
-    """Convert a true to a calibrated airspeed, m/s, in the given air."""
+    """Convert a true to a calibrated airspeed, both in m/s; `air` is the air at the aircraft (see `AirState`)."""
     xp = _namespace(airspeed, air.pressure)
     is_slow = airspeed < _SLOWEST_MACH * air.speed_of_sound
     mach = xp.where(is_slow, _SLOWEST_MACH, airspeed / air.speed_of_sound)
@@ -310,7 +324,7 @@ def calibrated_from_true(airspeed: Any, air: AirState) -> Any:
 
 
 def true_from_calibrated(airspeed: Any, air: AirState) -> Any:
-    """Convert a calibrated to a true airspeed, m/s, in the given air."""
+    """Convert a calibrated to a true airspeed, both in m/s; `air` is the air at the aircraft (see `AirState`)."""
     xp = _namespace(airspeed, air.pressure)
     is_slow = airspeed < _SLOWEST_MACH * SEA_LEVEL_SOUND_M_S
     sea_level_mach = xp.where(is_slow, _SLOWEST_MACH, airspeed / SEA_LEVEL_SOUND_M_S)
@@ -320,19 +334,23 @@ def true_from_calibrated(airspeed: Any, air: AirState) -> Any:
 
 
 def equivalent_from_true(airspeed: Any, air: AirState) -> Any:
-    """Convert a true to an equivalent airspeed, m/s, in the given air."""
+    """Convert a true to an equivalent airspeed, both in m/s; `air` is the air at the aircraft."""
     xp = _namespace(airspeed, air.density)
     return airspeed * xp.sqrt(air.density / SEA_LEVEL_DENSITY_KG_M3)
 
 
 def true_from_equivalent(airspeed: Any, air: AirState) -> Any:
-    """Convert an equivalent to a true airspeed, m/s, in the given air."""
+    """Convert an equivalent to a true airspeed, both in m/s; `air` is the air at the aircraft."""
     xp = _namespace(airspeed, air.density)
     return airspeed * xp.sqrt(SEA_LEVEL_DENSITY_KG_M3 / air.density)
 
 
 def true_airspeed(form: str, value: Any, air: AirState) -> Any:
-    """Return the true airspeed, m/s, from a value (m/s, or Mach number) in one of the forms, in the given air."""
+    """Return the true airspeed, m/s, from an airspeed in the form `form` (see `AirspeedForm`).
+
+    `value` is in m/s, or the Mach number for the form "mach"; `air` is the air at the aircraft. A form other than
+    calibrated, equivalent or Mach number counts as true airspeed.
+    """
     match form:
         case "speed_cas_m_s":
             return true_from_calibrated(value, air)

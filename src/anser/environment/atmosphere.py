@@ -13,7 +13,7 @@ from anser.shapes import Scalar, ScalarLike
 
 
 class Air(eqx.Module):
-    """Local state of the air: density kg/m^3, pressure Pa, temperature K, speed of sound m/s."""
+    """State of the air at one point: density kg/m^3, pressure Pa, temperature K (virtual), speed of sound m/s."""
 
     density: Scalar
     pressure: Scalar
@@ -48,7 +48,10 @@ class StandardAtmosphere(AbstractAtmosphere):
 
 
 def atmosphere_layers(atmosphere: AbstractAtmosphere) -> Layers:
-    """Return the layers of an atmosphere as a NumPy array; raises TypeError for one that has none."""
+    """Return the table of layers of an atmosphere, a NumPy array (layer, 7), see `anser.environment.air`.
+
+    Raises TypeError for an atmosphere that is neither a `StandardAtmosphere` nor a `LayeredAtmosphere`.
+    """
     if isinstance(atmosphere, StandardAtmosphere):
         return STANDARD_LAYERS
     if isinstance(atmosphere, LayeredAtmosphere):
@@ -57,14 +60,14 @@ def atmosphere_layers(atmosphere: AbstractAtmosphere) -> Layers:
 
 
 class LayeredAtmosphere(AbstractAtmosphere):
-    """Air of off-standard days and of soundings: layers as in `anser.environment.air`, as data."""
+    """Atmosphere of an off-standard day or of a sounding, from a table of layers."""
 
-    layers: Float[Array, "layer 7"]
+    layers: Float[Array, "layer 7"]  #: Table of layers with the columns of `anser.environment.air`.
 
     def at(self, altitude: ScalarLike) -> Air:
         """Return the air at a geometric altitude above mean sea level (m); below -5 km it is the air at -5 km.
 
-        At the base of a layer derivatives are those of the layer above.
+        At the base of a layer the derivatives are those of the layer above.
         """
         h = geopotential_altitude(jnp.maximum(jnp.asarray(altitude), LOWEST_M))
         return _air_in_layers(self.layers[1:, 0], self.layers, h)

@@ -47,9 +47,10 @@ def somigliana(latitude: ScalarLike) -> Scalar:
 def gravitation_j2(
     position_e: Vector3, gravitational_parameter: ScalarLike, oblateness_j2: ScalarLike, equatorial_radius: ScalarLike
 ) -> Vector3:
-    """Compute the gravitation (m/s^2) of an oblate Earth at a position (m), ECEF, without centrifugal acceleration.
+    """Compute the gravitation (3,), ECEF, m/s^2, of an oblate Earth, without centrifugal acceleration.
 
-    `gravitational_parameter` is GM, m^3/s^2; J2 with its reference radius (m) may be 0, for the field of a point mass.
+    `position_e` is the position (3,), ECEF, m; `gravitational_parameter` is GM, m^3/s^2; `oblateness_j2` is J2 for the
+    reference radius `equatorial_radius`, m, or 0 for the field of a point mass.
     Source: [SL] eq. 1.6-14; [NESC].
     """
     r2 = jnp.sum(position_e * position_e)
@@ -91,29 +92,29 @@ class AbstractEarth(eqx.Module):
 
     @abc.abstractmethod
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the line of sight (m) from a position to a second point, and that point's velocity over ground (m/s).
+        """Return the straight line of sight (m) from an observer to a second point, and the point's velocity (m/s).
 
-        Positions and velocity of the second point are those of the chart; the results are in the NED axes of the
-        observer, the line of sight straight.
+        Inputs: chart positions of observer and second point, m, and the rate of the second point's chart position, m/s.
+        Line of sight and velocity over the ground of the second point are in the NED axes at the observer.
         """
 
     @abc.abstractmethod
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the chart position and its rate of a point seen from a position: the inverse of `sight`.
+        """Return a point's chart position (m) and its rate (m/s) from the line of sight: the inverse of `sight`.
 
-        `line_n` is the line of sight (m) and `velocity_n` the point's velocity over ground (m/s), both in the
-        observer's NED axes.
+        `position_n` is the observer's chart position (m), `line_n` the line of sight (m) and `velocity_n` the point's
+        velocity over ground (m/s), both in the observer's NED axes.
         """
 
 
 class FlatEarth(AbstractEarth):
-    """A flat Earth at rest with uniform gravity along down, m/s^2 (theory section 2)."""
+    """A flat Earth at rest with uniform gravity (theory section 2)."""
 
-    gravity: Scalar
+    gravity: Scalar  #: Gravity along down, m/s^2.
 
     @property
     def gravity_at_origin(self) -> Scalar:
-        """Gravity, m/s^2."""
+        """Gravity along down, m/s^2."""
         return self.gravity
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
@@ -128,11 +129,11 @@ class FlatEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the difference of the positions as the line of sight, and the unchanged velocity."""
+        """Return the line of sight, `other_n - position_n` (m), and `other_velocity_n` (m/s) unchanged."""
         return other_n - position_n, other_velocity_n
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the sum of position and line of sight, and the unchanged velocity."""
+        """Return the point's position, `position_n + line_n` (m), and `velocity_n` (m/s) unchanged."""
         return position_n + line_n, velocity_n
 
 
@@ -140,18 +141,17 @@ class RotatingEarth(AbstractEarth):
     """A rotating ellipsoid (or sphere) with the gravitation of an oblate body.
 
     The chart is the flat-Earth map of theory section 1 around a reference, without approximation
-    (`geodetic_from_flat`): its coordinates are functions of longitude, of latitude and of height alone. Its scale
-    differs from 1 by about the distance over the Earth's radius, also times tan(latitude); `chart_scale` accounts for
-    the difference. The map is one-to-one and quantities at a position are exact everywhere. Neighbours across a pole or
-    across the meridian opposite to the origin are far apart in the chart, so no path may be planned across a pole or
-    that meridian.
+    (`geodetic_from_flat`): north depends on latitude alone, east on longitude alone, down on height alone. The scale of
+    the chart differs from 1 by about the distance from the origin over the Earth's radius, also times tan(latitude);
+    `chart_scale` accounts for the difference. The map is one-to-one, and quantities at a position are exact everywhere.
+    Neighbouring points on both sides of a pole or of the meridian opposite to the origin are far apart in the chart, so
+    no path may be planned across a pole or across this meridian.
     """
 
     ellipsoid: Ellipsoid  #: Figure of the Earth; altitudes are heights above the ellipsoid.
     rotation_rate: Scalar  #: Rotation rate about the polar axis, rad/s.
-    #: GM, m^3/s^2, and J2.
-    gravitational_parameter: Scalar
-    oblateness_j2: Scalar
+    gravitational_parameter: Scalar  #: GM, m^3/s^2.
+    oblateness_j2: Scalar  #: J2 for the ellipsoid's equatorial radius, no unit.
     #: Geodetic coordinates of the chart's origin at height 0, rad; not a pole.
     latitude: Scalar
     longitude: Scalar
@@ -163,15 +163,15 @@ class RotatingEarth(AbstractEarth):
         return self.local_earth(zero, zero).gravity
 
     def geodetic(self, position_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-        """Return latitude and longitude (rad) and height (m) of a chart position."""
+        """Return geodetic latitude and longitude (rad) and height above the ellipsoid (m) of a chart position (m)."""
         return geodetic_from_flat(position_n, self.latitude, self.longitude, 0.0, self.ellipsoid)
 
     def ecef_from_chart(self, position_n: Vector3) -> Vector3:
-        """Convert a chart position to an Earth-fixed position (3,), both in m."""
+        """Convert a chart position (3,) to an Earth-fixed position (3,), ECEF, both in m."""
         return ecef_from_geodetic(*self.geodetic(position_n), self.ellipsoid)
 
     def chart_from_ecef(self, position_e: Vector3) -> Vector3:
-        """Convert an Earth-fixed position to a chart position (3,), both in m."""
+        """Convert an Earth-fixed position (3,), ECEF, to a chart position (3,), both in m."""
         lat, lon, h = geodetic_from_ecef(position_e, self.ellipsoid)
         return flat_from_geodetic(lat, lon, h, self.latitude, self.longitude, 0.0, self.ellipsoid)
 
@@ -185,7 +185,7 @@ class RotatingEarth(AbstractEarth):
         return gravitation_j2(position_e, self.gravitational_parameter, self.oblateness_j2, self.ellipsoid.a)
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Compute the terms of `LocalEarth` at a chart position (m) and a velocity over the ground (m/s), both NED.
+        """Compute the terms of the equations of motion at a chart position (m) and a velocity over ground (NED, m/s).
 
         Source: [SL] eq. 1.7-18 to 1.7-20 in NED axes.
         """
@@ -214,14 +214,20 @@ class RotatingEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the straight line through space and the velocity over ground, both in the observer's NED axes."""
+        """Return the straight line of sight (m) and the second point's velocity over ground (m/s), observer's NED axes.
+
+        `position_n` and `other_n` are chart positions, m; `other_velocity_n` is the rate of `other_n`, m/s.
+        """
         R_ne, other_R_ne = self._axes(position_n), self._axes(other_n)
         line_e = self.ecef_from_chart(other_n) - self.ecef_from_chart(position_n)
         velocity_n = other_velocity_n / self.local_earth(other_n, jnp.zeros_like(other_n)).chart_scale
         return rotate(R_ne, line_e), rotate(R_ne, rotate_back(other_R_ne, velocity_n))
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the chart position of the line's far end, and the rate of this position."""
+        """Return the chart position (m) of the far end of the line of sight, and the rate of this position (m/s).
+
+        For the inputs see `AbstractEarth.motion_on_chart`.
+        """
         R_ne = self._axes(position_n)
         other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))
         other_velocity_n = rotate(self._axes(other_n), rotate_back(R_ne, velocity_n))
@@ -233,7 +239,7 @@ class RotatingEarth(AbstractEarth):
 
 
 def wgs84_earth(latitude: ScalarLike, longitude: ScalarLike) -> RotatingEarth:
-    """Build the rotating WGS-84 Earth with J2 gravitation, with the chart's origin at a geodetic position (rad)."""
+    """Build the rotating WGS-84 Earth with J2 gravitation; the chart's origin has latitude and longitude (rad)."""
     return _earth(WGS84_A_M, WGS84_F, EARTH_ROTATION_RAD_S, EARTH_J2, latitude, longitude)
 
 

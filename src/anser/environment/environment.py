@@ -33,14 +33,13 @@ class SteadyWind(AbstractWind):
 
 
 class LayeredWind(AbstractWind):
-    """Wind profile over rising geometric altitudes (m), constant in time and horizontally uniform.
+    """Wind profile over the altitude, constant in time and horizontally uniform.
 
-    The velocity of the air at the altitudes (NED, m/s) is interpolated linearly, and constant beyond the first and the
-    last.
+    The velocity is linear between the altitudes of the table, and constant below the first and above the last.
     """
 
-    altitudes: Float[Array, " layer"]
-    velocities_n: Float[Array, "layer 3"]
+    altitudes: Float[Array, " layer"]  #: Rising geometric altitudes, m.
+    velocities_n: Float[Array, "layer 3"]  #: Velocity of the air at each altitude, NED, m/s.
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Return the velocity of the air (3,), NED, m/s, at the altitude of a position; the time has no effect."""
@@ -48,10 +47,10 @@ class LayeredWind(AbstractWind):
 
 
 def linear_weights(at: ScalarLike, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the weight of each breakpoint in a linear interpolation at `at`.
+    """Return the weight of each breakpoint, 0 to 1, in a linear interpolation at the value `at`.
 
-    The breakpoints rise; beyond the first or last, that breakpoint has weight 1. At a breakpoint the derivative is that
-    of the interval above it.
+    The breakpoints rise. Below the first breakpoint the first has weight 1, above the last the last. At a breakpoint
+    the derivative is that of the interval above.
     """
     lower, upper = breakpoints[:-1], breakpoints[1:]
     parts = jnp.where(at >= upper, 1.0, jnp.where(at < lower, 0.0, (at - lower) / (upper - lower)))
@@ -70,7 +69,7 @@ class Environment(eqx.Module):
 
     @property
     def gravity(self) -> Scalar:
-        """Effective gravity at the chart's origin, m/s^2: the constant used by planning and scaling."""
+        """Effective gravity at the chart's origin, m/s^2, which planning and scaling use everywhere."""
         return self.earth.gravity_at_origin
 
 
@@ -79,8 +78,9 @@ def standard_environment(
 ) -> Environment:
     """Build an environment of the standard atmosphere, a steady wind (NED, m/s; by default none) and an Earth.
 
-    If `earth` is None, the Earth is flat. The gravity is then `somigliana` at a geodetic latitude (rad) or, if
+    If `earth` is None, the Earth is flat. The gravity is then `somigliana` at the geodetic latitude (rad) or, if
     `latitude` is None, standard gravity, 9.80665 m/s^2, which is also the value in the atmosphere's hydrostatic law.
+    With an `earth`, `latitude` has no effect.
     """
     gravity = as_array(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
     return Environment(

@@ -15,32 +15,34 @@ from anser.spatial.wgs84 import angle_on_flat_map
 
 
 class GriddedWind(AbstractWind):
-    """Wind at the nodes of a grid, interpolated linearly in the grid's own coordinates, and clamped beyond them.
+    """Wind field on a grid, linear between the nodes; beyond the grid, the wind at the boundary.
 
     The levels of the grid may have another altitude at every node and time, as pressure levels have: the altitudes are
-    interpolated like the velocities, so that the result is linear in pressure between two levels. `columns` is the same
-    for all aircraft and flights of a batch (`anser.numerics.arrays.Stacked.shared`).
+    interpolated like the velocities, so that the result is linear in pressure between two levels. All aircraft and
+    flights of a batch share the array `columns` (`anser.numerics.arrays.Stacked.shared`).
     """
 
-    #: Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first, at every node: members, times,
-    #: northward and eastward nodes, in this order and row-major, along the first axis.
+    #: Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first. The first axis holds the nodes in
+    #: row-major order of ensemble member, time, northward and eastward coordinate.
     columns: Float[Array, "node level 4"]
-    member: Int[Array, ""]  #: Index of the ensemble's member.
-    #: Times (s), only if there are several, northward and eastward coordinates: m on the chart, or rad from its origin.
+    member: Int[Array, ""]  #: Index of the ensemble member that is flown.
+    #: Axes of the grid: times (s; no such axis if the field has one time), northward and eastward coordinates. The
+    #: horizontal coordinates are in m on the chart, or in rad of latitude and longitude from the chart's origin.
     axes: Axes
-    #: Greatest altitude of each level, without the first and the last, m.
+    #: Greatest altitude over all nodes, m, of each level but the first and the last.
     level_tops: Float[Array, " inner"]
-    altitude_min: Scalar  #: Altitude above which every column has wind, m.
-    altitude_max: Scalar  #: Altitude below which every column has wind, m.
-    #: Radii (m) with which the chart maps latitude and longitude; None for an axis in m.
+    altitude_min: Scalar  #: Least altitude at which every column has wind, m: greatest altitude of the lowest level.
+    altitude_max: Scalar  #: Greatest altitude at which every column has wind, m: least altitude of the top level.
+    #: Radii (m) with which the chart maps latitude and longitude to north and east; None: the axes are in m.
     radii: Float[Array, "2"] | None
-    is_geopotential: bool = eqx.field(static=True)  #: Whether the altitudes are geopotential.
-    #: Number of intervals between levels, above the lowest possible, that can contain an altitude.
+    is_geopotential: bool = eqx.field(static=True)  #: Whether the altitudes of the field are geopotential.
+    #: Number of neighbouring intervals between levels to search for an altitude; more than 1 if the altitude of a level
+    #: varies so much that one altitude lies in different intervals at different nodes.
     interval_count: int = eqx.field(static=True)
-    is_held: bool = eqx.field(static=True)  #: Whether a flight may leave the grid, whose boundary values then hold.
+    is_held: bool = eqx.field(static=True)  #: Whether a flight may leave the grid and meets the wind of the boundary.
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Return the velocity of the air (3,), NED, m/s, at a chart position and a time (s)."""
+        """Return the velocity of the air (3,), NED, m/s, at a chart position (3,), NED, m, and a time (s)."""
         index, fraction = self.axes.locate(self._coordinates(position_n, time))
         sizes = self.axes.sizes
         node = self.member
@@ -65,7 +67,7 @@ class GriddedWind(AbstractWind):
         return lower[:3] + share * (upper[:3] - lower[:3])
 
     def is_outside(self, position_n: Vector3, time: ScalarLike) -> Flag:
-        """Whether a chart position or a time (s) lies beyond the grid."""
+        """Whether a chart position (NED, m) or a time (s) lies beyond the grid."""
         altitude = self._altitude(position_n)
         is_beyond = jnp.any(self.axes.outside(self._coordinates(position_n, time)))
         return is_beyond | (altitude < self.altitude_min) | (altitude > self.altitude_max)
@@ -84,7 +86,10 @@ class GriddedWind(AbstractWind):
 
 
 def has_left_field(wind: AbstractWind, position_n: Vector3, time: ScalarLike) -> Flag:
-    """Whether a chart position (NED, m) or a time (s) lies beyond a gridded wind whose boundary values do not hold."""
+    """Whether a flight at a chart position (NED, m) and a time (s) has left a gridded wind that ends at its boundary.
+
+    False for every other wind, and for a gridded wind that continues with its boundary values (`is_held`).
+    """
     if isinstance(wind, GriddedWind) and not wind.is_held:
         return wind.is_outside(position_n, time)
     return jnp.zeros((), bool)

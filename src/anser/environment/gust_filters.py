@@ -1,7 +1,7 @@
-"""Shaping filters of turbulence: filters that turn white noise into gusts of a given spectrum, exactly discretized.
+"""Shaping filters of turbulence: filters that turn white noise into gusts with a prescribed spectrum.
 
-Time is in units of scale over airspeed, L/V, and gusts in units of their intensity; the filters remain valid while
-airspeed, height and intensity change.
+The discretization is exact. Time is in units of L/V (scale length over airspeed) and gusts are in units of their
+intensity (root mean square), so that the filters remain valid while airspeed, height and intensity change.
 """
 
 import abc
@@ -24,17 +24,18 @@ class AbstractShapingFilter(eqx.Module):
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """Number of filter states, equal to the number of standard normals per step."""
+        """Number of filter states, and of standard normal random numbers per step."""
 
     @abc.abstractmethod
     def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
-        """Return a random state with the stationary distribution, from standard normals."""
+        """Return a random state with the stationary distribution, from standard normal random numbers."""
 
     @abc.abstractmethod
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
         """Return the state transition matrix over a time span (in units of L/V), and a root of the noise covariance.
 
-        The noise covariance is the covariance that the white noise adds to the state within the span.
+        The noise covariance, root times transposed root, is what the white noise adds to the covariance of the state
+        within the span.
         """
 
     @abc.abstractmethod
@@ -44,16 +45,19 @@ class AbstractShapingFilter(eqx.Module):
     def advance(
         self, state: Float[Array, " size"], normals: Float[Array, " size"], span: Scalar
     ) -> Float[Array, " size"]:
-        """Return the state after a time span (in units of L/V) of any length, without discretization error."""
+        """Return the filter state after a time span (in units of L/V) of any length, without discretization error.
+
+        `normals` are independent standard normal random numbers.
+        """
         # float64 at any precision: the covariance added in a short span suffers from cancellation
         transition, noise_root = (matrix.astype(state.dtype) for matrix in self.transition(span.astype(float)))
         return jnp.sum(transition * state[None, :], axis=1) + jnp.sum(noise_root * normals[None, :], axis=1)
 
 
 class FirstOrderFilter(AbstractShapingFilter):
-    """First-order filter H(s) = sqrt(2) / (1 + s), with the spectrum (2/pi) / (1 + w^2).
+    """First-order filter H(s) = sqrt(2) / (1 + s), with the one-sided spectrum (2/pi) / (1 + w^2).
 
-    Filter of Dryden's longitudinal gust and of the roll rate in both spectra.
+    The filter forms Dryden's longitudinal gust, and the roll rate of the gusts in both spectra.
     """
 
     @property
@@ -78,7 +82,7 @@ class FirstOrderFilter(AbstractShapingFilter):
 class DrydenTransverse(AbstractShapingFilter):
     """Filter of Dryden's transverse gusts, H(s) = (1 + sqrt(3) s) / (1 + s)^2.
 
-    The spectrum is (1/pi) (1 + 3 w^2) / (1 + w^2)^2.
+    The one-sided spectrum is (1/pi) (1 + 3 w^2) / (1 + w^2)^2.
     """
 
     @property
@@ -91,7 +95,10 @@ class DrydenTransverse(AbstractShapingFilter):
         return 0.5 * normals
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "2 2"], Float[Array, "2 2"]]:
-        """Return the transition matrix and the root of the noise covariance of x1' = x2, x2' = -x1 - 2 x2 + n."""
+        """Return transition matrix and root of the noise covariance over a span (in units of L/V).
+
+        The filter is x1' = x2, x2' = -x1 - 2 x2 + n, with white noise n.
+        """
         t, faded = span, jnp.exp(-span)
         faded_square = faded**2
         transition = faded * jnp.stack([jnp.stack([1.0 + t, t]), jnp.stack([-t, 1.0 - t])])
@@ -128,7 +135,10 @@ class ModalFilter(AbstractShapingFilter):
         return jnp.sum(np.linalg.cholesky(1.0 / sums) * normals[None, :], axis=1)
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
-        """Return the transition matrix and the root of the noise covariance; the modes share the same noise."""
+        """Return transition matrix and root of the noise covariance over a span (in units of L/V).
+
+        One white noise drives all modes, so the covariance is not diagonal.
+        """
         poles = np.asarray(self.poles)
         sums = np.add.outer(poles, poles)
         added = -jnp.expm1(-sums * span) / sums
@@ -158,13 +168,14 @@ def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
 
 
 _REPEATED = 1e-3
-"""Relative distance of poles that count as repeated: rounding separates a fourfold pole by 2e-4."""
+"""Greatest relative distance of poles that count as repeated: rounding separates a fourfold pole by 2e-4."""
 
 
 def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> ModalFilter:
-    """Build the filter whose transfer function is `gain` times numerator over denominator, from s^0 upwards.
+    """Build the filter with the transfer function `gain` * numerator(s) / denominator(s).
 
-    Raises ValueError if a pole is complex, not stable or repeated.
+    The coefficients of numerator and denominator stand from s^0 upwards. Raises ValueError if a pole is complex, not
+    stable or repeated.
     """
     bottom = np.polynomial.Polynomial(denominator)
     roots = bottom.roots()
@@ -180,20 +191,21 @@ def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[f
 
 
 VON_KARMAN_LONGITUDINAL = modal_filter(np.sqrt(2.0), (1.0, 0.25), (1.0, 1.357, 0.1987))
-"""Von Karman's longitudinal gust.
+"""Shaping filter of von Karman's longitudinal gust.
 
 Rational approximations: J. Yeager, *Implementation and Testing of Turbulence Models for the F18-HARV Simulation*,
 NASA/CR-1998-206937, equations 16 and 17.
 """
 VON_KARMAN_TRANSVERSE = modal_filter(1.0, (1.0, 2.7478, 0.3398), (1.0, 2.9958, 1.9754, 0.1539))
-"""Von Karman's gusts perpendicular to the flight direction; see `VON_KARMAN_LONGITUDINAL`."""
+"""Shaping filter of von Karman's gusts perpendicular to the flight direction; source: see `VON_KARMAN_LONGITUDINAL`."""
 DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE = FirstOrderFilter(), DrydenTransverse()
 
 
 def sampled_spectrum(shaping: AbstractShapingFilter, span: float, frequencies: Float[np.ndarray, " n"]) -> np.ndarray:
-    """Compute the one-sided spectrum of a filter's output, sampled at intervals of `span` (in units of L/V).
+    """Compute the one-sided spectrum of a filter's output that is sampled at intervals of `span` (in units of L/V).
 
-    Frequencies are in units of V/L, up to pi over the span; the integral over frequency is the variance.
+    `frequencies` are angular frequencies in units of V/L, at most pi / `span`. The integral of the spectrum over the
+    angular frequency is the variance of the samples.
     """
     transition, noise_root = (np.asarray(matrix) for matrix in shaping.transition(jnp.asarray(span)))
     output_row = np.stack(

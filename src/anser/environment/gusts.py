@@ -12,9 +12,9 @@ from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 
 
 class Gust(eqx.Module):
-    """Motion of the air around one aircraft relative to the mean wind, body axes.
+    """Velocity and rotation of the air around one aircraft relative to the mean wind, body axes.
 
-    The forces are those of the aircraft's motion less this motion.
+    The aerodynamic forces follow from the aircraft's motion through the mean wind minus the gust.
     """
 
     velocity_b: Vector3  #: Velocity at the centre of gravity, m/s.
@@ -23,17 +23,13 @@ class Gust(eqx.Module):
 
 
 class AirFlow(eqx.Module):
-    """Flow at one aircraft at one time (s), the input of a gust model.
+    """Flow at one aircraft, the input of a gust model: airspeed, height, attitude, mean wind and time."""
 
-    True airspeed without gusts (m/s), height above the ground (m), rotation from NED to body axes, and mean wind (NED,
-    m/s).
-    """
-
-    airspeed: Scalar
-    height: Scalar
-    R_bn: Matrix33
-    wind_n: Vector3
-    time: Scalar
+    airspeed: Scalar  #: True airspeed without gusts, m/s.
+    height: Scalar  #: Height above the ground, m.
+    R_bn: Matrix33  #: Rotation matrix from NED to body axes.
+    wind_n: Vector3  #: Mean wind, NED, m/s.
+    time: Scalar  #: Time since the start of the flight, s.
 
 
 class AbstractGusts(eqx.Module):
@@ -42,23 +38,26 @@ class AbstractGusts(eqx.Module):
     @property
     @abc.abstractmethod
     def normals(self) -> int:
-        """Number of standard normals drawn per sample, and for the initial state."""
+        """Number of standard normal random numbers drawn for the initial state, and again for each sample."""
 
     @abc.abstractmethod
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> Any:
-        """Return the initial state of the gust model; random gusts start with their stationary distribution."""
+        """Return the initial state of the gust model from standard normal random numbers.
+
+        Random gusts start with their stationary distribution.
+        """
 
     @abc.abstractmethod
     def at(self, state: Any, flow: AirFlow) -> Gust:
-        """Return the gust of a sample; the gust is constant until the next sample."""
+        """Return the gust at a sample from the model's state; the gust is constant until the next sample."""
 
     @abc.abstractmethod
     def advance(self, state: Any, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Any:
-        """Return the state of the gust model after one sampling period `step` (s)."""
+        """Return the state of the gust model after one sampling period `step` (s), with new standard normals."""
 
 
 class NoGusts(AbstractGusts):
-    """Smooth air."""
+    """Gust model of smooth air: no gusts, no state and no random numbers."""
 
     @property
     def normals(self) -> int:
@@ -80,9 +79,8 @@ class NoGusts(AbstractGusts):
 class DiscreteGust(AbstractGusts):
     """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust."""
 
-    #: Greatest velocity V_m along the body axes, m/s, and distance d_m from the edge of the gust to V_m, m.
-    amplitudes: Vector3
-    length: Scalar
+    amplitudes: Vector3  #: Greatest velocity V_m of the air along each body axis, m/s.
+    length: Scalar  #: Distance d_m from the edge of the gust to its greatest velocity, m.
     start: Scalar  #: Time at which the aircraft enters the gust, s.
     #: Whether the gust decays symmetrically from d_m to 2 d_m, as in certification; otherwise it remains at V_m.
     returns: Flag
@@ -97,7 +95,7 @@ class DiscreteGust(AbstractGusts):
         return jnp.zeros_like(self.length)
 
     def at(self, state: Scalar, flow: AirFlow) -> Gust:
-        """Return the gust at the distance flown (m); the gust has no rotation."""
+        """Return the gust at the distance flown in the gust, `state` (m); the gust has no rotation."""
         part = state / self.length
         part = jnp.clip(part, 0.0, jnp.where(self.returns, 2.0, 1.0))
         return Gust(0.5 * self.amplitudes * (1.0 - jnp.cos(jnp.pi * part)), jnp.zeros_like(self.amplitudes))
@@ -108,13 +106,13 @@ class DiscreteGust(AbstractGusts):
 
 
 class SummedGusts(AbstractGusts):
-    """Sum of several gust models."""
+    """Sum of several gust models; the states are a tuple with the state of each model."""
 
     parts: tuple[AbstractGusts, ...]
 
     @property
     def normals(self) -> int:
-        """Number of standard normals of all parts together."""
+        """Number of standard normals that all models together draw per sample."""
         return sum(part.normals for part in self.parts)
 
     def _shared(self, normals: Float[Array, " count"]) -> list[Array]:
@@ -122,13 +120,13 @@ class SummedGusts(AbstractGusts):
         return [normals[stop - part.normals : stop] for part, stop in zip(self.parts, stops, strict=True)]
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> tuple[Any, ...]:
-        """Return the initial states of the parts."""
+        """Return a tuple of the models' initial states; each model gets its part of the normals."""
         return tuple(
             part.init(part_normals, flow) for part, part_normals in zip(self.parts, self._shared(normals), strict=True)
         )
 
     def at(self, state: tuple[Any, ...], flow: AirFlow) -> Gust:
-        """Return the sum of the parts' gusts."""
+        """Return the sum of the models' gusts, velocities and rates, in body axes."""
         gusts = [part.at(part_state, flow) for part, part_state in zip(self.parts, state, strict=True)]
         velocities, rates = (
             jnp.stack(vectors) for vectors in zip(*((gust.velocity_b, gust.rates_b) for gust in gusts), strict=True)
@@ -138,6 +136,6 @@ class SummedGusts(AbstractGusts):
     def advance(
         self, state: tuple[Any, ...], normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
     ) -> tuple[Any, ...]:
-        """Return the states of the parts after one sampling period."""
+        """Return a tuple of the models' states after one sampling period `step` (s)."""
         inputs = zip(self.parts, state, self._shared(normals), strict=True)
         return tuple(part.advance(part_state, part_normals, flow, step) for part, part_state, part_normals in inputs)

@@ -1,7 +1,7 @@
 """Continuous turbulence by MIL-F-8785C and MIL-HDBK-1797.
 
-Scale lengths and intensities as functions of height, Dryden and von Karman spectra, and the body rates equivalent to
-the gradients of the gusts.
+The module contains scale lengths and intensities as functions of height, Dryden and von Karman spectra, and the body
+rates equivalent to the gradients of the gusts.
 """
 
 from collections.abc import Callable
@@ -33,17 +33,14 @@ _SCALE_FT = {"dryden": 1750.0, "von-karman": 2500.0}  # above 2,000 ft
 
 
 class ExceedanceTable(eqx.Module):
-    """Root-mean-square gust velocity (m/s) by height above the ground (m) and log10 of the exceedance probability.
+    """Table of the root-mean-square gust velocity (m/s) over height (m) and log10 of the exceedance probability."""
 
-    Heights rise, probabilities fall.
-    """
-
-    heights: Float[Array, " heights"]
-    log_probabilities: Float[Array, " probabilities"]
-    sigmas: Float[Array, "heights probabilities"]
+    heights: Float[Array, " heights"]  #: Rising heights above the ground, m.
+    log_probabilities: Float[Array, " probabilities"]  #: Falling log10 of the probability of exceedance.
+    sigmas: Float[Array, "heights probabilities"]  #: Root-mean-square gust velocity, m/s.
 
     def at(self, height: ScalarLike, log_probability: ScalarLike) -> Scalar:
-        """Return the root-mean-square gust velocity, m/s, at a height (m) and log10 of the probability.
+        """Return the root-mean-square gust velocity, m/s, at a height (m) and a log10 of the exceedance probability.
 
         Linear in both arguments, constant beyond the table.
         """
@@ -54,7 +51,7 @@ class ExceedanceTable(eqx.Module):
 
 
 class TurbulenceLevels(eqx.Module):
-    """Turbulence parameters at one height."""
+    """Scale lengths and intensities of turbulence at one height above the ground."""
 
     # scale lengths (m) of the gust components u, v, w, as in the spectra of MIL-F-8785C; those of v and w are twice the
     # lengths of MIL-HDBK-1797
@@ -74,11 +71,12 @@ def turbulence_levels(
 ) -> TurbulenceLevels:
     """Compute the scale lengths and intensities of turbulence at a height above the ground (m).
 
-    MIL-F-8785C and MIL-HDBK-1797 agree: the latter halves the scale lengths of v and w, but its spectra contain them
-    doubled.
+    Up to 1,000 ft the intensities follow from the wind at 20 ft, `wind_20ft` (m/s), from 2,000 ft on from the table at
+    the exceedance probability, `log_probability` (log10). In between, scale lengths and intensities are linear in
+    height. Below 10 ft the values at 10 ft apply.
 
-    Up to 1,000 ft the intensities follow from the wind at 20 ft (m/s), from 2,000 ft on from the exceedance probability
-    (log10). In between, scale lengths and intensities are linear in height. Below 10 ft the values at 10 ft apply.
+    MIL-F-8785C and MIL-HDBK-1797 agree: the handbook halves the scale lengths of v and w, but its spectra contain twice
+    these lengths.
     """
     height_ft = jnp.asarray(height) / FOOT_M
     low_ft = jnp.clip(height_ft, _LOWEST_FT, _LOW_FT)
@@ -102,16 +100,17 @@ _ROLL = FirstOrderFilter()
 
 
 class TurbulenceState(eqx.Module):
-    """Turbulence at one aircraft between two samples.
+    """State of the turbulence at one aircraft between two samples: filter states and low-passed gusts.
 
-    States of the shaping filters of u, v, w and of the roll rate p, and gusts w and v after the wing's low-pass, over
-    their intensities.
+    The gusts are in units of their intensities.
     """
 
+    # states of the shaping filters of the gusts u, v, w and of the gust roll rate p
     u: Array
     v: Array
     w: Array
     p: Array
+    # gusts w and v after the low-pass filters of the pitch and yaw gust rates; the time constants follow from the span
     low_passed_w: Scalar
     low_passed_v: Scalar
 
@@ -120,44 +119,43 @@ class Turbulence(AbstractGusts):
     """Turbulence of MIL-F-8785C and MIL-HDBK-1797 (identical spectra), independent for each aircraft.
 
     An aircraft flies through a frozen field; gusts of two aircraft are independent, an assumption for distances of
-    several scales. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w down (the
-    standards take the direction of the mean wind past the aircraft, the same without sideslip); from 2,000 ft the axes
-    are the body axes; in between the gust is the average, linear in height. Gusts are constant between samples.
+    several scale lengths. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w
+    down (the standards take the direction of the mean flow past the aircraft, equal without sideslip); from 2,000 ft
+    the axes are the body axes; in between the gust is the average, linear in height. Gusts are constant between
+    samples.
 
     The rates are those of the air: q is minus the gradient of w along the flight and r the gradient of v, both
     low-passed by the span; p is independent noise. (The standards print the opposite signs: rates of the aircraft
     relative to the air.)
     """
 
-    #: Wind at 20 ft (m/s), which sets the intensity below 1,000 ft, and log10 of the probability above 2,000 ft that
-    #: the intensity is exceeded.
-    wind_20ft: Scalar
-    log_probability: Scalar
-    table: ExceedanceTable
+    wind_20ft: Scalar  #: Wind at 20 ft above the ground, m/s, which sets the intensity up to 1,000 ft.
+    log_probability: Scalar  #: log10 of the probability that the intensity from 2,000 ft on is exceeded.
+    table: ExceedanceTable  #: Intensity from 2,000 ft on, over height and exceedance probability.
     span: Scalar  #: Wing span, m.
-    family: SpectrumFamily = eqx.field(static=True, default="dryden")
+    family: SpectrumFamily = eqx.field(static=True, default="dryden")  #: Family of the spectra.
 
     @property
     def filters(self) -> tuple[AbstractShapingFilter, AbstractShapingFilter]:
-        """Shaping filters of the longitudinal gust u and of the transverse gusts v, w."""
+        """Two shaping filters: of the longitudinal gust u, and of each of the transverse gusts v and w."""
         if self.family == "dryden":
             return DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE
         return VON_KARMAN_LONGITUDINAL, VON_KARMAN_TRANSVERSE
 
     @property
     def normals(self) -> int:
-        """Number of standard normals of all filters together."""
+        """Number of standard normals of all four filters together: u, v, w and roll rate."""
         along, across = self.filters
         return along.size + 2 * across.size + 1
 
     def levels(self, flow: AirFlow) -> TurbulenceLevels:
-        """Return the scale lengths and intensities at the height of the flow."""
+        """Return the scale lengths (m) and intensities (m/s) at the aircraft's height above the ground."""
         return turbulence_levels(flow.height, self.wind_20ft, self.log_probability, self.table, self.family)
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> TurbulenceState:
-        """Return a random state with the stationary distribution.
+        """Return a random state of the filters with the stationary distribution, from standard normals.
 
-        The lags that form the pitch and yaw gust rates start at the gusts w and v.
+        The low-pass filters of the pitch and yaw gust rates start at the gusts w and v, so that both rates start at 0.
         """
         along, across = self.filters
         u, v, w, p = self._shared(normals)
@@ -167,7 +165,7 @@ class Turbulence(AbstractGusts):
         )
 
     def at(self, state: TurbulenceState, flow: AirFlow) -> Gust:
-        """Return the gust velocity and the gust rates of a sample, body axes."""
+        """Return gust velocity (m/s) and gust rates (rad/s) at a sample, body axes."""
         along, across = self.filters
         level, airspeed = self.levels(flow), jnp.maximum(flow.airspeed, _AIRSPEED_MIN)
         u, v, w = along.output(state.u), across.output(state.v), across.output(state.w)
@@ -213,9 +211,10 @@ class Turbulence(AbstractGusts):
 
 
 def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scalar:
-    """Standard deviation of the gust roll rate, rad/s, from scale (m) and intensity (m/s) of w and the wing span (m).
+    """Return the standard deviation of the gust roll rate, rad/s, from scale length L (m) and intensity (m/s) of w.
 
-    The integral of (sigma^2 / (V L)) 0.8 (pi L / 4 b)^(1/3) / (1 + (4 b w / pi V)^2) over w.
+    `span` is the wing span b, m. The variance is the integral of the spectrum of the standards,
+    (sigma^2 / (V L)) 0.8 (pi L / 4 b)^(1/3) / (1 + (4 b w / pi V)^2), over the angular frequency w; V cancels.
     """
     ratio = 0.8 * (np.pi * jnp.asarray(length) / (4.0 * span)) ** (1.0 / 3.0)
     return sigma * jnp.sqrt(ratio * np.pi**2 / (8.0 * span * length))
@@ -233,7 +232,7 @@ def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: S
 
 
 def _axes(flow: AirFlow, altitude_blend: Scalar) -> Callable[[Vector3], Vector3]:
-    """Return the transformation from turbulence axes to body axes."""
+    """Return the function that transforms a vector from turbulence axes (see `Turbulence`) to body axes."""
     ahead_n = rotate_back(flow.R_bn, jnp.zeros_like(flow.wind_n).at[0].set(1.0))
     north, east = ahead_n[:2] / jnp.maximum(safe_hypot(ahead_n[0], ahead_n[1]), 1e-6)
 

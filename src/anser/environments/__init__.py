@@ -1,4 +1,4 @@
-"""Environments for learning: verified aircraft as tasks with observation, action, reward and automatic reset."""
+"""Environments for reinforcement learning: flight tasks with observation, action, reward and automatic reset."""
 
 import lazy_loader
 

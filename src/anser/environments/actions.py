@@ -1,4 +1,7 @@
-"""Levels of action: surfaces and throttle, body rates, or velocity commands, all normalized to -1..1."""
+"""Levels at which an action enters the closed loop: surfaces and throttle, body rates, or velocity commands.
+
+The entries of an action are normalized to -1..1.
+"""
 
 import abc
 from typing import Any, NamedTuple
@@ -25,21 +28,21 @@ Action = Float[Array, " action"]
 
 
 class DirectControls(AbstractController):
-    """Controller whose command is the controls themselves."""
+    """Controller that passes commanded surfaces and throttle on unchanged."""
 
     def control(
         self, controller_state: None, belief: Belief, command: Controls, step: ScalarLike
     ) -> tuple[Controls, None, None]:
-        """Return the commanded controls."""
+        """Return the commanded surfaces (rad) and throttle, and None for the controller's state and its signals."""
         return command, None, None
 
 
 class AutopilotStep(NamedTuple):
-    """Command to the autopilot, and its result: controls and signals."""
+    """One step of the expert's autopilot (command, controls, signals), from which a level computes an action."""
 
-    command: Any
-    controls: Controls
-    signals: Any
+    command: Any  # command to the autopilot: `PathCommand` or `LoopCommand`
+    controls: Controls  # resulting surfaces (rad) and throttle
+    signals: Any  # resulting signals between the loops, such as the commanded body rates
 
 
 class AbstractActionLevel(eqx.Module):
@@ -50,19 +53,25 @@ class AbstractActionLevel(eqx.Module):
 
     @abc.abstractmethod
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the table that describes each entry of an action (name, unit, scale) for an untraced aircraft."""
+        """Return the table of an action's entries: name, unit, scale and meaning, in the order of the action.
+
+        The arrays of `autopilot` and `airframe` must be concrete numbers, not traced.
+        """
 
     @abc.abstractmethod
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return the controller that turns the command of this level into controls."""
+        """Return the controller that computes surfaces and throttle from the command of this level."""
 
     @abc.abstractmethod
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> Any:
-        """Convert an action, clipped to -1..1, to the command of the controller; at the start of a decision."""
+        """Return the command to the level's controller for an action with entries in -1..1.
+
+        The environment calls the method once, at the start of a decision, with the aircraft's estimates in `belief`.
+        """
 
     @abc.abstractmethod
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the action that corresponds to one step of the autopilot."""
+        """Return the action, entries in -1..1, with the effect of one step of the expert's autopilot."""
 
 
 def _from_unit(action: Array, low: ScalarLike, high: ScalarLike) -> Array:
@@ -74,7 +83,7 @@ def _to_unit(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Array:
 
 
 def _command(variable: str | Variable, low: ScalarLike, high: ScalarLike) -> Entry:
-    """Return the entry of a commanded variable between two values in its unit."""
+    """Return the table entry of a commanded variable: -1 in the action is `low`, 1 is `high`, in the dataset's unit."""
     centre, half_range = 0.5 * (float(low) + float(high)), 0.5 * (float(high) - float(low))
     return catalogue_entry(variable, centre, half_range, "_command", "Commanded")
 
@@ -83,7 +92,7 @@ _THROTTLE = Entry("throttle", "1", 0.5, 0.5, "Throttle")
 
 
 class SurfaceLevel(AbstractActionLevel):
-    """Action: deflections of the commanded surfaces between their stops, and the throttle."""
+    """Level of action with the deflections of the commanded surfaces, between their stops, and the throttle."""
 
     decision_s: float = eqx.field(static=True, default=0.01)
 
@@ -95,31 +104,37 @@ class SurfaceLevel(AbstractActionLevel):
         return (*(_command(positions[k], low, high) for k, low, high in stops), _THROTTLE)
 
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return a controller whose command is surfaces and throttle themselves."""
+        """Return a controller that passes commanded surfaces and throttle on unchanged."""
         return DirectControls()
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> Controls:
-        """Convert an action to surfaces (rad) and throttle; a surface that follows a schedule has the command 0."""
+        """Convert an action to surfaces (rad) and throttle (0..1); a surface that follows a schedule is commanded 0."""
         index, low, high = _commanded(belief.airframe.actuators)
         deflections = _from_unit(action[:-1], low, high)
         surfaces = jnp.zeros(len(belief.airframe.actuators.names), deflections.dtype).at[index].set(deflections)
         return Controls(surfaces, 0.5 * (action[-1] + 1.0))
 
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the autopilot's surfaces and throttle as an action, each scaled to -1..1 over its range."""
+        """Return the autopilot's commanded surfaces and throttle as an action, each scaled to -1..1 over its range."""
         index, low, high = _commanded(belief.airframe.actuators)
         surfaces = _to_unit(step.controls.surfaces[index], low, high)
         return jnp.append(surfaces, _to_unit(step.controls.throttle, 0.0, 1.0))
 
 
 def _commanded(actuators: AbstractActuators) -> tuple[np.ndarray, Array, Array]:
-    """Return the indices and stops of the surfaces that are commanded, not scheduled."""
+    """Return indices, lower stops and upper stops (rad) of the surfaces that a controller commands.
+
+    Surfaces that follow a schedule are left out.
+    """
     index = np.flatnonzero(actuators.is_commanded)
     return index, actuators.lower[index], actuators.upper[index]
 
 
 class RateLevel(AbstractActionLevel):
-    """Action: body rates up to the limits of the autopilot, whose rate loop follows them, and the throttle."""
+    """Level of action with body rates, up to the autopilot's limits, and the throttle.
+
+    The rate loop of the autopilot follows the commanded body rates.
+    """
 
     decision_s: float = eqx.field(static=True, default=0.05)
 
@@ -130,29 +145,29 @@ class RateLevel(AbstractActionLevel):
         return (*(_command(f"{axis}_rate_deg_s", -limit, limit) for axis, limit in rates), _THROTTLE)
 
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return the rate loop of the autopilot."""
+        """Return the rate loop of the autopilot as a controller of commanded body rates and throttle."""
         return InversionAutopilot(autopilot.gains, autopilot.limits, loop="rates")
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> LoopCommand:
-        """Convert an action to body rates (rad/s) without feed-forward, and the throttle (0..1)."""
+        """Convert an action to commanded body rates (rad/s), with time derivatives of 0, and throttle (0..1)."""
         rates_b = action[:3] * autopilot.limits.rates_max
         return LoopCommand(rates_b, jnp.zeros_like(rates_b), 0.5 * (action[3] + 1.0))
 
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the body rates of the autopilot's attitude loop and its throttle as an action, scaled to -1..1."""
+        """Return the body rates that the autopilot's attitude loop commands, and the throttle, scaled to -1..1."""
         rates = _to_unit(step.signals.rates_b, -autopilot.limits.rates_max, autopilot.limits.rates_max)
         return jnp.append(rates, _to_unit(step.controls.throttle, 0.0, 1.0))
 
 
 class VelocityLevel(AbstractActionLevel):
-    """Action: airspeed within the limits of the autopilot, path angle, and change of the course.
+    """Level of action with airspeed, within the autopilot's limits, path angle, and change of the course.
 
-    The course is relative to that at the start of the decision, so that no value of the action is a discontinuity.
+    The change counts from the course at the start of the decision: the course then has no jump at +-180 deg.
     """
 
     decision_s: float = eqx.field(static=True, default=0.1)
-    #: Greatest commanded path angle, and greatest commanded change of the course, rad.
-    path_angle_max: float = eqx.field(static=True, default=20.0 * DEG_RAD)
+    path_angle_max: float = eqx.field(static=True, default=20.0 * DEG_RAD)  #: Greatest commanded path angle, rad.
+    #: Greatest commanded change of the course within a decision, rad.
     course_change_max: float = eqx.field(static=True, default=90.0 * DEG_RAD)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
@@ -165,18 +180,22 @@ class VelocityLevel(AbstractActionLevel):
         )
 
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return the autopilot with all loops, which follows the commanded velocity."""
+        """Return the whole autopilot, which follows commanded airspeed, path angle and course."""
         return autopilot
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> PathCommand:
-        """Convert an action to a path command without rates (m/s, rad)."""
+        """Convert an action to airspeed (m/s), path angle and course (rad) through the air, with rates of 0."""
         zero = jnp.zeros_like(action[0])
         V = _from_unit(action[0], autopilot.limits.speed_min, autopilot.limits.speed_max)
         chi = _course(belief) + self.course_change_max * action[2]
         return PathCommand(V, self.path_angle_max * action[1], chi, zero, zero, zero)
 
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the action whose command without rates has the effect of the autopilot's command with rates."""
+        """Return the action with the effect of the expert's path command, entries clipped to -1..1.
+
+        An action commands no rates. The feed-forward of the command's rates is therefore added to airspeed, path angle
+        and course, as feed-forward over proportional gain of the velocity loop times the rate.
+        """
         command, gains = step.command, autopilot.gains.velocity
         lead = gains.feed_forward / gains.proportional
         change = wrap_angle(command.chi - _course(belief)) + lead[2] * command.chi_dot
@@ -187,10 +206,10 @@ class VelocityLevel(AbstractActionLevel):
 
 
 def _course(belief: Belief) -> Array:
-    """Return the course (rad) through the air of a belief."""
+    """Return the course (rad) of the aircraft's estimated velocity through the air."""
     velocity_air_n = rotate_back(belief.condition.R_bn, belief.state.velocity_b) - belief.condition.wind_n
     return polar(velocity_air_n, jnp.zeros_like(velocity_air_n)).chi
 
 
 LEVELS: dict[str, AbstractActionLevel] = {"surfaces": SurfaceLevel(), "rates": RateLevel(), "velocity": VelocityLevel()}
-"""Levels of action by name."""
+"""Levels of action by name, with their default settings."""

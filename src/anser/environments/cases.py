@@ -1,7 +1,7 @@
 """Cases of an environment: start, air and task of each episode, made before the first step.
 
-The key of a reset selects a case; nothing is trimmed or planned in it. Aircraft, air and sensors are those of a
-scenario with one aircraft, so that the tables of a scenario file describe them.
+A reset selects one of the cases by its key, and neither trims nor plans. Aircraft, air and sensors come from a scenario
+with one aircraft, so the tables of a scenario file describe them.
 """
 
 import dataclasses
@@ -37,13 +37,13 @@ Rng = np.random.Generator
 
 
 class Case(eqx.Module):
-    """Start, air and task of one episode."""
+    """Aircraft, air, start and task of one episode."""
 
     vehicle: Vehicle  #: The aircraft with its sensors, estimator and autopilot, without a mission.
     environment: Environment  #: Air and Earth.
-    start: TrimPoint  #: State at the start, in the form of a trim point.
-    task: Any  #: Numbers of the task, such as commands, of the type that the task's `draw` makes.
-    decisions: Integer  #: Number of decisions until the episode is truncated.
+    start: TrimPoint  #: State and controls at the start; a trim point, but not a steady flight for every task.
+    task: Any  #: Numbers of the task, such as commands, as `draw` of the task returns them for one episode.
+    decisions: Integer  #: Number of decisions of a full episode, after which the episode is truncated.
 
     @property
     def autopilot(self) -> InversionAutopilot:
@@ -52,7 +52,7 @@ class Case(eqx.Module):
 
 
 def autopilot_of(vehicle: Vehicle) -> InversionAutopilot:
-    """Return the autopilot of an aircraft. Raises ValueError for another controller."""
+    """Return the autopilot of an aircraft. Raises ValueError if the controller is not an `InversionAutopilot`."""
     if not isinstance(vehicle.controller, InversionAutopilot):
         raise ValueError(
             f"aircraft: arrived the controller {type(vehicle.controller).__name__}; expected the package's autopilot, "
@@ -62,14 +62,14 @@ def autopilot_of(vehicle: Vehicle) -> InversionAutopilot:
 
 
 class Situation(eqx.Module):
-    """Truth and estimates after a decision, from which a task computes errors, reward and observation."""
+    """Truth and estimates at the start of an episode or after a decision, the input of a task's functions."""
 
     case: Case  #: Case of the episode.
-    instant: Instant  #: Environment, time and step at the end of the decision.
-    truth: Truth  #: True motion.
+    instant: Instant  #: Environment, time and integration step at the end of the decision.
+    truth: Truth  #: True motion of the aircraft, and air data and forces.
     belief: Belief  #: The aircraft's own estimate of its motion.
-    variables: Mapping[str, Scalar]  #: True variables of the catalogue by dataset name.
-    estimates: Mapping[str, Scalar]  #: Estimated variables of the catalogue by dataset name.
+    variables: Mapping[str, Scalar]  #: True variables of the catalogue by dataset name ("alpha_deg"), in its unit.
+    estimates: Mapping[str, Scalar]  #: Variables of the catalogue as the aircraft estimates them, by dataset name.
 
     @property
     def time(self) -> Scalar:
@@ -78,9 +78,9 @@ class Situation(eqx.Module):
 
 
 def single_aircraft(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]) -> tuple[Vehicle, Environment]:
-    """Return the aircraft of a scenario, without a mission, and the environment.
+    """Build an aircraft without a mission, and its environment, from the tables of a scenario.
 
-    The arguments are those of `anser.environments.make`. Raises ScenarioError for a table that is not valid.
+    `aircraft` and `tables` are those of `anser.environments.make`. Raises ScenarioError if a table is not valid.
     """
     if isinstance(aircraft, str):
         aircraft = {"airframe" if is_aircraft_path(aircraft) else "type": aircraft}
@@ -109,16 +109,16 @@ def _trims(airframe: AbstractAirframe, environment: Environment, targets: TrimTa
 
 
 _TRIM_BATCH = 64
-"""Trims that are computed together: one compiled program for every size of a bank."""
+"""Number of trims that are solved together: one compiled program serves any number of cases."""
 
 
 def trim_rows(
     airframe: AbstractAirframe, environment: Environment, targets: Mapping[str, Float[np.ndarray, " row"]]
 ) -> tuple[TrimPoint, Bool[np.ndarray, " row"]]:
-    """Solve the trim of an aircraft in many conditions, one per row of the arrays in `targets`.
+    """Solve the trim of an aircraft in many flight conditions, one per row of the arrays in `targets`.
 
-    The arrays are by name of a field of `TrimTarget`; fields that are left out are 0. Returns the trim points, and
-    whether each is a steady flight within the limits.
+    `targets` has an array for fields of `TrimTarget`, by name; fields without an array are 0. Returns the trim points
+    (leading axis row), and for each row whether the trim converged within the aircraft's limits.
     """
     count = len(next(iter(targets.values())))
     names = [field.name for field in dataclasses.fields(TrimTarget)]
@@ -131,17 +131,22 @@ def trim_rows(
 
 
 class FlightRange(eqx.Module):
-    """Range of the flight conditions at the starts of episodes."""
+    """Range of airspeed, altitude, path angle, bank and wind from which the starts of episodes are drawn."""
 
-    speed_m_s: tuple[float, float] = eqx.field(static=True)  #: Least and greatest airspeed.
-    altitude_m: tuple[float, float] = eqx.field(static=True)  #: Least and greatest altitude.
+    speed_m_s: tuple[float, float] = eqx.field(static=True)  #: Least and greatest true airspeed.
+    altitude_m: tuple[float, float] = eqx.field(static=True)  #: Least and greatest altitude above sea level.
     path_angle_deg: float = eqx.field(static=True, default=10.0)  #: Greatest magnitude of the path angle.
     bank_deg: float = eqx.field(static=True, default=45.0)  #: Greatest bank of the steady turn to either side.
     wind_m_s: float = eqx.field(static=True, default=15.0)  #: Greatest speed of the steady wind from any direction.
 
 
 def default_range(vehicle: Vehicle) -> FlightRange:
-    """Return the range of flight conditions: airspeeds of the autopilot, altitudes of the data up to 8 km."""
+    """Return the range of starts that suits an aircraft, with the defaults of `FlightRange` for angles and wind.
+
+    Airspeed: from 1.1 times the least to 0.9 times the greatest at which the aircraft's data and the autopilot's limits
+    are valid. Altitude: from 1 km to 8 km, as far as the data are valid. Raises ValueError without an autopilot of the
+    package.
+    """
     airframe, limits = vehicle.airframe, autopilot_of(vehicle).limits
     low, high = valid_airspeed_range(airframe)
     slowest, fastest = max(low, float(limits.speed_min)), min(high, float(limits.speed_max))
@@ -151,9 +156,10 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:
-    """Draw steady flights over the trim map: level, climbing, descending and turning, in any direction.
+    """Draw `count` random steady flights in the range: level, climbing, descending and turning, in any direction.
 
-    Raises ValueError if the aircraft has hardly any steady flight in the range.
+    Returns the trim points with a leading axis. Raises ValueError if at most 2 % of the drawn conditions are steady
+    flights within the aircraft's limits.
     """
     points: list[TrimPoint] = []
     found = drawn = 0
@@ -183,11 +189,12 @@ def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange
 def stack_cases(
     vehicle: Vehicle, environment: Environment, flown: FlightRange, drawn: Any, decisions: int, rng: Rng, dtype: Any
 ) -> Stacked[Case]:
-    """Return the cases of one aircraft, with the starts and the numbers of a task in `drawn`.
+    """Return the cases of one aircraft, stacked along a leading axis, from the starts and task numbers in `drawn`.
 
-    To a `SteadyWind` of the environment, each case adds a horizontal wind with uniformly distributed speed and
-    direction; any other wind is common to all cases. The wind at a start is added to the velocity of the start, which
-    is a steady flight in still air.
+    To a `SteadyWind` of the environment each case adds a random horizontal wind: speed uniform up to `flown.wind_m_s`,
+    any direction. Another wind is common to all cases. The wind at the start is added to the velocity of each start,
+    because the starts are drawn in still air. `decisions` is the number of decisions of a full episode, `dtype` the
+    precision.
     """
     count = len(drawn[0].mu)
     speed, direction = rng.uniform(0.0, flown.wind_m_s, count), rng.uniform(-np.pi, np.pi, count)
@@ -212,7 +219,7 @@ def stack_cases(
 
 @compiled_quickly
 def _velocities_in_wind(environments: Stacked[Environment], states: AircraftState) -> Float[Array, "row 3"]:
-    """Return the velocities over the ground of steady flights in still air, to which the wind at the start is added."""
+    """Return the velocities over the ground (body axes, m/s) of starts in still air, with the wind there added."""
 
     def in_wind(environment: Environment, state: AircraftState) -> Array:
         wind_n = environment.wind.at(state.position_n, 0.0)

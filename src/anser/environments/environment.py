@@ -1,8 +1,8 @@
 """Environment for learning: the closed loop of one aircraft under an action, with task, reward and automatic reset.
 
-The contract is that of gymnax 1.0: `reset`, `step` with six values, a reset within the step, the last observation in
-`info["final_observation"]`, `observe`, and gradients on request. All functions are pure and for one environment;
-`jax.vmap` makes many.
+The functions follow the contract of gymnax 1.0: `reset`, `step` with six results, a reset within the step, the last
+observation in `info["final_observation"]`, `observe`, and gradients on request. All functions are pure and compute one
+environment; `jax.vmap` computes many at once.
 """
 
 import abc
@@ -36,9 +36,9 @@ from anser.units import RAD_DEG
 Observations = Float[Array, "*aircraft entry"]
 Actions = Float[Array, "*aircraft action"]
 _EPISODE_MASK = np.uint32(0x9E3779B9)
-"""An arbitrary number that separates an episode's random numbers from those that a user draws with the same key."""
+"""Arbitrary number, combined with a reset's key so that the episode's random numbers differ from the user's draws."""
 _ALPHA_MARGIN_DEG = 10.0
-"""Angle of attack beyond the aircraft's data at which an episode ends, deg."""
+"""Margin beyond the aircraft's range of angle of attack at which an episode ends by failure, deg."""
 
 MOTION = (
     catalogue_entry("airspeed_m_s", 150.0, 100.0),
@@ -53,42 +53,45 @@ MOTION = (
     catalogue_entry("load_factor", 1.0, 4.0),
     catalogue_entry("power_percent", 50.0, 50.0),
 )
-"""Entries of the aircraft's own motion, at the head of every observation; surfaces follow."""
+"""Table of the first entries of every observation: the aircraft's motion. Surface deflections and the task follow."""
 
 
 class Parameters(eqx.Module):
-    """Numbers of an environment, an argument of its functions."""
+    """Numbers of an environment, the argument `params` of its functions: cases, observations at starts, step."""
 
-    cases: Stacked[Case]  #: Cases of the episodes, with a leading axis; for a fleet with axes over cases and aircraft.
-    #: Observation at the start of each case; None: each reset computes it, as it must where other parameters are
-    #: changed, or where it depends on random numbers.
+    #: Cases of the episodes, stacked along a leading axis; for a fleet along two axes, cases and aircraft.
+    cases: Stacked[Case]
+    #: Observation at the start of each case, as computed in advance; None: each reset computes the observation. Set
+    #: None when other parameters are changed; random gusts or sensor errors require None too.
     observations: Float[Array, "case entry"] | None
     step: Scalar  #: Step of the integration, s.
 
     @property
     def decisions(self) -> Integer:
-        """Number of decisions of a full episode of each case (and aircraft)."""
+        """Number of decisions of a full episode, for each case, shape (case,); for a fleet (case, aircraft)."""
         return self.cases.batched.decisions
 
     def case(self, row: Integer) -> Case:
-        """Return the case in a row of the table of cases, for one aircraft."""
+        """Return case number `row`, from 0; for environments of one aircraft."""
         return self.cases.at(row)  # pyright: ignore[reportArgumentType]
 
 
 class EpisodeState(eqx.Module):
-    """State of one environment between two decisions."""
+    """State of one environment between two decisions: time, case, key, aircraft, and count of settled decisions."""
 
     time: Integer  #: Number of decisions since the reset.
-    row: Integer  #: Row of the case in `Parameters.cases`.
+    row: Integer  #: Number of the case in `Parameters.cases`, from 0.
     key: UInt32[Array, "2"]  #: Key of the episode's random numbers.
-    vehicle: VehicleState  #: State of the aircraft and its parts.
-    settled: Integer  #: Number of latest decisions after which all errors were within the tolerances.
+    vehicle: VehicleState  #: State of the aircraft and its parts; for a fleet with a leading axis over the aircraft.
+    #: Number of successive decisions, up to the latest, at whose ends all errors were within the tolerances.
+    settled: Integer
 
 
 class AbstractEnvironment(abc.ABC):
-    """Contract of the environments of one aircraft and of a fleet, whose arrays have an axis over the aircraft.
+    """Common functions of the environments of one aircraft and of a fleet.
 
-    An environment is hashable, so that `jax.jit(environment.step)` compiles it.
+    Arrays of a fleet have an axis over the aircraft. An environment is hashable, so that `jax.jit(environment.step)`
+    compiles a step.
     """
 
     observed: tuple[Entry, ...]
@@ -100,15 +103,19 @@ class AbstractEnvironment(abc.ABC):
     @property
     @abc.abstractmethod
     def single(self) -> "AircraftEnvironment":
-        """Environment of each aircraft: this one itself, or that of the members of a fleet."""
+        """Environment of one aircraft: the environment itself, or `member`, common to the aircraft of a fleet."""
 
     @abc.abstractmethod
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for the aircraft in a state, or for each aircraft of a fleet."""
+        """Return `function(case, vehicle, *arguments)` for the aircraft in a state, or stacked for each of a fleet.
+
+        `case` is the aircraft's case in the episode, `vehicle` its state. For a fleet, `arguments` and results have a
+        leading axis over the aircraft.
+        """
 
     @abc.abstractmethod
     def judge(self, situation: Situation) -> tuple[Float[Array, "..."], Float[Array, "..."], Flag]:
-        """Return errors divided by their tolerances, reward, and whether the episode ends by failure."""
+        """Return errors divided by their tolerances, reward (0..1), and whether the episode ends by failure."""
 
     @abc.abstractmethod
     def observation_of(self, situation: Situation) -> Observations:
@@ -116,32 +123,32 @@ class AbstractEnvironment(abc.ABC):
 
     @property
     def default_params(self) -> Parameters:
-        """Return the parameters with which the environment was made."""
+        """Parameters with which the environment was made."""
         return self.single.parameters
 
     @property
     def num_actions(self) -> int:
-        """Number of entries of an action of an aircraft."""
+        """Number of entries of one aircraft's action."""
         return len(self.single.commanded)
 
     def observation_space(self, params: Parameters | None = None) -> Box:
-        """Return the space of an aircraft's observations: about -1..1 in ordinary flight, without bounds."""
+        """Return the unbounded space of one aircraft's observations; entries are about -1..1 in ordinary flight."""
         return Box(-np.inf, np.inf, (len(self.observed),))
 
     def action_space(self, params: Parameters | None = None) -> Box:
-        """Return the space of the actions of an aircraft, -1..1."""
+        """Return the space of one aircraft's actions, -1..1."""
         return Box(-1.0, 1.0, (self.num_actions,))
 
     def reset(self, key: Array, params: Parameters | None = None) -> tuple[Observations, EpisodeState]:
-        """Return observation and state at the start of the case that a key selects.
+        """Return observation and state at the start of an episode; the key selects the case.
 
-        The words of the key select the case, (word 0 xor word 1) modulo the number of cases, and seed the episode's
-        random numbers. Consecutive seeds fly consecutive cases; split or folded keys, random ones.
+        The two words of the key select the case, (word 0 xor word 1) modulo the number of cases, and seed the episode's
+        random numbers. Consecutive seeds select consecutive cases; split or folded keys select random cases.
 
         Parameters
         ----------
         key
-            Key of JAX's default generator, new or raw.
+            Key of JAX's default generator: a typed key or two raw 32-bit words. Raises ValueError for another shape.
         params
             Parameters; None: `default_params`.
         """
@@ -156,7 +163,7 @@ class AbstractEnvironment(abc.ABC):
         return self.observe(key, state, None, params), state
 
     def start_of_case(self, row: Integer, key: UInt32[Array, "2"], params: Parameters) -> EpisodeState:
-        """Return the state at the start of a case, with a key of the episode's random numbers."""
+        """Return the state at the start of case number `row`; `key` seeds the episode's random numbers."""
         zero, shape = jnp.zeros((), jnp.int32), params.decisions.shape[1:]
         state = EpisodeState(zero, row, key, None, zero)  # pyright: ignore[reportArgumentType]
 
@@ -170,11 +177,11 @@ class AbstractEnvironment(abc.ABC):
     def observe(
         self, key: Array, state: EpisodeState, action: Any = None, params: Parameters | None = None
     ) -> Observations:
-        """Return the observation of a state; key and action have no effect."""
+        """Return the observation in a state; key and action, part of gymnax's contract, have no effect."""
         return self.observation_of(self.situation(state, params))
 
     def situation(self, state: EpisodeState, params: Parameters | None = None) -> Situation:
-        """Return truth, belief and recorded variables of a state, from which the task computes."""
+        """Return true and estimated motion in a state, for a fleet with a leading axis over the aircraft."""
         params = self.default_params if params is None else params
         return self.each(functools.partial(self.single.situation_of, state, params), state, params)
 
@@ -196,9 +203,10 @@ class AbstractEnvironment(abc.ABC):
 
         Returns
         -------
-        Observation and state, both after the step or, if the episode ended, at the start of the next; reward, 0..1;
-        `terminated`, whether the episode ended by failure; `truncated`, whether it ended at its full length; `info`,
-        with `final_observation` (the observation before a reset), `success`, `terminated`, `truncated`, `discount`.
+        Observation and state, both after the decision or, if the episode ended, at the start of the next; reward, 0..1,
+        0 at a failure; `terminated`, whether the episode ended by failure; `truncated`, whether the episode ended at
+        full length without failure; `info` with `final_observation` (the observation before a reset), `success`,
+        `terminated`, `truncated`, and `discount` (0 at a failure, otherwise 1).
         """
         params = self.default_params if params is None else params
         *flown, reward, terminated, info = self.step_env(key, state, action, params)
@@ -210,7 +218,11 @@ class AbstractEnvironment(abc.ABC):
     def step_env(
         self, key: Array, state: EpisodeState, action: Actions, params: Parameters
     ) -> tuple[Observations, EpisodeState, Float[Array, "*aircraft"], Flag, dict[str, Array]]:
-        """Fly one decision without a reset at the end of an episode; arguments and results otherwise as for `step`."""
+        """Fly one decision without a reset at the end of the episode.
+
+        Returns observation, state, reward, `terminated` and `info`, each with the meaning in `step`; `truncated` is in
+        `info`. The key has no effect.
+        """
         single = self.single
         fly = functools.partial(single.fly_decision, state, params)
         flown = dataclasses.replace(state, time=state.time + 1, vehicle=self.each(fly, state, params, action))
@@ -236,7 +248,7 @@ class AbstractEnvironment(abc.ABC):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AircraftEnvironment(AbstractEnvironment):
-    """Environment of one aircraft."""
+    """Environment of one aircraft with a task and a level of action."""
 
     task: AbstractTask  #: Task, with reward and success.
     level: AbstractActionLevel  #: Level of action.
@@ -244,9 +256,9 @@ class AircraftEnvironment(AbstractEnvironment):
     observed: tuple[Entry, ...]  #: Table of the entries of observations.
     commanded: tuple[Entry, ...]  #: Table of the entries of actions.
     decision_steps: int  #: Number of integration steps in a decision.
-    name: str
+    name: str  #: Name of the task.
     aircraft: str = "custom"  #: Name of the aircraft.
-    transition_gradients_enabled: bool = False
+    transition_gradients_enabled: bool = False  #: Whether `step` passes gradients through observation and state.
 
     @property
     def single(self) -> "AircraftEnvironment":
@@ -254,26 +266,29 @@ class AircraftEnvironment(AbstractEnvironment):
         return self
 
     def with_transition_gradients(self) -> "AircraftEnvironment":
-        """Return the environment whose observations and states carry gradients."""
+        """Return a copy of the environment whose `step` passes gradients through observation and state."""
         return dataclasses.replace(self, transition_gradients_enabled=True)
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for the aircraft in a state."""
+        """Return `function(case, vehicle, *arguments)` with the case of the episode and the state of the aircraft."""
         return function(params.case(state.row), state.vehicle, *arguments)
 
     def instant(self, case: Case, number: Integer, key: UInt32[Array, "2"], params: Parameters) -> Instant:
-        """Return time, step and random numbers of sample `number` since the start of an episode with a key."""
+        """Return environment, time, step and random numbers of integration step `number` of an episode.
+
+        `key` seeds the episode's random numbers.
+        """
         return Instant(case.environment, number, params.step, SeededRandomness(key))
 
     def flown_vehicle(self, case: Case, command: Any) -> Vehicle:
-        """Return the aircraft of a case with the controller of the action level and a held command."""
+        """Return the aircraft of a case with the controller of the action level, which gets a constant `command`."""
         parts = ConstantCommand(command), self.level.controller(case.autopilot)
         return eqx.tree_at(lambda v: (v.guidance, v.controller), case.vehicle, parts)
 
     def fly_decision(
         self, state: EpisodeState, params: Parameters, case: Case, start: VehicleState, action: Float[Array, " action"]
     ) -> VehicleState:
-        """Return the state of the aircraft of a case after the integration steps of one decision of an episode."""
+        """Return the aircraft's state after one decision, from `start`, under an action that is clipped to -1..1."""
         first = state.time * self.decision_steps
         instant = self.instant(case, first, state.key, params)
         belief = perceive(self.flown_vehicle(case, None), start, instant).belief
@@ -290,7 +305,7 @@ class AircraftEnvironment(AbstractEnvironment):
         return jax.lax.fori_loop(0, self.decision_steps, advance, start)
 
     def situation_of(self, state: EpisodeState, params: Parameters, case: Case, vehicle: VehicleState) -> Situation:
-        """Return truth, belief and recorded variables of the aircraft of a case at the time of an episode's state."""
+        """Return true and estimated motion of one aircraft, with the state `vehicle`, at the time of `state`."""
         instant = self.instant(case, state.time * self.decision_steps, state.key, params)
         perception = perceive(self.flown_vehicle(case, None), vehicle, instant)
         truth, belief = perception.truth, perception.belief
@@ -304,10 +319,11 @@ class AircraftEnvironment(AbstractEnvironment):
         return Situation(case, instant, truth, belief, variables, estimates)
 
     def judge(self, situation: Situation) -> tuple[Float[Array, " error"], Scalar, Flag]:
-        """Return errors divided by their tolerances, reward, and whether the episode ends by failure.
+        """Return errors divided by their tolerances, reward (0..1), and whether the episode ends by failure.
 
-        Failures: the ground, 10 deg beyond the range of angle of attack, motion that is not finite, the stand-off
-        (which no task lowers), a flight beyond a wind field unless the values of its boundary hold, and the task's own.
+        Failures: altitude 0 or less; angle of attack more than 10 deg beyond the aircraft's range; motion that is not
+        finite; in tasks with a plan, a goal so near that the aircraft must break off; a flight beyond a wind field that
+        does not continue with its boundary values; and the failures that the task defines (`AbstractTask.has_failed`).
         """
         task, truth, v, instant = self.task, situation.truth, situation.variables, situation.instant
         low, high = (edge * RAD_DEG for edge in truth.airframe.alpha_range)

@@ -1,4 +1,4 @@
-"""Episodes under policies, such as the scripted expert: scores, and records as flights with every variable."""
+"""Episodes flown under a policy: scores, and records as flights with every variable of the catalogue."""
 
 import dataclasses
 import functools
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 
 AnyEnvironment = AircraftEnvironment | FleetEnvironment
 Policy = Callable[[Array, Float[Array, " entry"], EpisodeState, Any], tuple[Float[Array, " action"], Any]]
-"""Function from a key, the observation, the state and the policy's own state to an action and that state."""
+"""Function (key, observation, state of the episode, state of the policy) that returns action and new policy state."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Expert:
-    """The autopilot by dynamic inversion, which flies a task through the environment's level of action.
+    """Scripted policy: the autopilot by dynamic inversion flies the task through the environment's level of action.
 
-    The autopilot computes its commands once in each decision; what the level takes of them is the action. Each aircraft
-    of a fleet has its own autopilot.
+    Once in each decision the task gives the autopilot a command, the autopilot computes controls and loop signals, and
+    the level of action converts them to an action. Each aircraft of a fleet has an autopilot.
     """
 
     environment: AnyEnvironment
@@ -52,11 +52,14 @@ class Expert:
         return jax.tree.map(lambda leaf: jnp.asarray(leaf, params.step.dtype), settled)
 
     def init(self, state: EpisodeState, params: Parameters) -> Any:
-        """Return the state of the autopilot at the start of an episode; leading axis aircraft for a fleet."""
+        """Return the state of the autopilot at the start of an episode; for a fleet with a leading axis aircraft."""
         return self.environment.each(lambda case, _: self._start(case, params), state, params)
 
     def act(self, state: EpisodeState, expert_state: Any, params: Parameters) -> tuple[Float[Array, "..."], Any]:
-        """Return the action in a state, and the new state of the expert, which begins anew with each episode."""
+        """Return the action in a state, and the new state of the autopilot.
+
+        At the first decision of an episode, the state of the autopilot at the start replaces `expert_state`.
+        """
         single = self.environment.single
 
         def act(case: Case, vehicle: VehicleState, autopilot_state: Any) -> tuple[Float[Array, " action"], Any]:
@@ -75,17 +78,18 @@ class Expert:
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """Result of a policy over many episodes."""
+    """Result of a policy over many episodes: fractions of success and failure, and mean return."""
 
-    success: float  #: Share of episodes that ended with success.
-    mean_return: float  #: Mean of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
-    failed: float  #: Share of episodes that ended by failure.
-    successes: np.ndarray  #: Success of each episode.
+    success: float  #: Fraction of the episodes that ended with success.
+    #: Mean over the episodes of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
+    mean_return: float
+    failed: float  #: Fraction of the episodes that ended by failure.
+    successes: np.ndarray  #: Whether each episode ended with success, shape (episode,).
 
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """Record of one episode."""
+    """Record of one episode: start, observations, actions, rewards, and the kind of its end."""
 
     environment: AnyEnvironment
     start: EpisodeState  #: State at the start.
@@ -96,15 +100,19 @@ class Episode:
     success: bool  #: Whether the episode ended with success.
 
     def flight(self, agent: str | None = None) -> AircraftFlight:
-        """Fly the recorded actions again, and return the flight with all variables; of one `agent` for a fleet."""
+        """Fly the recorded actions again, and return the flight with all variables.
+
+        For a fleet, `agent` names the aircraft whose flight is returned. Errors: see `record_flight`.
+        """
         return record_flight(self.environment, self.start, self.actions, agent)
 
 
 def score(environment: AnyEnvironment, policy: str | Policy = "expert", episodes: int = 1000, seed: int = 1) -> Score:
-    """Fly episodes under a policy, and return the score; `seed` determines the starts and random actions.
+    """Fly episodes under a policy, and return the score; `seed` determines the cases and random actions.
 
-    The policy is "expert", "zero", "random", or a function `(key, observation, state, policy_state)` that returns the
-    action and the new state of the policy; the first `policy_state` of an episode is None.
+    The policy is "expert" (see `Expert`), "zero" (all entries of the action 0), "random" (uniform in -1..1), or a
+    function `(key, observation, state, policy_state)` that returns the action and the new state of the policy; the
+    first `policy_state` of an episode is None. Raises ValueError for another name.
     """
     _, sums, _ = _fly(environment, policy, episodes, seed, is_recorded=False)
     returns, successes, failures = sums
@@ -114,7 +122,11 @@ def score(environment: AnyEnvironment, policy: str | Policy = "expert", episodes
 def fly_episodes(
     environment: AnyEnvironment, policy: str | Policy = "expert", episodes: int = 1, seed: int = 0
 ) -> list[Episode]:
-    """Fly episodes under a policy and record them; the episodes are those of `score` with the same arguments."""
+    """Fly episodes under a policy and return their records.
+
+    Policy and seed have the meaning in `score`, and the same arguments give the same episodes. Raises ValueError for
+    fewer than one episode or an unknown policy.
+    """
     if episodes < 1:
         raise ValueError(f"episodes: arrived {episodes}; expected at least 1")
     starts, _, rows = _fly(environment, policy, episodes, seed, is_recorded=True)
@@ -129,9 +141,11 @@ def fly_episodes(
 
 
 def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed: int, *, is_recorded: bool) -> Any:
-    """Fly episodes up to their ends: starts, (mean rewards 0..1, successes, failures), and, if recorded, decisions.
+    """Fly episodes up to their ends, and return starts, scores and records with a leading axis over the episodes.
 
-    Recorded actions are clipped and float32, as the record has them.
+    The scores are (mean reward 0..1, success, failure). The records, None unless `is_recorded`, are for each decision
+    (observation before, observation after, action, reward, terminated, ended, success); values after the end of an
+    episode have no meaning. With a record the actions are clipped and rounded to float32 before the flight.
     """
     init, act = resolve_policy(environment, policy)
     params = environment.default_params
@@ -164,11 +178,11 @@ def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed:
 
 
 def resolve_policy(environment: AnyEnvironment, policy: str | Policy) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return a policy ("expert", "zero", "random", or a user's function) as two functions.
+    """Return a policy ("expert", "zero", "random", or a user's function, see `score`) as two functions.
 
-    The first one returns the policy's state at the start of an episode, from state and parameters; the second one
-    action and new state, from key, observation, state of the episode, state of the policy and parameters. Raises
-    ValueError for an unknown name.
+    The first function takes state of the episode and parameters, and returns the policy's state at the start of an
+    episode. The second function takes key, observation, state of the episode, state of the policy and parameters, and
+    returns action and new state of the policy. Raises ValueError for an unknown name.
     """
 
     def shape(observation: Array) -> tuple[int, ...]:
@@ -191,10 +205,10 @@ def record_flight(
 ) -> AircraftFlight:
     """Fly recorded actions from the start of an episode, and record the variables of the catalogue at every step.
 
-    Without any action, the flight has one sample, with the action 0. For a fleet, `agent` names the aircraft whose
-    flight is returned. The flight is computed in the precision of the environment and stored in float64. Raises
-    ValueError for another `agent` than one of the fleet (None for one aircraft), and for more actions than an episode
-    has decisions.
+    `actions` has one row per decision, (decision, entry); for a fleet (decision, aircraft, entry). Without any action,
+    the flight has one sample, with the action 0. The flight is computed in the precision of the environment and stored
+    in float64. `agent` names the aircraft of a fleet whose flight is returned, and is None for an environment of one
+    aircraft. Raises ValueError for another `agent`, and for more actions than the episode has decisions.
     """
     params, member, level = environment.default_params, environment.single, environment.single.level
     vehicle_state, actions = start.vehicle, np.asarray(actions, np.float32)
@@ -234,7 +248,11 @@ def record_flight(
 
 @functools.lru_cache(maxsize=4)
 def _recorder(environment: AircraftEnvironment) -> Any:
-    """Return the compiled flight of an environment under a table of actions, as variables by key."""
+    """Return a compiled function that flies a case under a table of actions and returns the recorded variables.
+
+    The function takes case, state of the aircraft at the start, key of the episode, actions, number of decisions to fly
+    and parameters; the result holds one value per integration step, by key of the catalogue.
+    """
     steps = environment.decision_steps
 
     @jax.jit
@@ -272,7 +290,7 @@ def _recorder(environment: AircraftEnvironment) -> Any:
 
 
 def figure_pixels(figure: "Figure") -> UInt8[np.ndarray, "height width 3"]:
-    """Return the pixels of a figure at 80 per inch, RGB."""
+    """Return the pixels of a figure at 80 per inch, RGB in 0..255."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.set_dpi(80)

@@ -1,4 +1,4 @@
-"""Environment of a fleet: aircraft that meet their goals at one time and keep their separation."""
+"""Environment of a fleet whose aircraft arrive at their goals at one time and keep their separation."""
 
 import dataclasses
 from collections.abc import Callable
@@ -22,53 +22,58 @@ from anser.spatial.rotations import safe_hypot
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FleetEnvironment(AbstractEnvironment):
-    """Environment of several aircraft of one type, which cooperate: the contract of `AircraftEnvironment` with an axis.
+    """Environment of several cooperating aircraft of one type, with the functions of `AircraftEnvironment`.
 
     Observations, actions and rewards have a leading axis over the aircraft; the episode ends for all aircraft at once.
-    Each aircraft observes its own task and the relative motion of the others. The reward of each aircraft is the mean
-    over the fleet. Success means that all aircraft succeed and that no two aircraft came nearer than the separation,
-    which ends the episode.
+    Each aircraft observes its own motion and task, and the relative motion of the other aircraft. The reward of each
+    aircraft is the mean over the fleet. The failure of one aircraft, or two aircraft nearer than the separation, ends
+    the episode by failure. Success means that all aircraft succeed.
     """
 
     member: AircraftEnvironment  #: Environment of each aircraft; its cases have axes over cases and aircraft.
     agents: tuple[str, ...]  #: Names of the aircraft.
-    #: Horizontal and vertical separation of two aircraft, of which one is required, m; vertical 0: the horizontal one.
-    #: None: no separation is required.
+    #: Horizontal and vertical separation, m: two aircraft must keep at least one of both distances. With a vertical
+    #: separation of 0 the horizontal one must be kept; None: no separation is required.
     separation_m: tuple[float, float] | None
-    observed: tuple[Entry, ...]  #: Entries of an aircraft's observation: those of `member`, then of the others.
+    #: Table of the entries of one aircraft's observation: the entries of `member`, then `entries_of_others`.
+    observed: tuple[Entry, ...]
 
     @property
     def single(self) -> AircraftEnvironment:
-        """The environment of each aircraft."""
+        """The environment of each aircraft, `member`."""
         return self.member
 
     @property
     def name(self) -> str:
-        """Name of the environment."""
+        """Name of the task."""
         return self.member.name
 
     @property
     def commanded(self) -> tuple[Entry, ...]:
-        """Table of the entries of an action of an aircraft."""
+        """Table of the entries of one aircraft's action."""
         return self.member.commanded
 
     def with_transition_gradients(self) -> "FleetEnvironment":
-        """Return the environment whose observations and states carry gradients."""
+        """Return a copy of the environment whose `step` passes gradients through observation and state."""
         return dataclasses.replace(self, member=self.member.with_transition_gradients())
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for each aircraft in a state.
+        """Return `function(case, vehicle, *arguments)` for each aircraft, with its case and its state.
 
         `arguments` and results have a leading axis over the aircraft.
         """
         return self.cases(state, params).map(function, state.vehicle, *arguments)
 
     def cases(self, state: EpisodeState, params: Parameters) -> Stacked[Case]:
-        """Return the cases of the aircraft of an episode."""
+        """Return the cases of all aircraft in an episode, stacked in the order of `agents`."""
         return Stacked(jax.tree.map(lambda leaf: leaf[state.row], params.cases.batched), params.cases.shared)
 
     def judge(self, situation: Situation) -> tuple[Float[Array, "aircraft error"], Float[Array, " aircraft"], Flag]:
-        """Return errors, the mean reward for each aircraft, and whether an aircraft failed or two came too near."""
+        """Return errors, rewards, and whether the episode ends by failure.
+
+        The errors are divided by their tolerances. The reward of every aircraft is the mean over the fleet. The episode
+        fails if an aircraft fails, or two aircraft are nearer than the separation.
+        """
         errors, rewards, failures = jax.vmap(self.member.judge)(situation)
         positions_n = situation.truth.state.position_n
         is_near = jnp.asarray(False)
@@ -80,7 +85,11 @@ class FleetEnvironment(AbstractEnvironment):
         return errors, jnp.full(len(self.agents), jnp.mean(rewards)), jnp.any(failures) | is_near
 
     def observation_of(self, situation: Situation) -> Float[Array, "aircraft entry"]:
-        """Return the observations in the order of `observed`, normalized, about -1..1 in ordinary flight."""
+        """Return the observation of each aircraft in the order of `observed`, about -1..1 in ordinary flight.
+
+        The relative motion of the others stands in cyclic order: for aircraft k of n, aircraft k + 1, k + 2, ... modulo
+        n. Positions and velocities of all aircraft are their own estimates.
+        """
         own = jax.vmap(self.member.observation_of)(situation)
         belief, count = situation.belief, len(self.agents)
         velocities_n = jax.vmap(velocity_over_ground_n)(belief.condition, belief.state)
@@ -99,7 +108,11 @@ class FleetEnvironment(AbstractEnvironment):
 
 
 def entries_of_others(count: int) -> tuple[Entry, ...]:
-    """Return the table of the relative motion of the other aircraft, in the observation of one of `count` aircraft."""
+    """Return the table entries of the other aircraft's relative motion, in a fleet of `count` aircraft.
+
+    For each other aircraft: position (m) and velocity (m/s) relative to the observing aircraft, each along the course,
+    to the right and upwards.
+    """
     position, velocity = "Position of another aircraft relative to this one", "Velocity of that aircraft less own"
     tables = [
         axes_entries(f"other_{number}", "m", "m", 5000.0, position)
@@ -110,11 +123,11 @@ def entries_of_others(count: int) -> tuple[Entry, ...]:
 
 
 class AgentDictionaries:
-    """Environment of a fleet whose observations, actions, rewards and ends are dictionaries by agent.
+    """Environment of a fleet whose observations, actions, rewards and ends are dictionaries by agent's name.
 
-    The contract is that of JaxMARL's `MultiAgentEnv`, in pure functions of keys and states: an episode that ends is
-    reset within the step, and the entry `__all__` of the ends tells so. Entries of `info` have a value per agent; with
-    `final_observations`, `info["final_observation"]` has the observations before the reset, (agent, entry).
+    The methods follow JaxMARL's `MultiAgentEnv`, as pure functions of keys and states. An episode that ends is reset
+    within the step; the entry `__all__` of the ends is then true. Entries of `info` are arrays with a value per agent;
+    with `final_observations`, `info["final_observation"]` also holds the observations before the reset, (agent, entry).
     """
 
     def __init__(self, environment: Any, *, final_observations: bool = False) -> None:
@@ -141,7 +154,11 @@ class AgentDictionaries:
     def step(
         self, key: Array, state: Any, actions: dict[str, Array], params: Any = None
     ) -> tuple[dict[str, Array], Any, dict[str, Array], dict[str, Array], dict[str, Array]]:
-        """Fly one decision; return observations, state, rewards, ends by agent and of `__all__`, and info."""
+        """Fly one decision; return observations by agent, state, rewards by agent, ends, and info.
+
+        The ends are whether the episode ended, by failure or at full length, equal for each agent and for `__all__`. At
+        an end, observations and state are those at the start of the next episode, which `key` selects.
+        """
         stacked = jnp.stack([actions[agent] for agent in self.agents])
         observations, state, rewards, terminated, truncated, info = self.environment.step(key, state, stacked, params)
         is_over: Array = terminated | truncated
@@ -153,5 +170,5 @@ class AgentDictionaries:
         return self.by_agent(observations), state, self.by_agent(rewards), ends, values
 
     def by_agent(self, values: Array) -> dict[str, Array]:
-        """Return the rows of an array by agent."""
+        """Return the rows of an array, one per agent in the order of `agents`, as a dictionary by agent's name."""
         return {agent: values[k] for k, agent in enumerate(self.agents)}

@@ -1,8 +1,8 @@
 """Environments for Gymnasium 1.1 and later: one aircraft, or many at once with a reset within the step.
 
-Importing the module registers every task as `anser/VelocityCommand-v0` and so on, for `gymnasium.make` and
-`gymnasium.make_vec`. Episode number k after `reset(seed=s)` is that of
-`environment.reset(jax.random.fold_in(jax.random.key(s), k))`, alone or in a batch.
+Importing the module registers every task of one aircraft by its name, such as `anser/VelocityCommand-v0`, for
+`gymnasium.make` and `gymnasium.make_vec`. Episode number k after `reset(seed=s)` starts, alone or in a batch, as
+`environment.reset(jax.random.fold_in(jax.random.key(s), k))` does.
 """
 
 import contextlib
@@ -41,15 +41,16 @@ except ImportError:
 
 Task = str | AbstractTask | AircraftEnvironment
 OBSERVATION_MAX = 100.0
-"""Greatest magnitude of an entry of an observation: entries beyond it are clipped. Ordinary flight has about 1."""
+"""Greatest magnitude of an entry of an observation: greater entries are clipped. Ordinary flight has about 1."""
 _BLOCK_MIN = 256
-"""Least number of aircraft in a block on a core of its own."""
+"""Least number of aircraft in a block of a batch; each block flies on one core of the processor."""
 
 
 class CompiledEnvironment:
-    """Compiled functions of an environment, for Gymnasium and PettingZoo.
+    """Compiled functions of an environment, with its default parameters, for Gymnasium and PettingZoo.
 
-    The states are flat lists of arrays, and the numbers of the parameters one array: a call costs microseconds.
+    States are flat lists of arrays and the parameters one array, so that a call costs microseconds. Observations are
+    finite: clipped to +-`OBSERVATION_MAX`, with 0 in place of NaN.
     """
 
     def __init__(self, environment: AnyEnvironment) -> None:
@@ -79,7 +80,8 @@ class CompiledEnvironment:
             return _bounded(observation), *ends, _bounded(final), success, number, jax.tree.leaves(flown)
 
         compiled = partial(jax.jit, compiler_options=supported_options(OLDER_GENERATOR))
-        #: Start of an episode by key and number, a decision without a reset; and of a batch, with a reset in the step.
+        #: `reset(key, number)` starts an episode, `step(state, action)` flies a decision without a reset at the end;
+        #: `reset_batch` starts a batch of episodes, `step_batch` flies a decision of a batch with a reset at each end.
         self.reset, self.step = partial(compiled(reset), parameters), partial(compiled(step), parameters)
         self.reset_batch = partial(compiled(jax.vmap(reset, (None, 0, 0))), parameters)
         step_batch = compiled(jax.vmap(step_or_reset, (None, 0, 0, 0, 0)), donate_argnums=1)
@@ -95,7 +97,7 @@ def _bounded(observation: Array) -> Array:
 
 
 def default_level(task: str | AbstractTask) -> str:
-    """Return the level of action if none is chosen: body rates, or the first of the levels of a task without them."""
+    """Return the level of action that is used if none is chosen: "rates", or the first level of a task without it."""
     named = TASKS.get(task, VelocityCommand)() if isinstance(task, str) else task
     return "rates" if "rates" in named.levels else named.levels[0]
 
@@ -109,9 +111,10 @@ def _make_named(task: str, action: str, options: bytes, files: tuple[tuple[str, 
 
 
 def _file_hashes(value: Any, visited: set[Path], folder: str = "") -> Iterator[tuple[str, str]]:
-    """Yield path and hash of every file that options name, and of the files that TOML files among them name.
+    """Yield path and SHA-256 of every existing file named in `value`, and of every file that these TOML files name.
 
-    Files in `visited` are left out; the files that are yielded are added to it.
+    `value` is a path, or nested mappings and lists of paths and other values; relative paths start at `folder`. Files
+    in `visited` are left out, and the files that are yielded are added to the set.
     """
     if isinstance(value, Mapping):
         for part in value.values():
@@ -132,9 +135,10 @@ def _file_hashes(value: Any, visited: set[Path], folder: str = "") -> Iterator[t
 
 
 def compiled_environment(task: Any, action: str | None, options: Mapping[str, Any]) -> CompiledEnvironment:
-    """Return a task's environment with its compiled functions; the arguments are those of `GymnasiumEnvironment`.
+    """Return the compiled functions of an environment, from the arguments of `GymnasiumEnvironment`.
 
-    Environments with the same arguments are one object, and so are the compiled functions of one environment.
+    The latest results are stored: a repeated task name with equal action, options and files, or a repeated environment,
+    gives the stored object. Raises ValueError for an environment as `task` together with action or options.
     """
     if isinstance(task, str | AbstractTask):
         level = default_level(task) if action is None else action
@@ -149,12 +153,12 @@ def compiled_environment(task: Any, action: str | None, options: Mapping[str, An
 
 
 def seed_words(seed: int) -> np.ndarray:
-    """Return the two 32-bit words of the key `jax.random.key(seed)`."""
+    """Return the two 32-bit words of the key `jax.random.key(seed)`, shape (2,)."""
     return np.array([seed >> 32 & 0xFFFFFFFF, seed & 0xFFFFFFFF], np.uint32)
 
 
 def check_actions(actions: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """Return actions as float32. Raises ValueError for another shape and for numbers that are not finite."""
+    """Return actions as a float32 array. Raises ValueError if the shape is not `shape`, and for infinities or NaN."""
     array = np.asarray(actions, np.float32)
     if array.shape != shape:
         raise ValueError(f"action: arrived the shape {array.shape}; expected {shape}")
@@ -165,14 +169,14 @@ def check_actions(actions: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..
 
 
 def box_spaces(environment: Any) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
-    """Return the spaces of an aircraft's observations and actions: float32 vectors."""
+    """Return the spaces of one aircraft's observations (+-`OBSERVATION_MAX`) and actions (-1..1), float32 vectors."""
     observed, commanded = environment.observation_space().shape, environment.action_space().shape
     observations = gymnasium.spaces.Box(-OBSERVATION_MAX, OBSERVATION_MAX, observed, np.float32)
     return observations, gymnasium.spaces.Box(-1.0, 1.0, commanded, np.float32)
 
 
 class EpisodeSequence:
-    """Successive episodes of an environment; holds number, start, actions and state of the present episode."""
+    """Successive episodes of an environment, with number, start, actions and state of the present episode."""
 
     def __init__(self, compiled: CompiledEnvironment) -> None:
         self.compiled, self.key, self.number = compiled, np.zeros(0, np.uint32), 0
@@ -181,7 +185,11 @@ class EpisodeSequence:
         self.actions: list[np.ndarray] = []
 
     def reset(self, seed: int | None, rng: np.random.Generator) -> np.ndarray:
-        """Start the next episode, and return its observation; with a seed, the first episode of the seed."""
+        """Start an episode, and return its first observation.
+
+        With a seed, the first episode of the seed starts, otherwise the next episode of the present seed. Without any
+        seed so far, `rng` draws the key of the episodes.
+        """
         if seed is not None or not self.key.size:
             self.key = rng.integers(2**32, size=2, dtype=np.uint32) if seed is None else seed_words(seed)
             self.number = 0
@@ -192,7 +200,10 @@ class EpisodeSequence:
         return np.array(observation)
 
     def step(self, action: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, bool, bool, bool]:
-        """Fly one decision; return observation, reward, `terminated`, `truncated` and success."""
+        """Fly one decision without a reset; return observation, reward, `terminated`, `truncated` and success.
+
+        Raises ValueError before the first reset, and for actions that are not finite or not of the shape `shape`.
+        """
         if not self.state:
             raise ValueError("step: arrived before the first reset; expected reset() before step()")
         checked = check_actions(action, shape)
@@ -212,9 +223,10 @@ class GymnasiumEnvironment(gymnasium.Env):
     Parameters
     ----------
     task
-        Name of a task, an own task, or an `AircraftEnvironment`, whose compiled program all wrappers of it share.
+        Name of a task of the package, a user's `AbstractTask`, or an `AircraftEnvironment`; all wrappers of one
+        environment share its compiled program.
     action
-        Level of action: "surfaces", "rates" or "velocity"; None: "rates", or the first level of a task without it.
+        Level of action: "surfaces", "rates" or "velocity"; None: "rates", or the first level of a task without "rates".
     render_mode
         "rgb_array": `render` returns the figures of the flight report over the latest 20 s of the episode. None:
         `render` warns and returns None.
@@ -234,19 +246,25 @@ class GymnasiumEnvironment(gymnasium.Env):
         self._episodes = EpisodeSequence(self._compiled)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        """Start the next episode; with a seed, the first episode of the seed."""
+        """Start the next episode, or with a seed the seed's first episode; return observation and an empty `info`."""
         super().reset(seed=seed)
         return self._episodes.reset(seed, self.np_random), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Fly one decision; return observation, reward, `terminated`, `truncated` and `info`."""
+        """Fly one decision; return observation, reward, `terminated`, `truncated` and `info` (see the class).
+
+        Raises ValueError before the first reset, and for an action of another shape or with infinities or NaN.
+        """
         results = self._episodes.step(action, (self.environment.num_actions,))
         observation, reward, terminated, truncated, success = results
         info = {"is_success": success} if terminated or truncated else {}
         return observation, float(reward), terminated, truncated, info
 
     def flight(self) -> AircraftFlight:
-        """Return the flight of the episode so far: variables of the catalogue at every step, figure and report."""
+        """Return the flight of the present episode so far, with the variables of the catalogue at every step.
+
+        Raises ValueError before the first reset.
+        """
         if not self._episodes.start:
             raise ValueError("flight: arrived before the first reset; expected reset() before flight()")
         start = self._compiled.state(self._episodes.start)
@@ -254,7 +272,7 @@ class GymnasiumEnvironment(gymnasium.Env):
         return record_flight(self.environment, start, actions)
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return the figures of the latest 20 s of the episode as pixels; warn and return None if no mode is set."""
+        """Return the figures of the latest 20 s of the episode as RGB pixels; warn and return None without a mode."""
         if self.render_mode is None:
             gymnasium.logger.warn('render() has no effect without gymnasium.make(..., render_mode="rgb_array")')
             return None
@@ -264,11 +282,12 @@ class GymnasiumEnvironment(gymnasium.Env):
 
 
 class GymnasiumVectorEnvironment(VectorEnv):
-    """Many aircraft with a task, as `gymnasium.vector.VectorEnv`: one compiled program per step.
+    """Many independent aircraft with one task, as `gymnasium.vector.VectorEnv`: one compiled program per step.
 
-    An episode that ends is reset within the step (`AutoresetMode.SAME_STEP`): `info["final_obs"]` has the last
-    observation, `info["final_info"]` the last `is_success`, as `gymnasium.vector.SyncVectorEnv` has them. `num_envs`
-    aircraft fly in equal parts on the processor's cores; the other arguments are those of `GymnasiumEnvironment`.
+    An episode that ends is reset within the step (`AutoresetMode.SAME_STEP`): `info["final_obs"]` then has the last
+    observation and `info["final_info"]` the last `is_success`, in the form of `gymnasium.vector.SyncVectorEnv`.
+    `num_envs` is the number of aircraft, which fly in equal parts on the processor's cores; for the other arguments see
+    `GymnasiumEnvironment`. A `render_mode` other than None is refused.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012 - Gymnasium's type
@@ -298,9 +317,11 @@ class GymnasiumVectorEnvironment(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode of every aircraft; with a seed s, the first episodes of the seeds s, s + 1, ...
+        """Start the next episode of every aircraft; return observations, (aircraft, entry), and an empty `info`.
 
-        A sequence has a seed for each aircraft, None for its next episode. Options have no effect.
+        With an integer seed s, the first episodes of the seeds s, s + 1, ... start. In a sequence of seeds, one per
+        aircraft, None starts the aircraft's next episode. Options have no effect. Raises ValueError if the length of
+        the sequence is not the number of aircraft.
         """
         super().reset(seed=seed if isinstance(seed, int) else None)
         seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed
@@ -320,7 +341,11 @@ class GymnasiumVectorEnvironment(VectorEnv):
     def step(
         self, actions: Any
     ) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, " aircraft"], Bool[np.ndarray, " aircraft"], dict[str, Any]]:
-        """Fly one decision of every aircraft; return observations, rewards, `terminated`, `truncated` and `info`."""
+        """Fly one decision of every aircraft; return observations, rewards, `terminated`, `truncated` and `info`.
+
+        The observations of an episode that ended are those at the start of the next; for `info` see the class. Raises
+        ValueError before the first reset, and for actions of another shape or with infinities or NaN.
+        """
         if self._state is None:
             raise ValueError("step: arrived before the first reset; expected reset() before step()")
         checked = check_actions(actions, (self.num_envs, self.environment.num_actions))
@@ -338,14 +363,17 @@ class GymnasiumVectorEnvironment(VectorEnv):
     def _fly(self, function: Callable[..., Any], states: list[Any], *rows: Any) -> Any:
         """Call a compiled function for each block of the batch, in parallel; return each result as a tuple over blocks.
 
-        `states` are sequences over the blocks; `rows` are arrays over the whole batch.
+        `states` are sequences with one entry per block; `rows` are arrays over the whole batch, cut into blocks here.
         """
         blocks = zip(*states, *([array[block] for block in self._blocks] for array in rows), strict=True)
         return zip(*call_on_cores([partial(function, *block) for block in blocks]), strict=True)
 
 
 def _one_aircraft(compiled: CompiledEnvironment, render_mode: str | None, modes: Sequence[str]) -> AircraftEnvironment:
-    """Return the environment. Raises ValueError for a fleet and for another mode of rendering than `modes`."""
+    """Return the environment of one aircraft in `compiled`.
+
+    Raises ValueError for an environment of a fleet, and for a `render_mode` that is neither None nor in `modes`.
+    """
     if render_mode not in (None, *modes):
         raise ValueError(f"render_mode: arrived {render_mode!r}; expected {' or '.join([*map(repr, modes), 'None'])}")
     if not isinstance(compiled.environment, AircraftEnvironment):
@@ -357,7 +385,7 @@ def _one_aircraft(compiled: CompiledEnvironment, render_mode: str | None, modes:
 
 
 def register_gymnasium() -> None:
-    """Register every task of one aircraft in Gymnasium as `anser/NAME-v0`; importing this module does so."""
+    """Register every task of one aircraft in Gymnasium as `anser/NAME-v0`; importing this module calls the function."""
     single, vector = (f"{__name__}:{kind.__name__}" for kind in (GymnasiumEnvironment, GymnasiumVectorEnvironment))
     for task in sorted(set(TASKS) - {"FleetArrival"}):
         if f"anser/{task}-v0" not in gymnasium.registry:

@@ -12,12 +12,12 @@ from anser.results.documents import install_hint
 
 
 def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any) -> Any:
-    """Write episodes of one environment as a dataset of Minari, and return the dataset.
+    """Write episodes of one environment of one aircraft as a dataset of Minari, and return the dataset.
 
-    `dataset_id` has Minari's form, such as "anser/velocity-command/expert-v0"; observations are clipped to
-    +-`OBSERVATION_MAX`, as in the Gymnasium environments.
-    `description`: arguments of `minari.create_dataset_from_buffers` (`algorithm_name`, `author`, `description`, ...).
-    Raises ImportError without Minari.
+    `dataset_id` has Minari's form, such as "anser/velocity-command/expert-v0"; `description` holds arguments of
+    `minari.create_dataset_from_buffers` (`algorithm_name`, `author`, `description`, ...). Observations are clipped to
+    +-`OBSERVATION_MAX`, as in the Gymnasium environments. Raises ImportError without Minari, ValueError without
+    episodes.
     """
     try:
         import minari

@@ -1,6 +1,6 @@
-"""Tasks with a plan made before: path tracking, and arrival at a moving place at a given time.
+"""Tasks with a plan made before the first step: path tracking, and arrival at a moving goal at the planned time.
 
-The cases are flights of a study: each is trimmed and planned by the certified planner, so that each is known to be
+The cases are flights of a study, each trimmed and planned by the certified planner, so that every case is known to be
 solvable. Flights without a plan are left out.
 """
 
@@ -44,12 +44,15 @@ class PlannedMission(eqx.Module):
 
     trajectory: TimedPath  #: Planned path up to the arrival.
     goal: GoalMotion  #: Motion of the goal.
-    stand_off_n: Vector3  #: Rendezvous relative to the goal, NED, m.
-    distance_min: Scalar  #: Least distance to the goal, m.
-    turn: Scalar  #: Direction of the turn away from the goal: +1 right, -1 left.
+    stand_off_n: Vector3  #: Position of the rendezvous relative to the goal, NED, m.
+    distance_min: Scalar  #: Least allowed distance to the goal, m.
+    turn: Scalar  #: Direction in which the aircraft turns away from a goal that comes too near: +1 right, -1 left.
 
     def rendezvous_n(self, time: Any) -> Vector3:
-        """Return the rendezvous at the arrival as foreseen at a time (s): the goal keeps its present velocity."""
+        """Return the position of the rendezvous at the arrival time (chart, NED, m), as predicted at `time` (s).
+
+        The prediction assumes that the goal keeps its velocity at `time`.
+        """
         time_left = self.trajectory.arrival_time - time
         return self.goal.position_n(time) + time_left * self.goal.velocity_n(time) + self.stand_off_n
 
@@ -57,11 +60,15 @@ class PlannedMission(eqx.Module):
 def planned_cases(
     study: str | os.PathLike[str] | None, default: str, decision_s: float, dtype: Any
 ) -> tuple[Stacked[Case], tuple[str, ...], tuple[float, float] | None]:
-    """Plan the flights of a study file, or of the package's study `default`; a decision takes `decision_s`.
+    """Plan the flights of a study file, or for None of the package's study `default`, and return the cases.
 
-    Returns cases with leading axes over flights and aircraft, the names of the aircraft, and the required horizontal
-    and vertical separation, m (None: none). Raises ScenarioError if a file is not valid, or no flight of the study has
-    a plan.
+    Returns the cases with leading axes over flights and aircraft, the names of the aircraft, and the required
+    horizontal and vertical separation, m (None: none). `decision_s` is the duration of a decision, s, `dtype` the
+    precision. With the arrival rule "together" each flight gets a random common arrival time. Flights whose varied
+    values are no valid scenario, or that have no plan, are left out.
+
+    Raises ScenarioError if a file is not valid, the arrival rule is "earliest", or no flight has a plan; ValueError if
+    the aircraft of a flight arrive at different times, or an aircraft's controller is not the package's autopilot.
     """
     shipped = str(resources.files("anser.environments").joinpath(f"data/{default}"))
     loaded, scenario, columns = load_study(shipped if study is None else study)
@@ -105,11 +112,14 @@ def planned_cases(
 
 _TIME_ROUNDING_S = 1e-6
 _TIME_FACTORS = (1.1, 1.4)
-"""Arrival time over the time of the straight way at the fleet's airspeed, for a study without a rule of its own."""
+"""Least and greatest ratio of a random arrival time to `_straight_time_s`, for the arrival rule "together"."""
 
 
 def _straight_time_s(scenario: Scenario) -> float:
-    """Return the time in which the farthest aircraft meets its rendezvous on a straight way in still air, s."""
+    """Return the time in which every aircraft can reach its rendezvous on a straight line at its airspeed, s.
+
+    The aircraft drift with the wind at their start altitude, and the goals keep their initial velocity.
+    """
     times = []
     for aircraft in scenario.aircraft:
         goal, up = scenario.goal_of(aircraft), np.asarray(aircraft.rendezvous.stand_off_m)
@@ -121,7 +131,11 @@ def _straight_time_s(scenario: Scenario) -> float:
 
 
 def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s: float) -> list[Case]:
-    """Return the case of each aircraft of a planned flight, without its mission."""
+    """Return the case of each aircraft of a planned flight.
+
+    `trims` are the trim points of the aircraft groups, `paths` the planned paths of the fleet. Raises ValueError if the
+    aircraft arrive at different times, or if an aircraft's controller is not the package's autopilot.
+    """
     cases: list[Case] = []
     arrivals = np.asarray(paths.times)[:, -1]
     decisions = as_array(int(float(arrivals[0]) / decision_s + 1e-9), np.int32)
@@ -147,13 +161,13 @@ def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s
 
 
 class AbstractPlannedTask(AbstractTask):
-    """Base of the tasks with a plan: the expert follows the plan, and the stand-off to the goal is kept.
+    """Base of the tasks with a plan, which the expert follows.
 
-    An episode ends by failure as soon as the aircraft would have to break off so as not to come nearer to its goal than
-    a rendezvous may be (`anser.simulation.stand_off`).
+    An episode ends by failure as soon as the aircraft must break off in order to keep the least distance to its goal:
+    150 m to a goal on the surface, 100 m to an airborne goal (`anser.simulation.stand_off`).
     """
 
-    #: Study of the package from which the cases are made.
+    #: File name of the package's study whose flights are the cases if the user names no study.
     study: str = eqx.field(static=True, default="arrival-study.toml")
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
@@ -161,13 +175,13 @@ class AbstractPlannedTask(AbstractTask):
         raise TypeError(f"{type(self).__name__}: the cases are flights of a study; see anser.environments.make")
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the path command (through the air) with which the guidance follows the plan."""
+        """Return the command of the aircraft's guidance on the plan: airspeed (m/s), path angle and course (rad)."""
         case, belief = situation.case, situation.belief
         return case.vehicle.guidance.command(None, belief, case.task, situation.instant)[0]
 
 
 def comes_too_near(situation: Situation) -> Flag:
-    """Whether an aircraft must break off because it comes too near its goal; the environment ends the episode then."""
+    """Whether an aircraft must break off because it comes too near its goal, which ends the episode by failure."""
     task, truth, time = situation.case.task, situation.truth, situation.time
     earth = situation.instant.environment.earth
     to_goal_n, goal_velocity_n = earth.sight(
@@ -179,7 +193,10 @@ def comes_too_near(situation: Situation) -> Flag:
 
 
 def in_course_axes(situation: Situation, vector_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-    """Return a horizontal vector's parts along and to the right of the course through the air, and the part upwards."""
+    """Return a NED vector's components along the course, to the right of the course (both horizontal), and upwards.
+
+    The course is the estimated course through the air; the components have the vector's unit.
+    """
     chi = situation.estimates["course_deg"] / RAD_DEG
     cosine, sine = jnp.cos(chi), jnp.sin(chi)
     north, east, down = jnp.unstack(vector_n)
@@ -187,7 +204,10 @@ def in_course_axes(situation: Situation, vector_n: Vector3) -> tuple[Scalar, Sca
 
 
 def axes_entries(name: str, unit: str, suffix: str, half_range: float, meaning: str) -> tuple[Entry, ...]:
-    """Return the table of a vector's three entries in the axes of `in_course_axes`."""
+    """Return the table entries of a vector's components along the course, to the right and upwards.
+
+    `suffix` is the unit in the entries' names; `half_range` is the value of a component at 1 in the observation.
+    """
     return tuple(
         Entry(f"{name}_{axis}_{suffix}", unit, 0.0, half_range, f"{meaning}, {where}")
         for axis, where in (("ahead", "along the course"), ("right", "to the right"), ("up", "upwards"))
@@ -197,23 +217,28 @@ def axes_entries(name: str, unit: str, suffix: str, half_range: float, meaning: 
 class PathTracking(AbstractPlannedTask):
     """Follow a planned path in space and time up to the arrival.
 
-    Tolerance in the last 10 s: 50 m of distance to the planned position. An error of more than 1 km ends the episode.
+    Success: in the last 10 s the distance to the planned position is at most 50 m. A distance of more than 1 km ends
+    the episode by failure.
     """
 
     duration_s: float = eqx.field(static=True, default=180.0)
     settled_s: float = eqx.field(static=True, default=10.0)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the distance to the planned position, divided by its tolerance."""
+        """Return the true distance to the planned position, divided by 50 m, shape (1,)."""
         planned_n = situation.case.task.trajectory.position_n(situation.time)
         return norm(planned_n - situation.truth.state.position_n)[None] / 50.0
 
     def has_failed(self, situation: Situation) -> Flag:
-        """Whether the aircraft is more than 1 km off its path."""
+        """Whether the aircraft is more than 1 km away from its planned position."""
         return self.errors(situation)[0] > 20.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of entries: planned position now and in 2 s, and planned velocity, in axes of the course."""
+        """Return the table of the task's observations: three vectors, each along the course, to the right and upwards.
+
+        Planned position now and planned position in 2 s less present position, and planned less present velocity over
+        the ground.
+        """
         return (
             *axes_entries("path_offset", "m", "m", 100.0, "Planned less present position"),
             *axes_entries("path_ahead", "m", "m", 500.0, "Planned position in 2 s less present position"),
@@ -221,7 +246,7 @@ class PathTracking(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the values of `entries`, in their units, from the aircraft's own estimates."""
+        """Return the components that `entries` lists (m and m/s), not normalized, from the aircraft's estimates."""
         belief, trajectory = situation.belief, situation.case.task.trajectory
         planned, later = trajectory.at(situation.time), trajectory.at(situation.time + 2.0)
         position_n = belief.state.position_n
@@ -231,18 +256,18 @@ class PathTracking(AbstractPlannedTask):
 
 
 class Arrival(AbstractPlannedTask):
-    """Be at the rendezvous with a moving goal at the planned arrival time.
+    """Reach the rendezvous with a moving goal at the planned arrival time.
 
-    The rendezvous stands above the goal, at least 150 m above a goal on the surface and 100 m from one in the air.
-    Success is a distance of at most 50 m at the arrival time. The error before is the zero-effort miss: the distance at
-    the arrival time if aircraft and goal kept their velocities.
+    The rendezvous is at least 150 m above a goal on the surface, or at least 100 m from an airborne goal. Success: a
+    distance of at most 50 m to the rendezvous at the arrival time. Before, the error is the zero-effort miss: the
+    distance at the arrival time if aircraft and goal kept their velocities.
     """
 
     duration_s: float = eqx.field(static=True, default=180.0)
     settled_s: float = eqx.field(static=True, default=0.0)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the zero-effort miss, divided by its tolerance."""
+        """Return the true zero-effort miss, divided by 50 m, shape (1,)."""
         task, truth = situation.case.task, situation.truth
         velocity_n = velocity_over_ground_n(truth.condition, truth.state)
         time_left = task.trajectory.arrival_time - situation.time
@@ -250,7 +275,11 @@ class Arrival(AbstractPlannedTask):
         return norm(miss_n)[None] / 50.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of entries: time left, rendezvous at the arrival, mean velocity needed, ground velocity."""
+        """Return the table of the task's observations: time to the arrival, and three vectors in axes of the course.
+
+        The vectors are predicted rendezvous less present position, mean velocity needed to the rendezvous, and velocity
+        over the ground, each along the course, to the right and upwards.
+        """
         return (
             Entry("time_to_go_s", "s", 0.0, 100.0, "Time until the arrival"),
             *axes_entries("rendezvous", "m", "m", 10000.0, "Rendezvous at the arrival less present position"),
@@ -259,7 +288,10 @@ class Arrival(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the values of `entries`, in their units, from own estimates and the goal's present motion."""
+        """Return the quantities that `entries` lists (s, m, m/s), not normalized.
+
+        Position and velocity are the aircraft's own estimates; the goal's motion is the true one.
+        """
         belief, task, time = situation.belief, situation.case.task, situation.time
         time_left = task.trajectory.arrival_time - time
         to_rendezvous_n = task.rendezvous_n(time) - belief.state.position_n
@@ -270,6 +302,6 @@ class Arrival(AbstractPlannedTask):
 
 
 class FleetArrival(Arrival):
-    """Be at the rendezvous of each aircraft at one common time, with the separation kept: the task of a fleet."""
+    """Bring each aircraft of a fleet to its rendezvous at one common time, with the required separation."""
 
     study: str = eqx.field(static=True, default="fleet-study.toml")

@@ -1,4 +1,4 @@
-"""Environments by name: the tasks with their aircraft, air, sensors and cases."""
+"""Construction of an environment from a task, an aircraft, air, sensors and cases."""
 
 import dataclasses
 import os
@@ -28,7 +28,7 @@ from anser.variables import surface_variables
 
 _TASKS = AttitudeHold, VelocityCommand, AltitudeChange, UpsetRecovery, PathTracking, Arrival, FleetArrival
 TASKS: dict[str, Callable[[], AbstractTask]] = {task.__name__: task for task in _TASKS}
-"""Tasks by name."""
+"""Classes of the package's tasks by name."""
 
 
 def make(
@@ -44,39 +44,40 @@ def make(
     step_s: float = 0.01,
     **tables: Any,
 ) -> AircraftEnvironment | FleetEnvironment:
-    """Make an environment: of one aircraft, or of a fleet for the task "FleetArrival".
+    """Make an environment of one aircraft, or of a fleet for the task "FleetArrival".
 
     Parameters
     ----------
     task
-        Name of a task of the package, such as "VelocityCommand", or an own task.
+        Name of a task of the package, such as "VelocityCommand", or a user's `AbstractTask`.
     action
-        Level of action: "surfaces", "rates" or "velocity".
+        Level of action: "surfaces", "rates" or "velocity", as far as the task has this level.
     aircraft
         Name of an airframe, path of an aircraft file, or a table `[[aircraft]]` of a scenario with deviations, gains
         and the like.
     flown
-        Range of the starts and of the wind; None: the range of the aircraft.
+        Range from which starts and wind are drawn; None: the range that suits the aircraft.
     study
         Path of a study file whose flights are the cases of "PathTracking", "Arrival" and "FleetArrival", with the
-        aircraft, goals, air and sensors of its scenario; None: a study of the package. Each flight is planned before;
-        flights without a plan are left out. The tasks with a plan exclude `aircraft`, `flown`, `cases`, `seed` and
-        tables, which are those of the study.
+        aircraft, goals, air and sensors of its scenario; None: a study of the package. Each flight is planned here;
+        flights without a plan are left out. These tasks exclude `aircraft`, `flown`, `cases`, `seed` and tables, which
+        the study determines.
     cases
-        Number of cases: starts and commands from which a reset draws; None: 4,096.
+        Number of cases, the starts and commands of which a reset selects one; None: 4,096.
     seed
-        Seed of the cases; None: 0.
+        Seed of the random numbers for the cases; None: 0.
     precision
         Precision of the flight: "float64" or "float32".
     step_s
-        Step of the integration, s.
+        Step of the integration, s; a divisor of the level's decision time.
     **tables
         Tables of a scenario: `wind`, `turbulence`, `navigation`, `earth`, `limits`.
 
     Raises
     ------
     ValueError, ScenarioError
-        An argument or a table is not valid, or the aircraft has hardly any steady flight in the range.
+        An argument or a table is not valid, the aircraft has hardly any steady flight in the range, or no flight of the
+        study has a plan.
     """
     enable_compilation_cache()
     if isinstance(task, str):
@@ -145,7 +146,10 @@ def _surface_entries(vehicle: Vehicle) -> tuple[Entry, ...]:
 
 
 def _with_start_observations(made: AircraftEnvironment) -> AircraftEnvironment:
-    """Return an environment with the observation at the start of each case, where no random number enters it."""
+    """Return the environment with the observations at the start of all cases computed in advance.
+
+    With random gusts, or sensors other than ideal ones, the environment is returned unchanged.
+    """
     parameters, vehicle = made.parameters, made.parameters.cases.shared.vehicle
     if not (isinstance(vehicle.gusts, NoGusts) and isinstance(vehicle.sensors, IdealSensors)):
         return made

@@ -14,16 +14,16 @@ from anser.variables import CATALOGUE, Variable
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One entry of an observation or an action."""
+    """Description of one entry of an observation or an action, and its scale."""
 
-    name: str  #: Name with a unit suffix; that of the catalogue of variables where the quantity stands there.
-    unit: str
-    centre: float  #: Value of the quantity at 0 in the normalized entry.
+    name: str  #: Name with a unit suffix; for a variable of the catalogue its dataset name.
+    unit: str  #: Unit of the quantity.
+    centre: float  #: Value of the quantity at which the normalized entry is 0.
     half_range: float  #: Change of the quantity from 0 to 1 in the normalized entry.
-    meaning: str
+    meaning: str  #: Description of the quantity.
 
     def normalize(self, value: Any) -> Any:
-        """Return the normalized entry of a value of the quantity."""
+        """Return the normalized entry, (value - centre) / half_range, of a value of the quantity."""
         return (value - self.centre) / self.half_range
 
 
@@ -33,9 +33,10 @@ _BY_NAME: dict[str, Variable] = {variable.name: variable for variable in CATALOG
 def catalogue_entry(
     variable: str | Variable, centre: float, half_range: float, kind: str = "", meaning: str = ""
 ) -> Entry:
-    """Return the entry of a variable of the catalogue, with its unit and description.
+    """Return the entry of a variable of the catalogue, with the variable's unit and description.
 
-    `kind` is added to the variable's key ("_error"), `meaning` stands before the description ("Commanded").
+    `variable` is a dataset name ("alpha_deg") or a `Variable`; `centre` and `half_range` are in the variable's unit.
+    `kind` is added to the key in the entry's name ("_error"), `meaning` stands before the description ("Commanded").
     """
     v = _BY_NAME[variable] if isinstance(variable, str) else variable
     description = f"{meaning} {v.long_name[0].lower()}{v.long_name[1:]}" if meaning else v.long_name
@@ -43,7 +44,7 @@ def catalogue_entry(
 
 
 class Box:
-    """Box of real vectors, infinite if unbounded, with the methods that gymnax expects of a space."""
+    """Space of real vectors with entries from `low` to `high`, which may be infinite; the methods follow gymnax."""
 
     def __init__(self, low: float, high: float, shape: tuple[int, ...], dtype: Any = jnp.float32) -> None:
         self.low, self.high, self.shape, self.dtype = low, high, shape, dtype
@@ -52,7 +53,7 @@ class Box:
         return f"Box({self.low:g}, {self.high:g}, {self.shape}, {np.dtype(self.dtype).name})"
 
     def sample(self, key: Array) -> Float[Array, "..."]:
-        """Draw a vector: uniform between finite bounds, standard normal without bounds."""
+        """Draw a random vector: uniform between finite bounds, otherwise standard normal."""
         if np.isfinite(self.low) and np.isfinite(self.high):
             return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)
         return jax.random.normal(key, self.shape, self.dtype)

@@ -1,4 +1,4 @@
-"""Tasks of one aircraft: what is commanded, observed, rewarded and counted as success; and a scripted expert."""
+"""Tasks of one aircraft: commands, observations, reward, success and failure, and the scripted expert's commands."""
 
 import abc
 from collections.abc import Callable
@@ -27,30 +27,33 @@ from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD, RAD_DEG
 
 _ERROR_SCALE = 10.0
-"""Error, in tolerances, at which its part of the reward is one half."""
+"""Error, in units of its tolerance, at which the error's part of the reward is one half."""
 
 Drawn = tuple[TrimPoint, Any]
-"""Starts, and the task's numbers, of many episodes: arrays with a leading axis over the episodes."""
+"""Starts and task numbers (such as commands) of many episodes, both with a leading axis over the episodes."""
 
 
 class AbstractTask(eqx.Module):
     """Interface of the tasks of one aircraft. Subclass this class directly.
 
-    A task makes the starts and the numbers of its episodes before the first step, and defines observation, errors,
-    reward and failure. Success: all errors stay within the tolerances in the last `settled_s` of the episode.
+    A task draws the starts and the numbers of its episodes, such as commands, before the first step, and defines
+    observation, errors, reward and failure. Success: all errors are within the tolerances at every decision in the last
+    `settled_s` seconds of a full episode.
     """
 
-    #: Duration of an episode, and time at its end in which the errors must stay within the tolerances, s.
-    duration_s: eqx.AbstractVar[float]
-    settled_s: eqx.AbstractVar[float]
-    #: Loop of the autopilot that the scripted expert commands.
+    duration_s: eqx.AbstractVar[float]  #: Duration of a full episode, s.
+    settled_s: eqx.AbstractVar[float]  #: Time at the end in which the errors must stay within the tolerances, s.
+    #: Loop of the autopilot to which `expert_command` is given.
     expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity", kw_only=True)
-    #: Levels of action at which the task is not solved by the autopilot itself.
+    #: Levels of action that the task allows: at other levels the autopilot itself would solve the task.
     levels: tuple[str, ...] = eqx.field(static=True, default=("surfaces", "rates", "velocity"), kw_only=True)
 
     @abc.abstractmethod
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw the starts and the task's numbers of many episodes: arrays with a leading axis over the episodes."""
+        """Draw the starts and the task's numbers of `count` episodes, both with a leading axis over the episodes.
+
+        `environment` has no wind; `flown` is the range of the flight conditions at the starts.
+        """
 
     @abc.abstractmethod
     def errors(self, situation: Situation) -> Float[Array, " error"]:
@@ -58,15 +61,15 @@ class AbstractTask(eqx.Module):
 
     @abc.abstractmethod
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table that describes the task's observations, which follow those of the aircraft's motion."""
+        """Return the table of the task's observations, which follow the aircraft's motion in the observation."""
 
     @abc.abstractmethod
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the quantities of `entries`, from the aircraft's own estimates, in the units of the table."""
+        """Return the quantities of `entries`, not normalized, from the aircraft's own estimates."""
 
     @abc.abstractmethod
     def expert_command(self, situation: Situation) -> PathCommand | LoopCommand:
-        """Return the command of the scripted expert to the loop `expert_loop` of the autopilot."""
+        """Return the scripted expert's command to the autopilot's loop `expert_loop`."""
 
     def has_failed(self, situation: Situation) -> Flag:
         """Whether a condition of this task ends the episode by failure; by default never.
@@ -76,20 +79,26 @@ class AbstractTask(eqx.Module):
         return jnp.zeros((), bool)
 
     def reward(self, situation: Situation, errors: Float[Array, " error"]) -> Scalar:
-        """Return the reward of a decision, 0..1: the mean over the errors of 1 / (1 + (error / 10 tolerances)^2)."""
+        """Return the reward of a decision, 0..1: the mean over the errors of 1 / (1 + (error / (10 tolerance))^2).
+
+        `errors` are divided by their tolerances.
+        """
         return jnp.mean(1.0 / (1.0 + (errors / _ERROR_SCALE) ** 2))
 
 
 class Aim(NamedTuple):
     """A variable that a task commands, with tolerance and scales in the variable's unit."""
 
-    name: str  #: Dataset name of the variable.
-    tolerance: float = 0.0  #: Tolerance of the error; 0: no error counts.
-    difference_scale: float = 0.0  #: Half range of the entry "commanded less present value"; 0: no entry.
-    command_scale: float = 0.0  #: Half range of the entry "commanded value"; 0: no entry.
+    name: str  #: Dataset name of the variable, such as "path_angle_deg".
+    tolerance: float = 0.0  #: Tolerance of the error; 0: the variable has no error.
+    difference_scale: float = 0.0  #: Half range of the observation "commanded less present value"; 0: not observed.
+    command_scale: float = 0.0  #: Half range of the observation "commanded value", an angle; 0: not observed.
 
     def error(self, command: Scalar | None, value: Scalar) -> Scalar:
-        """Return the error of a value of the variable in tolerances; a command of an angle is in rad, None is 0."""
+        """Return the error, value less command, in units of the tolerance; errors of course and bank are wrapped.
+
+        `value` is in the variable's unit; `command` is in SI units (angles in rad), None for 0.
+        """
         if command is None:
             return value / self.tolerance
         unit = DEG_RAD if self.name.endswith("_deg") else 1.0
@@ -97,9 +106,10 @@ class Aim(NamedTuple):
         return (wrap_angle(difference) if self.name in _CYCLIC else difference) / (self.tolerance * unit)
 
     def shown(self, command: Scalar, value: Scalar) -> Scalar:
-        """Return the commanded less the present value of the variable, in the variable's unit.
+        """Return the commanded less the present value of the variable, in the variable's unit, for the observation.
 
-        The command of an angle is in rad. Differences of course and bank angle are wrapped to -180..180 deg.
+        `value` is in the variable's unit; `command` is in SI units (angles in rad). Differences of course and bank
+        angle are wrapped to -180..180 deg.
         """
         if self.name in _CYCLIC:
             return wrap_angle(command - value * DEG_RAD) * RAD_DEG
@@ -111,37 +121,41 @@ _CYCLIC = "course_deg", "bank_deg"
 
 
 class AbstractCommandTask(AbstractTask):
-    """Base of the tasks that command variables of the catalogue: errors and entries follow from a table of aims."""
+    """Base of the tasks that command variables of the catalogue.
+
+    Errors and observations follow from `aims`, the commanded variables with tolerances and scales.
+    """
 
     aims: ClassVar[tuple[Aim, ...]]
 
     def commands(self, situation: Situation) -> tuple[Any, ...]:
-        """Return the command for each aim (SI units, rad), None for 0; by default the numbers of the task."""
+        """Return the present command of each aim (SI units, rad), None for 0; by default the task's drawn numbers."""
         return tuple(situation.case.task)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the true error of each aim with a tolerance, divided by it."""
+        """Return the true error of each aim that has a tolerance, divided by the tolerance."""
         aims, v = zip(self.aims, self.commands(situation), strict=True), situation.variables
         return jnp.stack([aim.error(command, v[aim.name]) for aim, command in aims if aim.tolerance])
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of entries: differences between command and present value, and commands."""
+        """Return the table of the task's observations: commanded less present values, then commanded values."""
         differences = [(aim.name, aim.difference_scale, "_error", "Commanded less present") for aim in self.aims]
         commands = [(aim.name, aim.command_scale, "_command", "Commanded") for aim in self.aims]
         rows = (*differences, *commands)
         return tuple(catalogue_entry(name, 0.0, scale, *texts) for name, scale, *texts in rows if scale)
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the values of `entries`, in their units, from the aircraft's own estimates."""
+        """Return the quantities that `entries` lists, not normalized, from the aircraft's own estimates."""
         aims, v = list(zip(self.aims, self.commands(situation), strict=True)), situation.estimates
         differences = [aim.shown(command, v[aim.name]) for aim, command in aims if aim.difference_scale]
         return (*differences, *(command * RAD_DEG for aim, command in aims if aim.command_scale))
 
 
 def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], level: Any) -> np.ndarray:
-    """Draw two commands for each start until they are steady flights; `level` are those after 40 draws without.
+    """Draw two commands for each of `count` starts until both give a steady flight, shape (2, count).
 
-    `draw` returns the commands of the given rows (2, row), and whether they are steady flights.
+    `draw` takes the indices of starts, and returns their commands (2, index) and whether each pair gives a steady
+    flight. A start without a steady flight after 40 draws gets its commands in `level` (2, count).
     """
     commands, missing = np.array(level, dtype=float), np.arange(count)
     for _ in range(_DRAWS_MAX):
@@ -156,9 +170,10 @@ def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, 
 class VelocityCommand(AbstractCommandTask):
     """Reach and hold a commanded airspeed, path angle and course.
 
-    The commands are steady flights within the aircraft's limits that its thrust reaches within 20 s: up to 30 m/s
-    faster or slower, a path angle up to 10 deg, and a change of course up to 90 deg. A start for which 40 draws give no
-    such command has level flight at its airspeed instead. Tolerances: 2 m/s, 1 deg, 2 deg.
+    The commands differ from the start by up to 30 m/s and 90 deg of course; the path angle is up to 10 deg. Speed and
+    path angle are a steady flight within the aircraft's limits, with thrust enough to change the speed within 20 s. A
+    start for which 40 draws give no such command has level flight at its airspeed instead. Tolerances: 2 m/s, 1 deg,
+    2 deg.
     """
 
     duration_s: float = eqx.field(static=True, default=40.0)
@@ -173,7 +188,7 @@ class VelocityCommand(AbstractCommandTask):
     )
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw steady starts, and commands that are steady flights too."""
+        """Draw steady starts, and commands (airspeed m/s, path angle rad, course rad), shape (episode, 3)."""
         starts = steady_starts(vehicle, environment, flown, count, rng)
         V, chi, altitude = _level_of(starts)
 
@@ -199,9 +214,9 @@ class VelocityCommand(AbstractCommandTask):
 
 
 class AltitudeChange(AbstractCommandTask):
-    """Climb or descend to an altitude and an airspeed, and hold both on the course of the start.
+    """Climb or descend to a commanded altitude and airspeed, and hold both on the course of the start.
 
-    Altitude up to 500 m higher or lower, airspeed up to 20 m/s faster or slower. Tolerances: 15 m, 2 m/s, 3 deg.
+    The commands differ from the start by up to 500 m and 20 m/s. Tolerances: 15 m, 2 m/s, 3 deg of course.
     """
 
     duration_s: float = eqx.field(static=True, default=90.0)
@@ -215,7 +230,11 @@ class AltitudeChange(AbstractCommandTask):
     )
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw steady starts, and altitudes and airspeeds at which the aircraft has level flight."""
+        """Draw steady starts, and commands (altitude m, airspeed m/s, course rad), shape (episode, 3).
+
+        At the commanded altitude and airspeed the aircraft has a steady level flight, unless 40 draws find none: then
+        the altitude and the airspeed of the start are commanded.
+        """
         starts = steady_starts(vehicle, environment, flown, count, rng)
         V, chi, start_altitude = _level_of(starts)
 
@@ -230,7 +249,10 @@ class AltitudeChange(AbstractCommandTask):
         return starts, as_array(np.stack([*commands, chi], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return a climb rate in proportion to the altitude error, up to 8 m/s, at the commanded airspeed."""
+        """Return the commanded airspeed and course, with the path angle of a climb rate.
+
+        The climb rate is in proportion to the altitude error, at most 8 m/s up or down.
+        """
         v, (altitude, V, chi) = situation.estimates, situation.case.task
         climb_rate = jnp.clip(_CLIMB_GAIN * (altitude - v["altitude_m"]), -_CLIMB_RATE_MAX_M_S, _CLIMB_RATE_MAX_M_S)
         return _path_command(V, jnp.arcsin(jnp.clip(climb_rate / v["airspeed_m_s"], -0.5, 0.5)), chi)
@@ -239,8 +261,8 @@ class AltitudeChange(AbstractCommandTask):
 class UpsetRecovery(AbstractCommandTask):
     """Recover from an upset to level flight with level wings, at any course.
 
-    The start has up to 60 deg of bank, an angle of attack up to 25 deg, path angles up to 30 deg and body rates up to
-    30 deg/s. Tolerances at the end: 3 deg of path angle, 5 deg of bank, 5 deg/s of roll rate.
+    The start has up to 60 deg of bank, an angle of attack from -5 to 25 deg, path angles up to 30 deg and body rates up
+    to 30 deg/s. Tolerances: 3 deg of path angle, 5 deg of bank, 5 deg/s of roll rate.
     """
 
     duration_s: float = eqx.field(static=True, default=20.0)
@@ -258,7 +280,7 @@ class UpsetRecovery(AbstractCommandTask):
     )
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw upsets at the airspeeds and altitudes of level flights; commanded is the airspeed of the start."""
+        """Draw upsets at the airspeeds and altitudes of level flights; the start's airspeed (m/s) is the command."""
         level = FlightRange(flown.speed_m_s, flown.altitude_m, 0.0, 0.0, 0.0)
         trims = steady_starts(vehicle, environment, level, count, rng)
         V, chi, _ = _level_of(trims)
@@ -271,19 +293,20 @@ class UpsetRecovery(AbstractCommandTask):
         return starts, as_array(V[:, None])
 
     def commands(self, situation: Situation) -> tuple[Any, ...]:
-        """Return level flight without roll rate, and the airspeed of the start."""
+        """Return the commands: path angle, bank and roll rate 0, and the airspeed of the start (m/s)."""
         return None, None, None, situation.case.task[0]
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the command of level flight at the airspeed of the start on the present, estimated course."""
+        """Return the command of level flight at the airspeed of the start on the presently estimated course."""
         return _path_command(situation.case.task[0], jnp.zeros(()), situation.estimates["course_deg"] * DEG_RAD)
 
 
 class AttitudeHold(AbstractCommandTask):
     """Hold the attitude of the start, then follow steps of bank and angle of attack, without sideslip.
 
-    The bank is about the velocity vector. Every 5 s after the first 3 s, a new bank up to 45 deg and a new angle of
-    attack up to 4 deg from that of the start are commanded. Tolerances: 3 deg, 1 deg, 1 deg of sideslip.
+    After 3 s and after 8 s, a new bank angle (about the velocity vector) up to 45 deg and a new angle of attack up to
+    4 deg from the start's are commanded, within the autopilot's limits of angle of attack less 3 deg. Tolerances: 3 deg
+    of bank, 1 deg of angle of attack, 1 deg of sideslip.
     """
 
     duration_s: float = eqx.field(static=True, default=13.0)
@@ -299,7 +322,10 @@ class AttitudeHold(AbstractCommandTask):
     )
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw steady starts, bank and angle of attack (rad) in the three intervals, and the throttle of the start."""
+        """Draw steady starts, and the task's numbers: commands and the throttle of the start.
+
+        Bank and angle of attack (rad) have shape (episode, 3): the commands in the three intervals of the episode.
+        """
         starts = steady_starts(vehicle, environment, flown, count, rng)
         limits = autopilot_of(vehicle).limits
         bank, alpha = np.asarray(starts.mu), np.asarray(starts.alpha)
@@ -311,13 +337,13 @@ class AttitudeHold(AbstractCommandTask):
         return starts, (*steps, as_array(np.asarray(starts.controls.throttle)))
 
     def commands(self, situation: Situation) -> tuple[Any, ...]:
-        """Return commanded bank and angle of attack, without sideslip."""
+        """Return the present commands of bank and angle of attack, rad, and None for a sideslip of 0."""
         later, last = situation.time >= 3.0, situation.time >= 8.0
         bank, alpha = (jnp.where(last, v[2], jnp.where(later, v[1], v[0])) for v in situation.case.task[:2])
         return bank, alpha, None
 
     def expert_command(self, situation: Situation) -> LoopCommand:
-        """Return the commanded attitude without sideslip, and the throttle of the start."""
+        """Return the commanded bank, angle of attack and sideslip 0 (rad, rates 0), and the throttle of the start."""
         bank, alpha, _ = self.commands(situation)
         attitude = jnp.stack([bank, alpha, jnp.zeros_like(bank)])
         return LoopCommand(attitude, jnp.zeros_like(attitude), situation.case.task[2])
@@ -335,7 +361,7 @@ def _path_command(V: Scalar, gamma: Scalar, chi: Scalar) -> PathCommand:
 
 
 def _level_of(starts: TrimPoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return airspeed, course and altitude (m/s, rad, m) of steady flights in still air."""
+    """Return airspeed (m/s), course (rad) and altitude (m) of steady flights in still air, each of shape (row,)."""
 
     def path(state: AircraftState) -> PathCommand:
         velocity_n = rotate_back(rotation_from_quaternion(state.quaternion), state.velocity_b)
@@ -348,7 +374,11 @@ def _level_of(starts: TrimPoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _upset(
     trim: TrimPoint, V: Scalar, chi: Scalar, alpha: Scalar, bank: Scalar, path_angle: Scalar, rates_b: Vector3
 ) -> TrimPoint:
-    """Return a start with another attitude, path and body rates than a level flight; surfaces and engine are kept."""
+    """Return the state of an upset: a level flight with new attitude, flight path and body rates.
+
+    The upset has airspeed (m/s), course, angle of attack, bank and path angle (rad), and body rates (rad/s) as stated,
+    and no sideslip. Position, surfaces and engine are those of the level flight `trim`.
+    """
     beta = jnp.zeros_like(alpha)
     quaternion = quaternion_from_rotation(attitude_from_path(bank, path_angle, chi, alpha, beta))
     return eqx.tree_at(

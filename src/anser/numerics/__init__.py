@@ -1,4 +1,4 @@
-"""Numerical methods in JAX: arrays, root finding, least squares, integration, tables and random numbers."""
+"""Numerical methods in JAX: arrays, roots, least squares, integration, tables, polynomials and random numbers."""
 
 import lazy_loader
 

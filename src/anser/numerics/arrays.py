@@ -1,7 +1,7 @@
-"""Arrays and pytrees of arrays.
+"""Functions for arrays and pytrees of arrays.
 
-Creation without compilation, change of precision, row selection, padding, and stacking of equally structured objects
-for `vmap`.
+The functions create arrays without compilation, change the precision, select and pad rows, and stack equally structured
+objects for `vmap`.
 """
 
 import functools
@@ -24,31 +24,37 @@ from anser.shapes import Flag, Integer, ScalarLike
 T = TypeVar("T")
 
 _SHARED_MAX = 16
-"""Greatest number of elements of an array that is cached and shared between callers with equal numbers."""
+"""Greatest number of elements of an array that `as_array` caches and returns again for equal numbers."""
 
 
 def namespace(*values: Any) -> ModuleType:
-    """Return NumPy for concrete values, so that no program is compiled, and `jax.numpy` if any value is traced."""
+    """Return the module `jax.numpy` if any value is traced, otherwise `numpy`, with which no program is compiled."""
     return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values)) else np
 
 
 def take_rows(tree: T, indices: slice | np.ndarray) -> T:
-    """Select rows (leading axis) of every array in a pytree; scalars are unchanged."""
+    """Return the rows `indices` (leading axis) of every concrete array in a pytree, as JAX arrays; scalars remain."""
     return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[indices], None) if np.ndim(leaf) else leaf, tree)
 
 
 def first_rows(tree: T, count: int) -> T:
-    """Select the first `count` rows (leading axis) of every array in a pytree; scalars are unchanged."""
+    """Return the first `count` rows (leading axis) of every concrete array in a pytree; scalars remain."""
     return take_rows(tree, slice(count))
 
 
 def rows_on_host(tree: T, indices: int | slice | np.ndarray) -> T:
-    """Select rows as `take_rows`, as NumPy arrays: nothing is copied to the device."""
+    """Return the rows `indices` (leading axis) of every array in a pytree, as NumPy arrays; scalars remain.
+
+    Nothing is copied to the device, unlike in `take_rows`.
+    """
     return jax.tree.map(lambda leaf: np.asarray(leaf)[indices] if np.ndim(leaf) else leaf, tree)
 
 
 def with_rows(tree: T, indices: int | np.ndarray, values: Any) -> T:
-    """Replace rows (leading axis) of every array of a pytree, on the host: nothing is compiled."""
+    """Return a pytree with the rows `indices` (leading axis) of every array replaced by those in `values`.
+
+    `values` is a pytree of the same structure. NumPy computes the result, so that no program is compiled.
+    """
 
     def replace_rows(leaf: Any, rows: Any) -> Array:
         table = np.array(leaf)
@@ -66,9 +72,9 @@ def unstack_rows(tree: T) -> list[T]:
 
 
 def bucket_size(count: int, smallest: int) -> int:
-    """Return the first of `smallest`, 2 `smallest`, 4 `smallest`, ... that is not below `count`.
+    """Return the least of `smallest`, 2 `smallest`, 4 `smallest`, ... that is at least `count` (1 or more).
 
-    Fleets padded to these sizes share few compiled programs.
+    Fleets that are padded to these sizes share few compiled programs.
     """
     return smallest * 2 ** max(0, math.ceil(math.log2(count / smallest)))
 
@@ -91,7 +97,7 @@ def zeros_like_result(function: Callable[..., T], *args: Any) -> T:
 def as_array(value: Any, dtype: Any = float) -> Array:
     """Convert numbers to a strongly typed JAX array; with `dtype` None the type is preserved.
 
-    Concrete values are copied to the device directly, since `jnp.asarray` would compile a program for each new shape.
+    Concrete values are copied to the device directly, because `jnp.asarray` would compile a program for each new shape.
     """
     if namespace(value) is jnp:
         return jnp.asarray(value, dtype)
@@ -104,7 +110,10 @@ def as_array(value: Any, dtype: Any = float) -> Array:
 
 
 def cast_to_precision(value: T, dtype: Any) -> T:
-    """Cast the real arrays (or shapes) of a pytree to a precision; other leaves are unchanged."""
+    """Return a pytree with its arrays of real numbers cast to the type `dtype`; other leaves are unchanged.
+
+    The function also serves shapes (`jax.ShapeDtypeStruct`) in place of arrays.
+    """
     target = jnp.dtype(dtype)
 
     def cast(leaf: Any) -> Any:
@@ -119,7 +128,7 @@ def cast_to_precision(value: T, dtype: Any) -> T:
 
 
 def cast_like(value: T, reference: T) -> T:
-    """Cast each array of a pytree to the type of the corresponding array in `reference`."""
+    """Return a pytree with each array cast to the type of the corresponding array in `reference`."""
 
     def cast(leaf: Any, reference_leaf: Any) -> Any:
         target = getattr(reference_leaf, "dtype", None)
@@ -130,40 +139,49 @@ def cast_like(value: T, reference: T) -> T:
 
 @functools.lru_cache(maxsize=8192)
 def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
-    """Copy a small array to the device. Cached: flights of a campaign share most arrays, and copying is slow."""
+    """Return a small array on the device, from its bytes, type and shape.
+
+    The results are cached: flights of a campaign share most arrays, and copying is slow.
+    """
     with jax.ensure_compile_time_eval():  # otherwise the cache would hold a tracer
         return jax.device_put(np.frombuffer(raw, dtype).reshape(shape))
 
 
 class Stacked(eqx.Module, Generic[T]):
-    """Several objects of equal structure, stored as one pytree for `vmap`."""
+    """Several objects of equal structure, stored as two pytrees for `vmap`; `stack_objects` makes them.
+
+    Leaves that differ between the objects have a leading axis; a leaf that is equal in all objects is stored once.
+    """
 
     # leaves that differ between the objects, with a leading axis over the objects; None in place of shared leaves
     batched: T
     shared: T  # leaves equal for every object; None in place of batched leaves
 
     def combine(self, batched: T) -> T:
-        """Return one object, made of its batched leaves and the shared leaves; for use inside `vmap` over `batched`."""
+        """Return one object from its batched leaves, without the leading axis, and the shared leaves.
+
+        Inside `vmap` over the attribute `batched`, the argument is one object's slice.
+        """
         return eqx.combine(batched, self.shared)
 
     def at(self, index: int) -> T:
-        """Return the object with the given index."""
+        """Return object number `index`, from 0."""
         return self.combine(jax.tree.map(lambda leaf: leaf[index], self.batched))
 
     def map(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return `function(object, *slices)` for every object and every slice of the arguments, by `vmap`.
+        """Return `function(object, *slices)` for every object, stacked along a leading axis, by `vmap`.
 
-        The slices are taken along the leading axes of the arguments.
+        The slices of object k are those of index k along the leading axes of the arguments.
         """
         return jax.vmap(lambda batched, *slices: function(self.combine(batched), *slices))(self.batched, *arguments)
 
     def loop(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the same as `map`, computed for one object after another: less code, slower for many objects."""
+        """Return the result of `map`, computed for one object after another: less code, slower for many objects."""
         return jax.lax.map(lambda rows: function(self.combine(rows[0]), *rows[1:]), (self.batched, *arguments))
 
 
 def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
-    """Return the same as `vmap(function)(*rows)`; a single row is computed without a batch: less code to compile."""
+    """Return `vmap(function)(*rows)`; a single row is computed without `vmap`, with less code to compile."""
     if jax.tree.leaves(rows)[0].shape[0] != 1:
         return jax.vmap(function)(*rows)
     result = function(*jax.tree.map(lambda leaf: leaf[0], rows))
@@ -171,9 +189,9 @@ def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
 
 
 def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the properties that two objects must share for stacking.
+    """Return the tree structure of an object, and shape and type of each leaf.
 
-    Tree structure, and shape and type of each leaf.
+    Two objects can be stacked by `stack_objects` if their signatures are equal.
     """
     leaves, structure = jax.tree.flatten(value)
     arrays = (leaf if isinstance(leaf, np.ndarray | jax.Array) else np.asarray(leaf) for leaf in leaves)
@@ -188,7 +206,10 @@ def stack_objects(
     tables_only: bool = True,
     batched: Callable[[T], Any] | None = None,  # selects a subtree that is batched even if equal; None: no subtree
 ) -> Stacked[T]:
-    """Stack equally structured objects; leaves with equal values are shared. Raises ValueError for other structures."""
+    """Stack equally structured objects; leaves with equal values in all objects are stored once, as shared leaves.
+
+    Raises ValueError if the objects differ in structure, shapes or types.
+    """
     if len({tree_signature(part) for part in parts}) != 1:
         raise ValueError("objects of different structure cannot be stacked: each must have leaves of the same shapes")
     leaves_by_object = [jax.tree.leaves(part) for part in parts]
@@ -212,7 +233,7 @@ def stack_objects(
 
 @functools.lru_cache(maxsize=64)
 def _is_in_subtree(structure: Any, select: Callable[[Any], Any] | None) -> tuple[bool, ...]:
-    """Whether each leaf of a tree is in the subtree that `select` returns; None: no subtree."""
+    """Return for each leaf of a tree whether `select` returns it or a subtree with it; None: False for every leaf."""
     tree = structure.unflatten([False] * structure.num_leaves)
     if select is not None:
         tree = eqx.tree_at(select, tree, replace_fn=lambda part: jax.tree.map(lambda _: True, part))
@@ -220,7 +241,7 @@ def _is_in_subtree(structure: Any, select: Callable[[Any], Any] | None) -> tuple
 
 
 def stack_rows(parts: Sequence[T]) -> T:
-    """Stack equally structured objects into one, with a leading axis on every leaf; NumPy only, nothing is compiled."""
+    """Stack equally structured objects into one object with a leading axis on every leaf; nothing is compiled."""
     return jax.tree.map(lambda *leaves: as_array(np.stack([np.asarray(leaf) for leaf in leaves]), None), *parts)
 
 
@@ -229,10 +250,10 @@ def _is_float(leaf: np.ndarray) -> bool:
 
 
 def count_not_above(ascending: Float[Array, " n"], value: ScalarLike) -> Integer:
-    """Return the number of entries of an ascending array that are not above a value.
+    """Return the number of entries of an ascending array that are at most `value`.
 
-    The value is compared with the first entries of blocks, then with the entries of one block. In a batch on a CPU this
-    takes a third of the time of a binary search, and a fiftieth of that of a comparison with every entry.
+    The value is compared with the first entries of blocks, then with the entries of one block. In a batch on a CPU the
+    method takes a third of the time of a binary search, and a fiftieth of the time of a comparison with every entry.
     """
     count = ascending.shape[0]
     size = math.isqrt(count - 1) + 1
@@ -243,10 +264,10 @@ def count_not_above(ascending: Float[Array, " n"], value: ScalarLike) -> Integer
 
 @custom_vmap
 def any_in_batch(flag: Flag) -> Flag:
-    """Return whether any flag of the batch is true, as an unbatched result; outside `vmap` return the flag itself.
+    """Return whether any flag of a batch under `vmap` is true, as one flag; outside `vmap` return the flag itself.
 
-    A condition on the result remains a condition under `vmap`. A condition on a batched flag would become a selection,
-    computing both branches for the whole batch.
+    `jax.lax.cond` on the result computes one branch under `vmap` too. On a batched flag it would compute both branches
+    for the whole batch.
     """
     return flag
 
@@ -257,10 +278,10 @@ def _any_in_batch(_size: int, _batched: list[bool], flags: Any) -> tuple[Any, bo
 
 
 def select_if_any(chosen: Flag, new: Callable[[], T], old: T) -> T:
-    """Select the leaves of `new()` where the flag is true, otherwise those of `old`.
+    """Return the pytree `new()` if the flag `chosen` is true, otherwise `old`; for updates that are rare.
 
-    If no flag of the batch is true, `new` is not evaluated: for rare updates. Inside a single-kernel program, which
-    has no conditions, `new` is always evaluated.
+    In a batch under `vmap` each element is selected by its flag, and `new` is evaluated only if any flag is true.
+    Inside a single-kernel program, which has no conditions, `new` is always evaluated.
     """
 
     def select() -> T:
@@ -270,5 +291,5 @@ def select_if_any(chosen: Flag, new: Callable[[], T], old: T) -> T:
 
 
 def select_rows(chosen: Array, new: Any, old: Any) -> Any:
-    """Select rows (leading axis) of `new` where `chosen` is true, and of `old` elsewhere."""
+    """Return a pytree with the rows (leading axis) of `new` where `chosen` is true, and those of `old` elsewhere."""
     return jax.tree.map(lambda a, b: jnp.where(chosen.reshape(-1, *[1] * (jnp.ndim(a) - 1)), a, b), new, old)

@@ -1,7 +1,7 @@
 """Polynomials on an interval in Bernstein form, bounded by their coefficients.
 
-A polynomial of degree n is sum_k c_k C(n, k) u^k (1 - u)^(n - k) on 0 <= u <= 1; its values lie between the least and
-the greatest coefficient. Coefficients run along the last axis.
+A polynomial of degree n is sum_k c_k C(n, k) u^k (1 - u)^(n - k) on 0 <= u <= 1, with binomial coefficients C(n, k);
+its values lie between the least and the greatest of the coefficients c_k, which run along the last axis of an array.
 """
 
 import functools
@@ -16,7 +16,10 @@ Coefficients = Float[Array, "*batch n"]
 
 @functools.lru_cache
 def _convolution(m: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weights and indices of a product: c_k = sum_i weight[k, i] a_i b_index[k, i], shape (m + n + 1, m + 1)."""
+    """Return weights and indices of the product of polynomials a and b of degrees m and n, shapes (m + n + 1, m + 1).
+
+    The coefficients of the product are c_k = sum_i weights[k, i] a_i b_indices[k, i].
+    """
     weights, indices = np.zeros((m + n + 1, m + 1)), np.zeros((m + n + 1, m + 1), dtype=int)
     for i in range(m + 1):
         for j in range(n + 1):
@@ -26,7 +29,7 @@ def _convolution(m: int, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def product(a: Coefficients, b: Float[Array, "*batch m"]) -> Float[Array, "*batch k"]:
-    """Return the Bernstein coefficients of the product of two polynomials; its degree is the sum of their degrees."""
+    """Return the Bernstein coefficients of the product of two polynomials; the degree is the sum of both degrees."""
     if a.shape[-1] < b.shape[-1]:
         a, b = b, a
     weights, indices = _convolution(a.shape[-1] - 1, b.shape[-1] - 1)
@@ -36,7 +39,10 @@ def product(a: Coefficients, b: Float[Array, "*batch m"]) -> Float[Array, "*batc
 
 
 def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
-    """Return the Bernstein coefficients of the same polynomial written with a higher degree."""
+    """Return the Bernstein coefficients of a polynomial in the basis of degree `degree`.
+
+    Raises ValueError if `degree` is less than the polynomial's.
+    """
     missing = degree - (a.shape[-1] - 1)
     if missing < 0:
         raise ValueError(f"a polynomial of degree {a.shape[-1] - 1} cannot be written with degree {degree}")
@@ -44,5 +50,5 @@ def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
 
 
 def bounds(a: Coefficients) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-    """Return a lower and an upper bound of the polynomial on the interval: the least and the greatest coefficient."""
+    """Return a lower and an upper bound of a polynomial on the interval: the least and the greatest coefficient."""
     return jnp.min(a, axis=-1), jnp.max(a, axis=-1)

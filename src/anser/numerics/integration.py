@@ -15,9 +15,10 @@ Y = TypeVar("Y")
 
 
 def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: ScalarLike) -> Y:
-    """Advance y (any pytree) by one step h with the classical fourth-order Runge-Kutta method.
+    """Return the state y (any pytree) after one step h of the classical fourth-order Runge-Kutta method.
 
-    `derivative(t, y)` returns a pytree of y's structure. Source: Hairer, Norsett, Wanner, *Solving ODEs I*, table 1.2.
+    `t` is the time at the start of the step; `derivative(t, y)` returns dy/dt, a pytree of y's structure. Source:
+    Hairer, Norsett, Wanner, *Solving ODEs I*, table 1.2.
     """
 
     def shifted(scale: ScalarLike, slope: Y) -> Y:
@@ -34,7 +35,7 @@ def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: S
 
 
 class QuadratureRule(NamedTuple):
-    """Nodes and weights on [0, 1]; the weights are positive and sum to 1.
+    """Nodes and weights of a quadrature rule on [0, 1]; the weights are positive and sum to 1.
 
     With positive weights a weighted sum of convex functions is convex, so the approximate length of a path is convex
     like the exact length.
@@ -45,7 +46,7 @@ class QuadratureRule(NamedTuple):
 
 
 def gauss_legendre(count: int) -> QuadratureRule:
-    """Return the Gauss-Legendre rule of `count` nodes on [0, 1], exact for polynomials up to degree 2 count - 1."""
+    """Return the Gauss-Legendre rule of `count` nodes on [0, 1], exact for polynomials up to degree 2 `count` - 1."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return QuadratureRule(0.5 * (nodes + 1.0), 0.5 * weights)
 
@@ -63,6 +64,9 @@ def integrate(
     high: ScalarLike,
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Scalar:
-    """Integrate a vectorized function over [low, high] by a quadrature rule; low > high changes the sign."""
+    """Return the integral of a vectorized function from `low` to `high` by a quadrature rule.
+
+    `low` > `high` gives the negative integral from `high` to `low`.
+    """
     low, span = jnp.asarray(low), jnp.asarray(high) - jnp.asarray(low)
     return span * jnp.sum(jnp.asarray(rule.weights) * function(low + span * jnp.asarray(rule.nodes)))

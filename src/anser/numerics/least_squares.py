@@ -1,6 +1,6 @@
 """Damped Gauss-Newton and Levenberg-Marquardt methods for nonlinear equations.
 
-Search loops for a single start or a batch of starts, and the implicit derivative of the solution.
+The module contains search loops for a single start or a batch of starts, and the implicit derivative of the solution.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,9 @@ from anser.numerics.linear import solve_positive
 from anser.shapes import Flag, Integer, Scalar
 
 Evaluate = Callable[[PyTree, Array], Any]
-"""Function of (context, unknowns) that returns the linearized equations; the context is a start's other data."""
+"""Function of (context, unknowns) that returns the linearized equations, such as `Linearized`, with their cost.
+
+The context is the data of a start besides the unknowns."""
 StepRule = Callable[[PyTree, Any, Scalar], Array]
 """Function of (context, linearized equations, damping) that returns the step to subtract from the unknowns."""
 
@@ -35,8 +37,8 @@ class Linearized(NamedTuple):
 class Damping(NamedTuple):
     """Rule for the damping of the steps.
 
-    The initial damping is a function of the initial cost; then the damping is multiplied by `decrease` after a
-    successful step and by `increase` after a failed step, between `minimum` and `maximum`.
+    The function `initial` gives the first damping from the cost at the start. The damping is multiplied by `decrease`
+    after a step that lowers the cost, and by `increase` after any other step, and limited to `minimum` and `maximum`.
     """
 
     initial: Callable[[Scalar], Scalar]
@@ -50,9 +52,8 @@ class SearchState(NamedTuple):
     """State of the search from one start."""
 
     context: PyTree  # data of this start besides the unknowns
-    # unknowns: the best so far, and the next to evaluate
-    best: Array
-    trial: Array
+    best: Array  # unknowns of the least cost so far
+    trial: Array  # unknowns that the next step evaluates
     at: Any  # linearized equations at `best`
     damping: Scalar  # damping of the last step; NaN before the first
 
@@ -60,14 +61,17 @@ class SearchState(NamedTuple):
 def start_search(context: PyTree, start: Array, unevaluated: Any) -> SearchState:
     """Return the search state before the first step.
 
-    `start` holds the initial unknowns. `unevaluated` stands for the linearized equations before the first evaluation:
-    the same shapes, an infinite cost.
+    `start` holds the initial unknowns. `unevaluated` stands for the linearized equations before the first evaluation,
+    and has their structure and shapes with an infinite cost.
     """
     return SearchState(context, start, start, unevaluated, jnp.asarray(jnp.nan))
 
 
 def search_step(evaluate: Evaluate, move: StepRule, damping: Damping, search: SearchState) -> SearchState:
-    """Make one step: accept the trial unknowns if the cost decreases, otherwise try again with more damping."""
+    """Return the search after one step: the trial unknowns become the best if the cost falls, and a new trial is made.
+
+    After a failed step the new trial has more damping.
+    """
     context, best, trial, at, former = search
     tried = evaluate(context, trial)
     better = tried.cost < at.cost  # not-a-number is no improvement
@@ -87,9 +91,9 @@ def search_steps(
     required_count: int | None = None,
     sufficient_cost: float = 0.0,
 ) -> SearchState:
-    """Make up to `number` steps from a batch of starts.
+    """Return a batch of searches after up to `number` steps.
 
-    The loop ends early as soon as `required_count` searches have a cost of at most `sufficient_cost`.
+    With a `required_count`, the loop ends as soon as this number of searches has a cost of at most `sufficient_cost`.
     """
 
     def step_all(state: SearchState) -> SearchState:
@@ -108,13 +112,13 @@ def search_steps(
 
 
 def best_searches(searches: SearchState, count: int) -> SearchState:
-    """Select the `count` searches of a batch with the lowest cost."""
+    """Return the `count` searches of a batch with the lowest costs, lowest first."""
     closest = jax.lax.top_k(-searches.at.cost, count)[1]
     return jax.tree.map(lambda leaf: leaf[closest], searches)
 
 
 def minimum_norm_step(max_length: float) -> StepRule:
-    """Return the step rule for underdetermined equations: the step of least norm, shortened to `max_length`."""
+    """Return the step rule for underdetermined equations: the damped step of least norm, at most `max_length` long."""
 
     def move(_: PyTree, at: Linearized, damping: Scalar) -> Array:
         square = at.jacobian @ at.jacobian.T + damping * jnp.eye(at.residual.shape[0])
@@ -128,7 +132,7 @@ Parameters = TypeVar("Parameters")
 
 _DAMPING = Damping(lambda _: jnp.asarray(1e-3), 0.1, 10.0)
 _LAST_DAMPING = 1e12
-"""Greatest damping: steps are then too short to make progress, and the search is at a local minimum or a kink."""
+"""Damping at which the search ends: steps are then too short, and x is at a local minimum or a kink of the cost."""
 
 
 class Solution(NamedTuple):
@@ -145,14 +149,14 @@ def levenberg_marquardt(
     steps: int = 64,  # greatest number of steps
     tolerance: float = 1e-12,  # largest absolute residual at which the search stops
 ) -> Solution:
-    """Find x with `function(x, parameters)` = 0, for as many residuals as unknowns.
+    """Find a root x of `function(x, parameters)`, for as many residuals as unknowns.
 
     If no root is reached, the x of lowest cost is returned: check `residual`.
 
     The damping falls by ten after a successful step and rises by ten after a failed step (D. W. Marquardt, *J. SIAM*
     11(2), 1963). Each step evaluates the function with its Jacobian once, in the only copy of the function in the
-    compiled code: a large model compiles several times faster than with a general solver. The search is not
-    differentiated; see `with_implicit_derivative`.
+    compiled code: a large model compiles several times faster than with a general solver. The result has no
+    derivatives; `with_implicit_derivative` attaches them.
     """
     # Inputs without tangents keep the loop from being differentiated: its derivative would be compiled but unused.
     parameters = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_array(leaf) else leaf, parameters)
@@ -185,9 +189,9 @@ def with_implicit_derivative(
     parameters: Parameters,
     root: Float[Array, " n"],
 ) -> Float[Array, " n"]:
-    """Return the root of `function(x, parameters)` with its derivative with respect to the parameters attached.
+    """Return `root`, a root x of f = `function(x, p)`, with its derivative with respect to p = `parameters`.
 
-    dx = -(df/dx)^-1 (df/dp) dp, by the implicit function theorem; first derivatives only, evaluated only when
+    By the implicit function theorem, dx = -(df/dx)^-1 (df/dp) dp; first derivatives only, evaluated only when
     differentiating. If df/dx is singular, the derivative is the least-squares solution and stays finite.
     """
     return _implicit(function, parameters, jax.lax.stop_gradient(root))

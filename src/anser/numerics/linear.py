@@ -1,4 +1,4 @@
-"""Linear algebra for small dense matrices without library calls, and for block tridiagonal systems."""
+"""Linear algebra for small dense matrices, without calls of a library, and for block tridiagonal systems."""
 
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ _LEAST_SQUARE = 1e-100
 
 
 def cross(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
-    """Vector product of two vectors, or of the rows of two arrays, in the same frame, any unit."""
+    """Return the vector product of two vectors, or of the rows of two arrays, in one frame."""
     a0, a1, a2 = jnp.unstack(a, axis=-1)
     b0, b1, b2 = jnp.unstack(b, axis=-1)
     return jnp.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
@@ -21,22 +21,22 @@ def cross(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Arr
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
     """Return the product of a 3x3 matrix and a vector, as a sum of columns.
 
-    XLA computes what a sum along the rows reads anew for each row and term: in a batch nine times a whole moment.
+    A sum along the rows would be slower: XLA would compute its operands anew for each of the nine terms.
     """
     first, second, third = jnp.unstack(vector)
     return matrix[:, 0] * first + matrix[:, 1] * second + matrix[:, 2] * third
 
 
 def product3(a: Float[Array, "n 3"], b: Matrix33) -> Float[Array, "n 3"]:
-    """Return the product of a matrix with three columns and a 3x3 matrix, as explicit sums."""
+    """Return the product of a matrix with three columns and a 3x3 matrix, shape (n, 3), as explicit sums."""
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 
 def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
     """Return the inverse of a 3x3 matrix, by cross products of the columns.
 
-    A determinant below `floor` times the product of the column lengths (columns nearly in one plane) is replaced by
-    that bound, to keep the result finite; such a matrix has no useful inverse.
+    A determinant whose magnitude is below `floor` times the product of the column lengths (columns nearly in one plane)
+    is replaced by this bound. The result then remains finite, but is no useful inverse.
     """
     # The smallest length under the root keeps derivatives in range where a column is zero.
     smallest_square = max(_LEAST_SQUARE, 1e8 * float(jnp.finfo(matrix.dtype).tiny))
@@ -51,14 +51,14 @@ def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
 
 
 def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
-    """Solve matrix @ x = vector (see `inverse3` for singular matrices)."""
+    """Return the solution x (3,) of matrix @ x = vector; for singular matrices see `inverse3`."""
     return times3(inverse3(matrix), vector)
 
 
 def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solve matrix @ x = vector for a small positive definite matrix, by Gauss-Jordan elimination without pivoting.
+    """Return the solution x (n,) of matrix @ x = vector for a small positive definite matrix.
 
-    A batch of systems under `vmap` is solved in one computation.
+    The method is Gauss-Jordan elimination without pivoting, which solves a batch of systems under `vmap` at once.
     """
     count = vector.shape[0]
 
@@ -73,7 +73,7 @@ Groups = Float[Array, "groups n"]
 
 
 class BlockTridiagonal(NamedTuple):
-    """A symmetric block tridiagonal matrix."""
+    """A symmetric block tridiagonal matrix with n by n blocks, for groups of n unknowns."""
 
     diagonal: Float[Array, "groups n n"]  # diagonal block of each group
     # coupling block of each group (row) with the preceding group (column); the first block is unused
@@ -81,7 +81,10 @@ class BlockTridiagonal(NamedTuple):
 
 
 def solve_tridiagonal(form: BlockTridiagonal, right: Groups) -> Groups:
-    """Solve a positive definite block tridiagonal system by block elimination and back substitution."""
+    """Return the solution of a positive definite block tridiagonal system, in the shape of the right-hand side `right`.
+
+    The method is block elimination (Cholesky) and back substitution.
+    """
     lower = jax.scipy.linalg.solve_triangular
 
     def eliminate(carry: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""Phases of a sum of harmonics for which its range of values is small: multisines of flight tests."""
+"""Phases with which a sum of harmonics has a small range of values, for multisine inputs of flight tests."""
 
 import functools
 from collections.abc import Callable
@@ -8,13 +8,13 @@ import numpy as np
 
 @functools.lru_cache(maxsize=256)
 def multisine_phases(harmonics: tuple[int, ...], amplitudes: tuple[float, ...]) -> tuple[float, ...]:
-    """Return phases (rad) of harmonics for which the relative peak factor of their sum is small.
+    """Return phases (rad) of cosines with which the relative peak factor of their sum is small.
 
-    The relative peak factor is (greatest - least value) / (2 sqrt(2) root mean square); 1 for a sine. Greatest and
-    least value are minimized as smooth functions that approach them (log-sum-exp) by a quasi-Newton method, from the
-    phases of Schroeder and from some random phases; the same harmonics always have the same phases. If the number of
-    harmonics times the greatest of their numbers exceeds 3600 (60 successive ones from the first on, which take about a
-    second), the phases are those of Schroeder themselves: peak factor 1.2 to 1.5 in place of 1.0 to 1.15.
+    `harmonics` are the rising numbers of periods of each cosine in the period of the sum. The relative peak factor is
+    (greatest - least value) / (2 sqrt(2) root mean square); 1 for a sine. A quasi-Newton method minimizes the range of
+    values, smoothed by log-sum-exp, from the phases of Schroeder and from 4 sets of random phases; equal arguments
+    always give equal phases. If the count of harmonics times the greatest number exceeds 3600 (harmonics 1 to 60, which
+    take about a second), the phases are those of Schroeder: peak factor 1.2 to 1.5 in place of 1.0 to 1.15.
     Sources: M. R. Schroeder, IEEE Trans. Information Theory 16(1), 1970; E. A. Morelli, AIAA-2003-5371 (measure).
     """
     k, A = np.asarray(harmonics, dtype=float), np.asarray(amplitudes)
@@ -31,7 +31,7 @@ def multisine_phases(harmonics: tuple[int, ...], amplitudes: tuple[float, ...]) 
         return np.einsum("tk,k->t", cosines, np.cos(phases)) - np.einsum("tk,k->t", sines, np.sin(phases))
 
     def smooth_range(phases: np.ndarray, sharpness: float) -> tuple[float, np.ndarray]:
-        """Return the smooth range of values, and its gradient by the phases."""
+        """Return the smoothed range of the sum's values, and its gradient with respect to the phases."""
         u, cosine, sine = total(phases), np.cos(phases), np.sin(phases)
         high, low = np.exp(sharpness * (u - u.max())), np.exp(-sharpness * (u - u.min()))
         value = np.ptp(u) + (np.log(high.sum()) + np.log(low.sum())) / sharpness
@@ -54,7 +54,11 @@ def multisine_phases(harmonics: tuple[int, ...], amplitudes: tuple[float, ...]) 
 def sum_of_harmonics(
     harmonics: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray, periods: np.ndarray
 ) -> np.ndarray:
-    """Return a sum of cosines at equally spaced times of one period, from 0 to 1 in `periods`, its end included."""
+    """Return the values of a sum of cosines over one period, with phases in rad.
+
+    `harmonics` are the rising numbers of periods of the cosines in the period of the sum; `periods` are equally spaced
+    times from 0 to 1 inclusive, in units of the period. Many harmonics are summed by a Fourier transform.
+    """
     if harmonics.size * harmonics[-1] <= _OPTIMIZED_MAX:
         return np.sum(amplitudes * np.cos(2.0 * np.pi * periods[:, None] * harmonics + phases), axis=1)
     count = periods.size - 1
@@ -65,7 +69,10 @@ def sum_of_harmonics(
 
 
 def _minimize(function: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray) -> np.ndarray:
-    """Return a local minimum of a function that returns value and gradient: BFGS with a backtracking line search."""
+    """Return the arguments at a local minimum of a function that returns value and gradient.
+
+    The method is BFGS with a backtracking line search.
+    """
     x, (value, gradient) = start, function(start)
     inverse_hessian = np.eye(x.size) * min(1.0, 0.3 / max(float(np.abs(gradient).max()), 1e-12))
     for _ in range(_ITERATIONS):
@@ -93,7 +100,7 @@ def _minimize(function: Callable[[np.ndarray], tuple[float, np.ndarray]], start:
 
 _ITERATIONS, _SLOPE_MIN, _STEPS = 200, 1e-10, tuple(0.5**k for k in range(20))
 _OPTIMIZED_SAMPLES = 16
-"""Samples per period of the highest harmonic."""
+"""Number of samples per period of the highest harmonic in the optimization."""
 _OPTIMIZED_MAX = 3600
-"""Greatest number of harmonics times number of the highest one whose phases are optimized."""
+"""Greatest product of the count of harmonics and the greatest harmonic number for which phases are optimized."""
 _RANDOM_STARTS, _SHARPNESS = 4, (4.0, 16.0, 64.0, 256.0)

@@ -1,4 +1,4 @@
-"""Random numbers without hidden state: each number is a function of (seed, flight, aircraft, part, sample)."""
+"""Random numbers without hidden state: functions of (seed, flight, aircraft, part of the loop, sample)."""
 
 import abc
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from anser.shapes import Integer
 AIR, VEHICLE_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
 """Parts of the closed loop that draw random numbers; user-defined parts have numbers from 100."""
 INITIAL_SAMPLE = -1
-"""Sample number of the draws for initial values, before the first sample 0."""
+"""Sample number of the draws for initial values; the samples of a flight have the numbers 0, 1, ..."""
 
 _ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 _PARITY = 0x1BD11BDA
@@ -28,7 +28,7 @@ class AbstractRandomness(eqx.Module):
 
     @abc.abstractmethod
     def for_aircraft(self, index: Integer) -> "AbstractRandomness":
-        """Return the source for one aircraft, by its index in the fleet."""
+        """Return the random source of one aircraft from a flight's source; `index` is the aircraft's in the fleet."""
 
     @abc.abstractmethod
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
@@ -41,28 +41,30 @@ class AbstractRandomness(eqx.Module):
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Draw `count` independent numbers, uniform in (0, 1), for a part of the loop at sample `number`.
 
-        The numbers are the standard normal distribution function of the `normals` of the same part and sample.
+        The numbers are the standard normal distribution function of the numbers that `normals` draws for the same part
+        and sample; `part` is described there.
         """
 
 
 class SeededRandomness(AbstractRandomness):
-    """Counter-based generator: Threefry-2x32 of (part and lane, sample) with a key from (seed, flight, aircraft).
+    """Random source of a flight or an aircraft: Threefry-2x32 of the part, the sample and the index in the draw.
 
-    The numbers are bit-identical for an aircraft alone and in any batch.
+    The generator's key follows from (seed, flight, aircraft). The numbers are bit-identical for an aircraft alone and
+    in any batch.
     """
 
     key: UInt32[Array, "2"]  # key of a flight, or of one aircraft in a flight
 
     def for_aircraft(self, index: Integer) -> "SeededRandomness":
-        """Return the source with the aircraft's index folded into the key."""
+        """Return the source of one aircraft: the aircraft's index in the fleet is folded into the key."""
         return SeededRandomness(fold_key(self.key, index))
 
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw standard normals: the inverse normal distribution of `uniforms`."""
+        """Draw `count` standard normal numbers: the inverse normal distribution function of `uniforms`."""
         return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw numbers in (0, 1): centres of 2^52 equal intervals."""
+        """Draw `count` uniform numbers in (0, 1): centres of 2^52 equal intervals. Raises ValueError beyond 65,536."""
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
@@ -77,11 +79,15 @@ class PrescribedRandomness(AbstractRandomness):
     standard_normals: Mapping[int, Float[Array, "..."]]
 
     def for_aircraft(self, index: Integer) -> "PrescribedRandomness":
-        """Return the source with the numbers of one aircraft, by its index in the fleet."""
+        """Return the source with the numbers of one aircraft, whose index in the fleet is `index`."""
         return PrescribedRandomness({part: numbers[index] for part, numbers in self.standard_normals.items()})
 
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Return the prescribed standard normals of a part at a sample; raises ValueError if there are too few."""
+        """Return the first `count` prescribed standard normals of a part at sample `number`.
+
+        Raises ValueError if the table has no such part, or fewer than `count` numbers per sample. After the last sample
+        of the table its numbers are repeated.
+        """
         numbers = self.standard_normals.get(part)
         if numbers is None or numbers.shape[-1] < count:
             available = "none" if numbers is None else f"{numbers.shape[-1]} a sample"
@@ -89,15 +95,15 @@ class PrescribedRandomness(AbstractRandomness):
         return numbers[jnp.asarray(number) + 1, :count]
 
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Return Phi of the prescribed normals."""
+        """Return the standard normal distribution function of the prescribed `normals`, in (0, 1)."""
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
 
 class BlendedRandomness(AbstractRandomness):
-    """Weighted sums of the normals of several seeded sources, again standard normal: a state of a Markov chain.
+    """Random source whose standard normals are weighted sums of the normals of several seeded sources.
 
-    A chain that blends the standard normals of a flight with new ones (preconditioned Crank-Nicolson) is fully
-    described by the keys and weights of its sources: storage is independent of the flight's length and number of draws.
+    The source is the state of a Markov chain that blends the standard normals of a flight with new ones (preconditioned
+    Crank-Nicolson). Keys and weights describe it fully: storage does not depend on the length of the flight.
     """
 
     keys: UInt32[Array, "terms 2"]  # keys of the sources, for a flight or for one aircraft
@@ -107,11 +113,11 @@ class BlendedRandomness(AbstractRandomness):
     aircraft: Integer | None = None  # index in the fleet; None: source of the flight
 
     def for_aircraft(self, index: Integer) -> "BlendedRandomness":
-        """Return the sources of one aircraft."""
+        """Return the source of one aircraft, whose index in the fleet is `index`."""
         return BlendedRandomness(self.keys, self.weights, self.count, index)
 
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw the weighted sum of the sources' standard normals."""
+        """Draw `count` standard normals: weighted sums of the sources' normals for the part and the sample."""
 
         def add_source(k: Integer, total: Array) -> Array:
             source = SeededRandomness(self.keys[k])
@@ -122,26 +128,26 @@ class BlendedRandomness(AbstractRandomness):
         return jax.lax.fori_loop(0, self.count, add_source, jnp.zeros(count, self.weights.dtype))
 
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw numbers in (0, 1): Phi of the normals."""
+        """Draw `count` uniform numbers in (0, 1): the standard normal distribution function of `normals`."""
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
 
 def flight_randomness(seed: int, flight: int = 0) -> SeededRandomness:
-    """Return the random source of flight number `flight` under a seed (both below 2^32), without compilation."""
+    """Return the random source of flight number `flight` under a seed, both from 0 to 2^32 - 1."""
     key = np.array([0, seed], dtype=np.uint32)
     return SeededRandomness(as_array(fold_key(key, np.asarray(flight)), np.uint32))
 
 
 def flight_keys(seed: int, flights: np.ndarray) -> np.ndarray:
-    """Return the keys of flights `flights` under a seed, shape (flights, 2), equal to those of `flight_randomness`."""
+    """Return the generator keys of many flight numbers under a seed, shape (flights, 2), as in `flight_randomness`."""
     zeros = np.zeros(flights.size, np.uint32)
     return np.stack(threefry(np.array([0, seed], dtype=np.uint32), zeros, flights.astype(np.uint32)), axis=-1)
 
 
 def draw_uniforms(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
-    """Draw numbers in the open interval (0, 1) for a part, samples and lanes: centres of 2^52 equal intervals.
+    """Draw one uniform number in (0, 1) for each pair of sample number and lane: centres of 2^52 equal intervals.
 
-    A lane is the index of a number within the draw of one sample.
+    A lane is the index of a number within the draw of one sample; `part` is the number of the part of the loop.
     """
     xp = namespace(key, samples)
     counters = lanes.astype(np.uint32) + np.uint32(part * _LANES)
@@ -151,17 +157,17 @@ def draw_uniforms(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
 
 
 def fold_key(key: Any, value: Any) -> UInt32[Array, "2"]:
-    """Derive a new key from a key and an integer, like `jax.random.fold_in`."""
+    """Return the key, two words, that `jax.random.fold_in` derives from a key (two words) and an integer."""
     xp = namespace(key, value)
     zero = xp.zeros((1,), dtype=np.uint32)
     return xp.concatenate(threefry(key, zero, xp.asarray(value).astype(np.uint32)[None]))
 
 
 def threefry(key: Any, counter_high: Any, counter_low: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
-    """Return two random words for each pair of counters: the generator Threefry-2x32 in 20 rounds.
+    """Return two random 32-bit words for each pair of counters, by the generator Threefry-2x32 in 20 rounds.
 
-    Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC 2011.
-    Unrolled here: JAX's implementation is a loop, slower inside a step than all of the step's other random work.
+    `key` and counters are unsigned 32-bit words. Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel
+    random numbers: as easy as 1, 2, 3*, SC 2011. The rounds are unrolled, because a loop as in JAX is slower here.
     """
     xp = namespace(key, counter_high, counter_low)
     keys = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(_PARITY))

@@ -1,6 +1,6 @@
-"""Bracketed roots of a scalar function.
+"""Roots of a scalar function within a bracket.
 
-Newton's method and the Illinois method, with a fixed number of steps and the implicit derivative of the root.
+Newton's method and the Illinois method have a fixed number of steps, and the root has its implicit derivative.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ def bracketed_newton(
     guess: ScalarLike,  # initial x, clipped to the bracket
     steps: int,  # number of function evaluations in the loop
 ) -> Root:
-    """Find the root of a scalar function that is not positive at `low` and not negative at `high`.
+    """Return a root of a scalar function that is zero or negative at `low`, and zero or positive at `high`.
 
     A Newton step is taken if it stays inside the bracket and is at most half as long as the step before the last;
     otherwise the bracket is halved. The number of steps is fixed (no early exit), so every member of a batch takes
@@ -69,7 +69,10 @@ def bracketed_newton(
 
 @eqx.filter_custom_jvp
 def implicit_root(function: Callable, parameters: object, root: Scalar) -> Scalar:
-    """Return a root of a function as for `bracketed_newton`, with its implicit derivative by the parameters."""
+    """Return `root` with its derivative with respect to the parameters, by the implicit function theorem.
+
+    `function(x, parameters)` returns a value and its slope with respect to x; at slope zero the derivative is zero.
+    """
     return root
 
 
@@ -93,11 +96,11 @@ def bracketed_secant(
     value_high: ScalarLike,
     steps: int,  # number of function evaluations in the loop
 ) -> Root:
-    """Find the root of a scalar function with opposite signs at the bracket's endpoints, by the Illinois method.
+    """Return a root of a scalar function with opposite signs at the bracket's endpoints, by the Illinois method.
 
-    The number of steps is fixed. The steps are not differentiated. The root carries the derivative by the implicit
-    function theorem, dx = -(df/dp) dp / (df/dx), evaluated only when differentiating, or zero if df/dx is zero. First
-    derivatives only.
+    The number of steps is fixed, and the evaluated point of least residual is returned. The steps are not
+    differentiated. The root carries the derivative by the implicit function theorem, dx = -(df/dp) dp / (df/dx),
+    evaluated only when differentiating, or zero if df/dx is zero. First derivatives only.
     """
     fixed = lax.stop_gradient(parameters)
     begin = tuple(lax.stop_gradient(jnp.asarray(x, dtype=float)) for x in (low, high, value_low, value_high))

@@ -1,4 +1,4 @@
-"""Multilinear interpolation in tables: one gather fetches a whole cell of every table on the same axes."""
+"""Multilinear interpolation in tables; one memory access fetches a grid cell of all tables with common axes."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -22,29 +22,32 @@ _PARTS_MAX, _STEPS_MAX = 8, 256
 
 
 class Axes(eqx.Module):
-    """Axes of tables: breakpoints, and clamping or extrapolation beyond them.
+    """Axes of tables: breakpoints, and clamping or linear extrapolation beyond them.
 
-    An argument of every axis is looked up at once.
+    `locate` looks up the arguments of all k axes at once.
     """
 
     #: Strictly increasing breakpoints of each axis, padded with plus infinity; shape (k, n).
     breakpoints: Float[Array, "k n"]
-    #: Lower bound of the arguments before the look-up: first breakpoint of a clamped axis, minus infinity for linear
+    #: Lower limit of the arguments before the look-up: first breakpoint of a clamped axis, minus infinity for linear
     #: extrapolation; shape (k,).
     lower: Float[Array, " k"]
-    #: Upper bound of the arguments: last breakpoint of a clamped axis, or plus infinity; shape (k,).
+    #: Upper limit of the arguments: last breakpoint of a clamped axis, plus infinity for extrapolation; shape (k,).
     upper: Float[Array, " k"]
     sizes: tuple[int, ...] = eqx.field(static=True)  #: Number of breakpoints of each axis, at least 2.
-    #: Whether the breakpoints of every axis are evenly spaced, to rounding; the interval index is then computed.
+    #: Whether the breakpoints of every axis are evenly spaced, to rounding; the interval then needs no search.
     even: bool = eqx.field(static=True)
     #: For axes with breakpoints at multiples of a step: interval index, lower breakpoint and reciprocal interval length
-    #: for every step; shape (k steps, 3), axes concatenated. Twice as fast as a search for the interval. Otherwise
-    #: None.
+    #: for every step; shape (k steps, 3), axes concatenated. The look-up is twice as fast as a search for the interval.
+    #: None for other axes.
     step_lookup: Float[Array, "all_steps 3"] | None = None
     step: Float[Array, " k"] | None = None  #: Step of each axis in `step_lookup`, shape (k,); or None.
 
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
-        """Return interval index and fraction within the interval (outside 0..1 if extrapolated), on each axis."""
+        """Return the interval index and the fraction within the interval on each axis, from one argument per axis.
+
+        The fraction is in 0..1, beyond this range for an extrapolated argument.
+        """
         x = jnp.clip(x, self.lower, self.upper)
         if self.even:
             origin, next_breakpoint = self.breakpoints[:, 0], self.breakpoints[:, 1]
@@ -69,26 +72,29 @@ class Axes(eqx.Module):
 
 
 class Tables(eqx.Module):
-    """Groups of tabulated functions on shared axes, multilinear between the breakpoints.
+    """Groups of tabulated functions, multilinear between the breakpoints; see `make_tables`.
 
-    The functions of a group depend on the same axes.
+    All functions of a group depend on the group's axes, a selection from `axes`.
     """
 
-    axes: Axes  #: Axes of every group.
+    axes: Axes  #: Axes of all groups.
     #: For each group and each cell of its axes (row-major), coefficients of 1, u, v, u v, ... in the fractions u, v,
     #: ... along the group's axes; shape (cells, 2^axes, functions).
     cells: tuple[Float[Array, "cells corners functions"], ...]
     axis_indices: tuple[tuple[int, ...], ...] = eqx.field(static=True)  #: Indices of each group's axes.
 
     def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
-        """Evaluate the functions of each group; one argument per axis."""
+        """Return the values of each group's functions, a tuple over the groups; `x` has one argument per axis."""
         dtype = self.axes.breakpoints.dtype
         return self.interpolate_cell(*self.axes.locate(jnp.stack([jnp.asarray(value, dtype) for value in x])))
 
     def interpolate_cell(
         self, index: Int[Array, " k"], fraction: Float[Array, " k"]
     ) -> tuple[Float[Array, " functions"], ...]:
-        """Evaluate the functions of each group from interval index and fraction on each axis."""
+        """Return the values of each group's functions from the interval index and the fraction on each axis.
+
+        The index and the fraction are the results of `Axes.locate`.
+        """
         return tuple(
             self._interpolated(cells, along, index, fraction)
             for cells, along in zip(self.cells, self.axis_indices, strict=True)
@@ -114,7 +120,10 @@ class Tables(eqx.Module):
 
 
 def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Sequence[bool]) -> Axes:
-    """Build axes; `clamp` holds the boundary values, otherwise the boundary cells are extrapolated linearly.
+    """Build the axes of tables from the breakpoints of each axis.
+
+    `clamp`, one flag or a flag for each axis: True holds the boundary value beyond the breakpoints, False extrapolates
+    the boundary cell linearly.
 
     Raises
     ------
@@ -143,9 +152,9 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
 
 
 def _common_step(points: np.ndarray) -> float | None:
-    """Return the greatest step such that the distance of every breakpoint from the first is a multiple of the step.
+    """Return the greatest step of which the distance of every breakpoint from the first is a multiple.
 
-    None if the step would be too small.
+    The result is None if the step would be less than an eighth of the smallest interval or a 256th of the axis.
     """
     smallest_interval = float(np.min(np.diff(points)))
     for parts in range(1, _PARTS_MAX + 1):
@@ -168,7 +177,10 @@ def _tabulate_steps(points: Sequence[np.ndarray], steps: Sequence[float]) -> np.
 
 
 def make_tables(axes: Axes, groups: Sequence[tuple[Sequence[int], Sequence[Sequence[float] | np.ndarray]]]) -> Tables:
-    """Build tables from groups of functions: for each group the axis indices, and each function's values on the grid.
+    """Build tables from groups of functions.
+
+    Each group is a pair: the indices of its axes in `axes`, and the values of each of its functions on their grid, with
+    an array axis for each of these axes, in this order.
 
     Raises
     ------

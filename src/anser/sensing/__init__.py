@@ -5,8 +5,8 @@ made of the vehicle sensors (vehicle_sensors) and a goal sensor (goal_sensors). 
 filters of the aircraft's motion (navigation) and of the goal (goal_filters, with motion_models and kalman).
 `anser.scenario.build_sensing` builds them from a scenario.
 
-A new sensor needs: a field of `Reading` (`anser.parts.perception`); an error model with `init` and `read` and its state
-(like `VehicleSensors`), read by `NoisySensors`; a part number for its random numbers (`anser.numerics.randomness`); an
+A new sensor needs: a field of `Reading` (`anser.parts.perception`); an error model with `init`, `read` and a state
+(like `VehicleSensors`), used by `NoisySensors`; a part number for its random numbers (`anser.numerics.randomness`); an
 estimator that uses the field; a field of `Belief` if guidance or controller use a new quantity; scenario keys
 (`anser.scenario.schema_sensing`), their construction and the test for exact sensors (`build_sensing`), and the rule for
 keys without effect (`unused_keys`); recorded variables (`anser.simulation.recorders`, `anser.variables`). A new filter

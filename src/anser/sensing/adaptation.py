@@ -1,8 +1,10 @@
 """Adaptation of the onboard model in flight: estimated increments of the aerodynamic coefficients.
 
-What the onboard model lacks is measured by gyros and accelerometers and made dimensionless. Recursive least squares
-estimate from it the increments of the coefficients' constants and derivatives; the inversion uses the airframe with
-these increments. Derivations: docs/theory/identification.md.
+The missing coefficients are the measured forces and moments (from accelerometers and gyros) minus those of the onboard
+model, made dimensionless. From the missing coefficients, recursive least squares estimate increments of constants and
+derivatives of CX, CY, CZ, Cl, Cm and Cn. The autopilot's dynamic inversion uses the airframe with these increments.
+Derivations: docs/theory/identification.md. In array shapes, p is the number of regressors: 4 of the motion
+(`anser.aircraft.corrected_airframe`) and one for each control surface.
 """
 
 import dataclasses
@@ -37,9 +39,9 @@ Increments = Float[Array, "6 p"]
 Method = Literal["least-squares", "gradient"]
 
 _NOISE_FLOOR = np.array([0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005])
-"""Standard deviation of CX, CY, CZ, Cl, Cm and Cn that no linear increment explains, without sensor noise."""
+"""Standard deviations of CX, CY, CZ, Cl, Cm, Cn that no linear increment explains, without sensor noise."""
 _PRIOR_SHARE = 0.35
-"""Standard deviation of an increment before the flight, as a part of the model's own derivative."""
+"""Standard deviation of an increment before the flight, as a fraction of the model's derivative."""
 # Further standard deviation, for derivatives near 0 in the model. Columns: constant, alpha or beta, qhat or phat, rhat,
 # any surface.
 _PRIOR_FLOOR = np.array(
@@ -66,23 +68,23 @@ _PRIOR_WITHOUT_MODEL = np.array(
 _INCREMENT_MAX = 3.0
 """Greatest increment, as a multiple of its standard deviation before the flight."""
 _EFFECTIVENESS_RANGE = (0.3, 2.0)
-"""Least and greatest control effectiveness, as a part of the model's."""
+"""Least and greatest control effectiveness, as a fraction of the model's."""
 _EFFECTIVENESS_SHARE = 0.1
-"""Part of an axis' greatest control effectiveness from which that of a surface is bounded."""
+"""Fraction of an axis' greatest control effectiveness above which the effectiveness of a surface is bounded."""
 _MOMENTS = {"roll": 3, "pitch": 4, "yaw": 5}
 """Row of each axis' moment coefficient."""
 _DERIVATIVES = {"cz_alpha": (2, 1), "cm_alpha": (4, 1), "cl_beta": (3, 1), "cn_beta": (5, 1), "cm_q": (4, 2)}
 """Row and column of the recorded derivatives."""
 _MANOEUVRE = 60.0
-"""Excitation of a manoeuvre, in units of the least noise: while it lasts, errors are not taken for turbulence."""
+"""Least excitation of a manoeuvre, in units of `_NOISE_FLOOR` squared; in a manoeuvre, errors are not turbulence."""
 _ERROR_MAX = 1.5
 """Largest deviation of a prediction error that counts as turbulence, in standard deviations of the noise."""
 _LEARNING_TIME = 15.0
-"""Time from which an aircraft without known aerodynamics takes prediction errors for turbulence, s."""
+"""Time of the flight after which, without known aerodynamics, prediction errors count as turbulence, s."""
 _DISTURBANCE_TIME = 20.0
-"""Time constant of the variance of the disturbances, s."""
+"""Time constant of the running variance of the turbulence in the coefficients, s."""
 _GRADIENT_STEP = 0.05
-"""Step of the normalised gradient method, part of the error removed by a sample."""
+"""Step of the normalised gradient method: fraction of the prediction error that one sample removes."""
 
 
 class AdaptationSettings(eqx.Module):
@@ -93,11 +95,13 @@ class AdaptationSettings(eqx.Module):
     bandwidth
         Bandwidth of the low-pass filter on responses and regressors, rad/s.
     forgetting_time
-        Time constant of the forgetting, s.
+        Time constant with which recursive least squares forget earlier samples, s.
     mean_time
-        Time constant of the mean values from which the excitation counts, s.
+        Time constant of the running mean values of responses and regressors, s. Deviations of the regressors from the
+        mean values are the excitation.
     excitation_min
-        Least excitation at which an estimate changes: the square of the regressors' effect over the noise.
+        Least excitation at which an estimate changes: the squared effect of the regressors' deviations on a
+        coefficient, for increments of one standard deviation before the flight, over the variance of the noise.
     """
 
     bandwidth: Scalar
@@ -107,7 +111,7 @@ class AdaptationSettings(eqx.Module):
 
 
 def default_settings() -> AdaptationSettings:
-    """Return the settings of the library."""
+    """Return the default settings: bandwidth 5 rad/s, forgetting time 20 s, mean time 5 s, least excitation 16."""
     return AdaptationSettings(*(jnp.asarray(value) for value in (5.0, 20.0, 5.0, 16.0)))
 
 
@@ -119,20 +123,20 @@ class AdaptationState(eqx.Module):
     base
         State of the estimator of the motion.
     derivatives, prior_deviation
-        Derivatives of the model's coefficients by the regressors at the start, 0 where nothing is known, and standard
-        deviations of their increments, (6, p).
+        Derivatives of the model's coefficients by the regressors at the start, 0 if the model has none, and standard
+        deviations of the derivatives' increments before the flight, (6, p).
     increments, covariance
-        Estimates of each coefficient's increments, shapes (6, p) and (6, p, p).
+        Estimated increments of the derivatives of CX, CY, CZ, Cl, Cm, Cn, (6, p), and their covariance, (6, p, p).
     response, regressors, mean_response, mean
-        Low-pass filtered missing coefficients (6,) and regressors (2, p), and the slow mean values of both.
+        Low-pass filtered missing coefficients (6,) and regressors (2, p), and their running mean values.
     reference
-        Regressors at the start of the flight, from which the deviations count, shape (2, p).
+        Regressors at the start of the flight, (2, p), which are subtracted from the present regressors.
     mean_error, disturbance
-        Slow mean value of the prediction errors, and their variance about it in flight without manoeuvres, (6,):
-        turbulence, which no increment expresses.
+        Running mean value of the prediction errors, and variance about the mean in flight without manoeuvres, (6,). The
+        variance is ascribed to turbulence, which no increment can express.
     previous_missing, previous_regressors, rates_b, acceleration_b
-        Missing force coefficients (3,), regressors, gyro reading (rad/s) and modelled angular acceleration (rad/s^2) of
-        the previous sample.
+        Missing force coefficients (3,), regressors (2, p), gyro reading (rad/s) and modelled angular acceleration
+        (rad/s^2) of the previous sample.
     faults
         State of the fault detection.
     count
@@ -165,7 +169,8 @@ class AerodynamicEstimates(AbstractEstimates):
     Attributes
     ----------
     derivatives, increments, covariance
-        As in `AdaptationState`.
+        Derivatives of the model, their estimated increments, and the covariance of the increments: see
+        `AdaptationState`.
     fault, fault_size
         Code and size of the reported fault, see `anser.sensing.fault_detection`.
     """
@@ -178,7 +183,10 @@ class AerodynamicEstimates(AbstractEstimates):
 
     @property
     def effectiveness_uncertainty(self) -> Scalar:
-        """Greatest relative standard deviation of the control effectiveness among roll, pitch and yaw."""
+        """Greatest relative standard deviation of the control effectiveness among roll, pitch and yaw.
+
+        The control effectiveness of an axis is the estimated derivative of its moment by its most effective surface.
+        """
         moments, deviations = self._total[3:, STATE_REGRESSORS:], self._sigma[3:, STATE_REGRESSORS:]
         surface = jnp.argmax(jnp.abs(moments), axis=1)
         axes = np.arange(len(_MOMENTS))
@@ -186,7 +194,10 @@ class AerodynamicEstimates(AbstractEstimates):
         return jnp.max(deviations[axes, surface] / effect)
 
     def variables(self) -> dict[str, Array]:
-        """Return derivatives and control effectiveness with standard deviations, and the fault."""
+        """Return the recorded variables: derivatives and control effectiveness with standard deviations, and the fault.
+
+        The control effectiveness of an axis is relative to the model's; NaN if the model has none.
+        """
         total, sigma = self._total, self._sigma
         values = {"effectiveness_uncertainty": self.effectiveness_uncertainty}
         for name, element in _DERIVATIVES.items():
@@ -211,23 +222,24 @@ class AerodynamicEstimates(AbstractEstimates):
 
 
 class AdaptiveEstimator(AbstractEstimator):
-    """Estimator that corrects the onboard model: increments of CX, CY, CZ, Cl, Cm and Cn, each by its own regression.
+    """Estimator that corrects the onboard model by increments of CX, CY, CZ, Cl, Cm and Cn, a regression for each.
 
-    An estimate stands still while the regressors hardly move: in calm flight nothing can be learnt.
+    The estimates of a coefficient are constant while the excitation of its regressors is below `excitation_min`, as in
+    calm flight.
 
     Attributes
     ----------
     base
-        Estimator of the motion, with the onboard model in its belief.
+        Estimator of the motion, whose belief contains the onboard model.
     model
-        The onboard model.
+        Onboard model, without increments.
     settings, faults
-        Settings of the estimation, and detection of faults.
+        Settings of the estimation, and of the detection of faults.
     method
         Recursive least squares with directional forgetting, or the normalised gradient method, which estimates the
         control effectiveness alone.
     aerodynamics_known
-        False: the model has no aerodynamic coefficients, and the increments are all.
+        False: the model has no aerodynamic coefficients, and the increments are the whole coefficients.
     """
 
     base: AbstractEstimator
@@ -238,7 +250,7 @@ class AdaptiveEstimator(AbstractEstimator):
     aerodynamics_known: bool = eqx.field(static=True, default=True)
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> AdaptationState:
-        """Return the state before the first sample, with the model's derivatives in the present flight condition."""
+        """Return the state before the first sample: zero increments, and the model's derivatives at the start."""
         lengths, data, state = reference_lengths(self.model), reading.condition.air_data, reading.state
         derivatives = model_derivatives(self.model, lengths, data, state.rates_b, state.surfaces)
         count = len(self.model.actuators.names)
@@ -270,7 +282,7 @@ class AdaptiveEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: AdaptationState, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, AdaptationState]:
-        """Return the belief with the corrected airframe, and the new state."""
+        """Return the belief with the corrected airframe, its forces and the estimates, and the new state."""
         belief, base = self.base.estimate(estimator_state.base, reading, airframe, instant)
         state = eqx.tree_at(lambda s: s.base, estimator_state, base, is_leaf=lambda leaf: leaf is None)
         measured = belief
@@ -284,9 +296,10 @@ class AdaptiveEstimator(AbstractEstimator):
         return self.corrected_belief(next_state, belief), next_state
 
     def learn(self, state: AdaptationState, belief: Belief, step: ScalarLike) -> AdaptationState:
-        """Return the state after one sample: missing coefficients from the belief's specific force, rates and air data.
+        """Return the state after one sample, with new increments; `step` is the sampling period, s.
 
-        The forces and moments in `belief.condition` must be those of the uncorrected model.
+        The missing coefficients follow from specific force, body rates and air data of the belief. The forces and
+        moments in `belief.condition` must be those of the model without increments.
         """
         is_first, lengths = state.count == 0, reference_lengths(self.model)
         data, surfaces, rates_b = belief.condition.air_data, belief.state.surfaces, belief.state.rates_b
@@ -333,7 +346,7 @@ class AdaptiveEstimator(AbstractEstimator):
         )
 
     def corrected_belief(self, state: AdaptationState, belief: Belief) -> Belief:
-        """Return the belief with the increments in the airframe and in the forces."""
+        """Return the belief with the estimated increments in its airframe and its aerodynamic forces and moments."""
         corrected = corrected_airframe(
             belief.airframe, reference_lengths(self.model), state.reference, state.increments
         )
@@ -348,10 +361,11 @@ class AdaptiveEstimator(AbstractEstimator):
     def _disturbance(
         self, state: AdaptationState, error: Float[Array, "6"], excitation: Float[Array, "6"], step: ScalarLike
     ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Return the slow mean value of the prediction errors, and their variance about it, for each coefficient.
+        """Return the running mean of the prediction errors and their variance about the mean, (6,) each.
 
-        The variance changes only in flight without a manoeuvre and, without known aerodynamics, not in the first 15 s.
-        The mean value always changes: in such flight, quickly for the part of an error that exceeds turbulence.
+        The variance is updated only in calm flight: without a manoeuvre and, if the aerodynamics are not known, after
+        the first 15 s. The mean is always updated. In calm flight the part of an error that exceeds turbulence enters
+        the mean quickly, with the bandwidth of the low-pass filter.
         """
         is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
         if not self.aerodynamics_known:  # at first the errors are the coefficients themselves
@@ -401,7 +415,7 @@ def _prior_covariance(prior_deviation: Increments) -> Float[Array, "6 p p"]:
 def _missing_coefficients(
     lengths: ReferenceLengths, state: AdaptationState, belief: Belief, step: ScalarLike
 ) -> tuple[Float[Array, "6"], Vector3]:
-    """Return measured minus modelled CX, CY, CZ, Cl, Cm, Cn, and the modelled angular acceleration (rad/s^2)."""
+    """Return measured minus modelled CX, CY, CZ, Cl, Cm, Cn, (6,), and the modelled angular acceleration (rad/s^2)."""
     properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
     acceleration_b = angular_acceleration(properties, rates_b, condition.wrench.moment_b)
     measured_b = (rates_b - state.rates_b) / step - 0.5 * (acceleration_b + state.acceleration_b)
@@ -415,9 +429,10 @@ def _missing_coefficients(
 def _gradient_step(
     state: AdaptationState, response: Float[Array, "6"], moving: Increments, noise: Float[Array, "6"]
 ) -> Increments:
-    """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016).
+    """Return the increments after one step of normalised least mean squares; only derivatives by surfaces change.
 
-    `response` and `moving` are deviations from slow mean values through one filter: a constant error does not count.
+    `response` (missing coefficients) and `moving` (regressors of each coefficient) are deviations from running mean
+    values, so that a constant error has no effect. Source: Smeur et al., J. Guidance 39(3), 2016.
     """
     error = response - jnp.sum(state.increments * moving, axis=1)
     # in units of the prior deviations, so that one step suits all surfaces
@@ -428,7 +443,10 @@ def _gradient_step(
 
 
 def _bounded(state: AdaptationState, increments: Increments) -> Increments:
-    """Bound the increments by their prior deviations, and the control effectiveness by the model's."""
+    """Return the increments, limited to 3 standard deviations before the flight, (6, p).
+
+    The control effectiveness of the surfaces of `_is_effective` is limited to 0.3 to 2 times the model's.
+    """
     limit = _INCREMENT_MAX * state.prior_deviation
     bounded = jnp.clip(increments, -limit, limit)
     low, high = (state.derivatives * (factor - 1.0) for factor in _EFFECTIVENESS_RANGE)
@@ -437,7 +455,7 @@ def _bounded(state: AdaptationState, increments: Increments) -> Increments:
 
 
 def _is_effective(derivatives: Increments) -> Any:
-    """Whether a derivative is one of the model's effective surfaces about an axis."""
+    """Return flags (6, p) of derivatives of a moment by a surface that exceed a tenth of the axis' greatest."""
     size = jnp.abs(derivatives)
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)
     greatest = jnp.max(size[:, STATE_REGRESSORS:], axis=1, keepdims=True)
@@ -452,11 +470,12 @@ def least_squares_step(
     weight: Float[Array, " m"] | ScalarLike,  # reciprocal of the noise variance
     forgetting: ScalarLike,  # part of the information that a sample replaces
 ) -> tuple[Float[Array, "m p"], Float[Array, "m p p"]]:
-    """Advance m regressions by a sample: recursive least squares with directional forgetting.
+    """Advance m regressions by one sample of recursive least squares with directional forgetting.
 
-    Information is forgotten only in the direction of the regressors, so that the covariance stays bounded without
-    excitation. Source: R. Kulhavy, M. Karny, "Tracking of slowly varying parameters by directional forgetting", IFAC
-    World Congress 1984; S. Bittanti, P. Bolzern, M. Campi, Automatica 26(3), 1990.
+    Returns the new coefficients (m, p) and their covariance (m, p, p). Information is forgotten only in the direction
+    of the regressors, so that the covariance stays bounded without excitation. Source: R. Kulhavy, M. Karny, "Tracking
+    of slowly varying parameters by directional forgetting", IFAC World Congress 1984; S. Bittanti, P. Bolzern, M.
+    Campi, Automatica 26(3), 1990.
     """
     spread = jnp.sum(covariance * phi[:, None, :], axis=2)  # P phi
     information = weight * jnp.sum(phi * spread, axis=1)
@@ -473,7 +492,10 @@ def least_squares_step(
 def model_derivatives(
     airframe: AbstractAirframe, lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector
 ) -> Increments:
-    """Return the derivatives of CX, CY, CZ, Cl, Cm, Cn by the regressors, shape (6, p); 0 for the constant."""
+    """Return the derivatives of CX, CY, CZ, Cl, Cm, Cn by the regressors, (6, p), in the present flight condition.
+
+    The column of the constant is 0, and so is the fourth regressor's of the longitudinal coefficients.
+    """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     scale = double_V / jnp.stack([lengths.span, lengths.mean_chord, lengths.span])
 
@@ -497,7 +519,7 @@ def adaptive_estimator(
     method: Method = "least-squares",
     aerodynamics_known: bool = True,
 ) -> AdaptiveEstimator:
-    """Build an `AdaptiveEstimator` on a model, with the default settings.
+    """Build an `AdaptiveEstimator` that corrects `model`, with the default settings.
 
     Raises
     ------

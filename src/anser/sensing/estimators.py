@@ -1,4 +1,4 @@
-"""Estimator of one aircraft with optional filters of the aircraft's, the air's and the goal's motion."""
+"""Estimator of one aircraft with optional filters for the motion of aircraft, air and goal."""
 
 from typing import Any
 
@@ -34,33 +34,36 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
-    """Return the measured goal motion, or `previous` extrapolated at constant velocity if the sensor has failed."""
+    """Return the measured goal motion, or `previous` moved on by one step at constant velocity if the sensor failed."""
     predicted = GoalState(previous.position_n + instant.step * previous.velocity_n, previous.velocity_n)
     return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), measured, predicted)
 
 
 def goal_from_sight(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:
-    """Compute a goal's position and velocity in the Earth's chart from the line of sight and the aircraft's motion.
+    """Compute a goal's position (m) and velocity (m/s) in the Earth's chart from an aircraft's line of sight.
 
-    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` its velocity over the ground (3,), NED,
-    m/s.
+    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` is the aircraft's velocity over the
+    ground (3,), NED, m/s.
     """
     line_n, goal_velocity_n = goal_from_line_of_sight(sight, jnp.zeros_like(velocity_n), velocity_n)
     return GoalState(*earth.motion_on_chart(position_n, line_n, goal_velocity_n))
 
 
 class Briefing(eqx.Module):
-    """Briefing before the flight: the goal's position and velocity at the start, told with a random error."""
+    """Briefing before the flight: the goal's position and velocity at the start, with random errors."""
 
     # true values, NED, m and m/s
     position_n: Vector3
     velocity_n: Vector3
-    # horizontal standard deviations per axis, m and m/s; the vertical ones are a tenth of that
+    # horizontal standard deviations per axis, m and m/s; the vertical standard deviations are a tenth
     position_sigma: Scalar
     velocity_sigma: Scalar
 
     def sample(self, instant: Instant) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Draw the briefed position and velocity (NED, m and m/s); also return their standard deviations."""
+        """Draw the briefed position and velocity (6,), NED, m and m/s; return them with their standard deviations (6,).
+
+        The errors are drawn once per flight.
+        """
         axes = jnp.array([1.0, 1.0, _VERTICAL])
         sigmas = jnp.concatenate([self.position_sigma * axes, self.velocity_sigma * axes])
         truth = jnp.concatenate([self.position_n, self.velocity_n])
@@ -73,7 +76,8 @@ _VERTICAL = 0.1  # vertical over horizontal uncertainty of a goal
 class TrackingState(eqx.Module):
     """States of the filters of a `TrackingEstimator`.
 
-    A filter that is left out has the state None, except that of the goal: then `goal` is the last measured goal motion.
+    Without a filter of the aircraft's motion or the air the state is None; without a filter of the goal, `goal` is the
+    last measured or extrapolated goal motion, None for an aircraft without a goal.
     """
 
     vehicle: NavigationState | None
@@ -82,22 +86,23 @@ class TrackingState(eqx.Module):
 
 
 class TrackingEstimator(AbstractEstimator):
-    """Estimator with filters of the aircraft's motion, the air and the goal; each filter is optional.
+    """Estimator of one aircraft with filters of the aircraft's motion, the air and the goal; each filter is optional.
 
     Without filters, the belief is the reading; the goal's motion follows from the line of sight (theory section 7).
     """
 
-    #: Navigation filter; None: position, velocity, attitude and rates are taken from the readings.
+    #: Navigation filter of position and velocity; None: both are taken from the readings. Attitude and body rates are
+    #: always the readings.
     vehicle: NavigationFilter | None = None
     air: AirFilter | None = None  #: Filter of wind and gusts; None: air data are taken from the readings.
-    #: Filter of the goal; None: the line of sight is exact, relative to the estimated vehicle position.
+    #: Filter of the goal's motion; None: the line of sight is exact and starts at the estimated aircraft position.
     goal: AbstractGoalFilter | None = None
     #: Knowledge of the goal before the first measurement; required with a goal filter.
     briefing: Briefing | None = None
     model: AbstractAirframe | None = None  #: Nominal airframe; None: the true airframe.
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> TrackingState:
-        """Return the filters' states after the first reading."""
+        """Return the initial states of the filters, from the first reading, the briefing and the forecast wind."""
         state, condition, wind = reading.state, reading.condition, instant.environment.wind
         vehicle = goal = None
         if self.vehicle is not None:

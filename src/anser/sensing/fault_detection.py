@@ -1,8 +1,9 @@
-"""Detection of faults in flight: which single fault explains what the onboard model lacks.
+"""Detection of the single fault that explains the difference between the aircraft and its onboard model.
 
-Each hypothesis (a surface with half its effect, a shifted centre of gravity, ice, a weak engine) predicts the missing
-coefficients up to its size. The size is estimated by weighted least squares over an exponential window; the hypothesis
-with the greatest likelihood ratio is reported if it explains most of what is missing, clearly better than the next one.
+The missing coefficients are the measured minus the modelled CX, CY, CZ, Cl, Cm and Cn. Each hypothesis (a surface with
+half its effect, a shifted centre of gravity, ice, a weak engine) predicts them up to a factor, the size of the fault.
+The size is estimated by weighted least squares over an exponential window. The hypothesis with the greatest likelihood
+ratio is reported if it explains most of the missing coefficients, clearly better than the next hypothesis.
 Source of the test: A. S. Willsky, H. L. Jones, "A generalized likelihood ratio approach to the detection and estimation
 of jumps in linear systems", IEEE Trans. Automatic Control 21(1), 1976.
 """
@@ -18,31 +19,35 @@ from anser.parts.perception import Belief
 from anser.shapes import Integer, Scalar, ScalarLike
 
 NO_FAULT, CENTRE_OF_GRAVITY, ICE, ENGINE, SURFACE = range(5)
-"""Codes of faults; `SURFACE` + k is surface k of the airframe."""
+"""Codes of faults; `SURFACE` + k is a loss of effectiveness of surface k of the airframe, from 0."""
 FAULT_SIZES = (0.05, 1.0, 0.2, 0.5)
-"""Size of a fault of 1: shift of the centre of gravity aft, part of the mean chord; ice, see `ICE_DRAG`; loss of
-thrust; loss of effectiveness of a surface. A shift of the centre of gravity forward is negative; the other faults have
-no negative size."""
+"""Fault that counts as size 1, in the order of the codes: shift of the centre of gravity aft, fraction of the mean
+chord; ice, see `ICE_DRAG`; loss of thrust, fraction; loss of a surface's effectiveness, fraction. A shift of the centre
+of gravity forward is negative; the other faults have no negative size."""
 ICE_DRAG, ICE_LIFT = 0.2, 0.1
-"""Rise of the drag and loss of the lift slope by ice of size 1."""
+"""Rise of the drag and loss of the lift by ice of size 1, fractions."""
 
 
 class FaultDetection(eqx.Module):
-    """Settings of the detection.
+    """Settings of the fault detection.
+
+    The energy of the missing coefficients is the time integral, over the exponential window, of the squared
+    coefficients over the noise variance, s; a hypothesis explains a part of the energy.
 
     Attributes
     ----------
     window, mean_time
-        Time constants of the window and of the slow mean values, s.
+        Time constants of the exponential window and of the running mean values, s.
     size_min
-        Least size of a reported fault without its sign, part of `FAULT_SIZES`.
+        Least magnitude of the size of a reported fault, as a fraction of `FAULT_SIZES`.
     ratio_min
-        Least likelihood ratio of each hypothesis: the energy that it explains, in units of the noise times seconds,
-        (fault,). The loops answer sensor noise by small deflections, which correlate with the missing coefficients.
+        Least energy, s, that a hypothesis explains, (fault,). The bound excludes small deflections with which the loops
+        answer sensor noise, and which correlate with the missing coefficients.
     share_min, lead_min
-        Least part of the missing energy that the hypothesis explains, and its least ratio to the next hypothesis.
+        Least fraction of the energy that the hypothesis explains, and least ratio of this energy to the energy that the
+        next best hypothesis explains.
     confirmation
-        Time for which the conditions must hold, s.
+        Time for which the conditions must hold without interruption, s.
     surfaces
         Number of control surfaces.
     """
@@ -57,7 +62,7 @@ class FaultDetection(eqx.Module):
     surfaces: int = eqx.field(static=True)
 
     def init(self) -> "FaultState":
-        """Return the state of a healthy aircraft."""
+        """Return the state before the first sample: no fault, and all integrals 0."""
         count = SURFACE - 1 + self.surfaces
         zero = jnp.zeros(())
         return FaultState(
@@ -82,10 +87,9 @@ class FaultDetection(eqx.Module):
         fade: ScalarLike,  # part of a new value in the low-pass filter
         step: ScalarLike,
     ) -> "FaultState":
-        """Return the state after one more sample; only the first confirmed fault is reported.
+        """Return the state after one more sample, `step` seconds later.
 
-        Missing coefficients are measured minus modelled CX, CY, CZ, Cl, Cm and Cn: `response` holds the low-pass
-        filtered values, `effects` the changes by each fault of size 1, and `noise` the standard deviations.
+        The code of the first confirmed fault remains for the rest of the flight; its size is estimated on.
         """
         prediction = state.prediction + fade * (effects - state.prediction)
         # biases of sensors look like a constant lateral coefficient: only changes count there
@@ -132,18 +136,18 @@ class FaultDetection(eqx.Module):
 
 
 class FaultState(eqx.Module):
-    """State of the detection between samples.
+    """State of the fault detection between samples.
 
     Attributes
     ----------
     prediction
         Low-pass filtered effect of each fault of size 1 on CX, CY, CZ, Cl, Cm, Cn, (fault, 6).
     mean_prediction, mean_response
-        Slow mean values of the predictions and of the missing coefficients (measured minus modelled).
+        Running mean values of the predictions (fault, 6), and of the missing coefficients (6,).
     information, correlation, energy
         Time integrals with exponential forgetting, s: of squared predictions, of predictions times missing
         coefficients, and of squared missing coefficients, with every coefficient divided by the standard deviation of
-        the noise. Lateral coefficients count as deviations from the slow mean values.
+        the noise. Lateral coefficients count as deviations from the running mean values.
     duration, candidate
         Time for which one hypothesis has met the conditions without interruption, s, and the code of this hypothesis;
         0 and `NO_FAULT` while the conditions are not met.
@@ -165,7 +169,7 @@ class FaultState(eqx.Module):
 
 
 def fault_detection(surfaces: int) -> FaultDetection:
-    """Return the detection with the settings of the library, for a number of surfaces."""
+    """Return the fault detection with the package's settings, for an airframe with a number of control surfaces."""
     return FaultDetection(
         window=jnp.asarray(8.0),
         mean_time=jnp.asarray(5.0),
@@ -181,7 +185,10 @@ def fault_detection(surfaces: int) -> FaultDetection:
 def fault_effects(
     belief: Belief, lengths: ReferenceLengths, derivatives: Float[Array, "6 p"]
 ) -> Float[Array, "fault 6"]:
-    """Return the change of CX, CY, CZ, Cl, Cm, Cn by each fault of size 1, in the order of the codes."""
+    """Return the changes of CX, CY, CZ, Cl, Cm, Cn by each fault of size 1, (fault, 6), in the order of the codes.
+
+    `derivatives` are those of the model's coefficients by the regressors, (6, p).
+    """
     condition, data = belief.condition, belief.condition.air_data
     zero = jnp.zeros_like(data.alpha)
     _, Y, Z = jnp.unstack(condition.wrench.force_b)

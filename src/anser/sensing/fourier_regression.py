@@ -1,9 +1,9 @@
 """Regression in the frequency domain, in real time: coefficients of linear equations from recursive Fourier transforms.
 
 Source: E. A. Morelli, "Real-time parameter estimation in the frequency domain", J. Guidance 23(5), 2000, with three
-changes that docs/theory/identification.md derives: inputs held over a sampling period enter half a period earlier; the
-transform of a derivative has end terms; the covariance follows from the noise of the measurements, which neighbouring
-frequencies share in a short record.
+changes that docs/theory/identification.md derives: inputs that are constant over a sampling period enter half a period
+earlier; the transform of a derivative has end terms; the covariance follows from the noise of the measurements, which
+is correlated between neighbouring frequencies in a short record.
 """
 
 import equinox as eqx
@@ -14,13 +14,13 @@ from jaxtyping import Array, Complex, Float
 from anser.shapes import Integer, Scalar, ScalarLike, Vector
 
 _END_SAMPLES = 10
-"""Samples at the start and at the end of a record through which a straight line gives the end values."""
+"""Number of samples at each end of a record whose straight line (least squares) gives the end value of a signal."""
 _DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
-"""Third difference: white noise of variance s^2 gives 20 s^2, a slow signal gives nearly 0."""
+"""Weights of the third difference: of white noise of variance s^2 its variance is 20 s^2, of a slow signal nearly 0."""
 
 
 def _line_weights() -> np.ndarray:
-    """Return the weights with which samples 0, 1, 2, ... give the value at sample 0 of their straight line."""
+    """Return the weights (10,) of samples 0, 1, ... that give the value at sample 0 of their least-squares line."""
     distance = np.arange(_END_SAMPLES) - 0.5 * (_END_SAMPLES - 1)
     return 1.0 / _END_SAMPLES + distance[0] * distance / np.sum(distance**2)
 
@@ -31,13 +31,13 @@ class FourierSums(eqx.Module):
     Attributes
     ----------
     count
-        Number of sampling periods since the first sample; -1 before it.
+        Number of sampling periods since the first sample; -1 before the first sample.
     phasor
-        exp(-i w t) at the last sample, shape (frequency,).
+        exp(-i w t) at the last sample, for each angular frequency w, shape (frequency,).
     signals, inputs
-        Sums of weighted samples times phasor, shapes (signal, frequency) and (input, frequency).
+        Transforms: sums of weighted samples times exp(-i w t), shapes (signal, frequency) and (input, frequency).
     first, last
-        First and last samples of the signals, shape (10, signal); the row 0 is the record's first, or its last sample.
+        First and last 10 samples of the signals, shape (10, signal); row 0 is the record's first or last sample.
     noise
         Sum of the squared third differences of each signal, shape (signal,).
     """
@@ -52,14 +52,14 @@ class FourierSums(eqx.Module):
 
 
 class RegressionEstimate(eqx.Module):
-    """Coefficients of each equation with their covariance.
+    """Estimated coefficients of each equation with their covariance.
 
     Attributes
     ----------
     values
-        Shape (equation, regressor); NaN before the record is long enough.
+        Coefficients, shape (equation, regressor); NaN for a record of fewer than 20 samples.
     covariance
-        Shape (equation, regressor, regressor).
+        Covariance of the coefficients, shape (equation, regressor, regressor); NaN as the values.
     condition
         Condition number of the regressors, each scaled to length 1.
     misfit
@@ -74,29 +74,29 @@ class RegressionEstimate(eqx.Module):
 
     @property
     def standard_errors(self) -> Float[Array, "equation regressor"]:
-        """Standard errors of the values."""
+        """Standard errors of the coefficients, shape (equation, regressor)."""
         return jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))
 
 
 class FourierRegression(eqx.Module):
     """Real-time regression: each response is a linear combination of the regressors, with constant coefficients.
 
-    The zero frequency is not used, so biases and trim values drop out.
+    Biases and trim values drop out, because the frequencies do not include 0.
 
     Attributes
     ----------
     frequencies
-        Angular frequencies of the transforms, rad/s, shape (frequency,).
+        Angular frequencies of the transforms, all positive, rad/s, shape (frequency,).
     forgetting_time
-        Time constant of exponential forgetting, s; infinite: all samples count alike.
+        Time constant of exponential forgetting, s; infinite: all samples have equal weight.
     responses
-        Index of the signal of each equation's response.
+        For each equation, the index of the signal that is its response.
     regressors
-        Indices of the signals among the regressors; all inputs are regressors too, after the signals.
+        Indices of the signals that are regressors of every equation; after them, all inputs are regressors too.
     differentiate
         True: the response is the time derivative of the signal, as in a state equation.
     steady_start
-        True: the signals are deviations from a steady flight, in which the record starts: their first value is 0.
+        True: the signals are deviations from the steady flight in which the record starts, so their first value is 0.
     """
 
     frequencies: Vector
@@ -107,7 +107,7 @@ class FourierRegression(eqx.Module):
     steady_start: bool = eqx.field(static=True, default=False)
 
     def init(self, signals: int, inputs: int) -> FourierSums:
-        """Return the sums before the first sample, for `signals` signals and `inputs` inputs."""
+        """Return the sums before the first sample, for numbers of signals and of inputs."""
         size = self.frequencies.shape[0]
         dtype = jnp.result_type(self.frequencies.dtype, jnp.complex64)
         return FourierSums(
@@ -121,9 +121,10 @@ class FourierRegression(eqx.Module):
         )
 
     def advance(self, sums: FourierSums, signals: Vector, inputs: Vector, step: ScalarLike) -> FourierSums:
-        """Add a sample of the signals, and the inputs held over the period (s) that ends at this sample.
+        """Return the sums with a further sample of the signals and the inputs.
 
-        The inputs of the first sample are ignored.
+        `inputs` are the constant values over the sampling period `step` (s) that ends at this sample; the inputs of the
+        first sample are ignored.
         """
         count = sums.count + 1
         is_first = count == 0
@@ -147,7 +148,7 @@ class FourierRegression(eqx.Module):
         )
 
     def estimate(self, sums: FourierSums, step: ScalarLike) -> RegressionEstimate:
-        """Solve the regression for the record so far; at least 20 samples are needed.
+        """Return the estimated coefficients for the record so far, NaN for fewer than 20 samples.
 
         The residual of an equation is a linear function of the samples' noise. The covariance of the coefficients is
         that of this function, with the noise variances from the third differences of the signals.
@@ -200,7 +201,10 @@ class FourierRegression(eqx.Module):
         return 1j * self.frequencies - 1.0 / self.forgetting_time
 
     def _sum_factor(self, coefficients: Vector, signal: int, *, is_response: bool) -> Complex[Array, " frequency"]:
-        """Factor with which the transform of a signal's noise enters the residual of an equation, by frequency."""
+        """Return the factor of the transform of a signal's noise in the residual of an equation, at each frequency.
+
+        `coefficients` are those of the equation.
+        """
         factor = jnp.zeros_like(self._rate_factor)
         if is_response:
             factor = factor + (self._rate_factor if self.differentiate else 1.0)
@@ -210,17 +214,17 @@ class FourierRegression(eqx.Module):
 
 
 class _Projector(eqx.Module):
-    """Projection of residuals in the frequency domain onto the scaled regressors, (regressor, frequency)."""
+    """Projection of noise in the frequency domain onto the regressors."""
 
-    regressors: Complex[Array, "regressor frequency"]
-    inverse: Float[Array, "regressor regressor"]
+    regressors: Complex[Array, "regressor frequency"]  # transforms of the regressors, each scaled to length 1
+    inverse: Float[Array, "regressor regressor"]  # inverse of the normal matrix of the scaled regressors
 
     def noise_covariance(
         self, noise: tuple[Complex[Array, "f f"], Complex[Array, "f f"]]
     ) -> tuple[Float[Array, "regressor regressor"], Scalar]:
         """Return the covariance of the coefficients, and the expected energy of the residuals, for noise of variance 1.
 
-        The noise n is given by the covariance E[n n*] and the pseudo-covariance E[n n'].
+        `noise` holds covariance E[n n*] and pseudo-covariance E[n n'] of the noise n over frequencies.
         """
         hermitian, symmetric = noise
         R, M = self.regressors.conj(), self.inverse
@@ -232,7 +236,7 @@ class _Projector(eqx.Module):
 
 
 class _EndWeights:
-    """Weights of the first and last samples in transforms and end terms, and the noise of weighted samples."""
+    """Weights of a record's first and last samples in the transforms and in the end terms, and their noise."""
 
     def __init__(self, regression: FourierRegression, sums: FourierSums, step: ScalarLike) -> None:
         self.regression, self.step, self.count = regression, step, sums.count
@@ -242,14 +246,14 @@ class _EndWeights:
         self.start_line = jnp.zeros_like(self.line) if regression.steady_start else self.line
 
     def sum_correction(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
-        """Return the correction of the last sample's weight to the weight of the trapezoidal rule."""
+        """Return the term that halves the last sample's weight in every transform, as the trapezoidal rule requires."""
         return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor[None, :]
 
     def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
-        """Return the end terms x(T) exp(-i w T) - m x(0) of every signal x, with the forgetting factor m of the start.
+        """Return the end terms x(T) exp(-i w T) - m x(0) of every signal x at every frequency w.
 
-        x(0) and x(T) are the end values of straight lines through the first and the last samples; with `steady_start`
-        x(0) is 0.
+        The factor m is the weight of the first sample after exponential forgetting. x(0) and x(T) are the end values of
+        straight lines through the first and the last samples; with `steady_start` x(0) is 0.
         """
         start = self.start_weight * (self.start_line @ sums.first)[:, None]
         return (self.line @ sums.last)[:, None] * self.end_phasor[None, :] - start
@@ -257,9 +261,9 @@ class _EndWeights:
     def noise(
         self, sum_factor: Complex[Array, " frequency"], end_factor: float
     ) -> tuple[Complex[Array, "f f"], Complex[Array, "f f"]]:
-        """Return covariance and pseudo-covariance over frequencies of white noise of variance 1.
+        """Return covariance and pseudo-covariance over frequencies of `sum_factor` transform + `end_factor` end term.
 
-        `sum_factor` multiplies the noise's transform, `end_factor` its end term.
+        Transform and end term are those of white noise of variance 1 in the samples.
         """
         w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
         index = jnp.arange(size)
@@ -280,7 +284,10 @@ class _EndWeights:
         return products + ends.T @ ends.conj(), pseudo + ends.T @ ends
 
     def _inner_sum(self, w: Float[Array, "f f"], number: Integer) -> Complex[Array, "f f"]:
-        """Return the sum of the squared weights times exp(-i w t) over the samples between both ends: geometric."""
+        """Return the sum of squared weights times exp(-i w t) over the `number` samples between the ends of the record.
+
+        The sum is a geometric series; `w` holds sums or differences of two angular frequencies, rad/s.
+        """
         dt, size = self.step, _END_SAMPLES
         # weight^2 = dt^2 memory^(2 (count - n)) for n = size ... count - size
         ratio = jnp.exp(-1j * w * dt) / self.memory**2

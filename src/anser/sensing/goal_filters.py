@@ -1,6 +1,6 @@
 """Kalman filters that estimate a goal's motion from its measurements.
 
-A filter has one motion model or several interacting ones. `hand_over_goal` passes the estimate to another aircraft.
+A filter has one motion model or several interacting models. `hand_over_goal` passes the estimate to another aircraft.
 """
 
 import abc
@@ -35,7 +35,7 @@ class VehicleMotion(eqx.Module):
 
 
 class GoalEstimate(eqx.Module):
-    """Estimate of a goal's motion at one sample."""
+    """Estimated position and velocity of a goal at one sample, with covariance and status."""
 
     # position and velocity, NED, m and m/s
     mean: Float[Array, "6"]
@@ -46,11 +46,14 @@ class GoalEstimate(eqx.Module):
 
 
 class AbstractGoalFilter(eqx.Module):
-    """Interface of the filter of one goal. Subclass this class directly, not a concrete filter."""
+    """Interface of the filter that estimates one goal's motion. Subclass this class directly, not a concrete filter."""
 
     @abc.abstractmethod
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> Any:
-        """Return the filter state for a prior position and velocity (NED, m and m/s) and standard deviations."""
+        """Return the filter state before the first measurement.
+
+        `mean` is the prior position and velocity of the goal (NED, m and m/s), `sigmas` their standard deviations.
+        """
 
     @abc.abstractmethod
     def step(
@@ -60,7 +63,7 @@ class AbstractGoalFilter(eqx.Module):
 
 
 class GoalTrack(eqx.Module):
-    """State of a `GoalFilter` between two samples; means, covariances and shares have the leading axis models."""
+    """State of a `GoalFilter` between two samples: estimate and probability of each motion model, and innovations."""
 
     # estimate of each motion model at the time of the latest measurement, or at the start
     means: Float[Array, "models n"]
@@ -87,20 +90,22 @@ class GoalFilter(AbstractGoalFilter):
 
     models: tuple[AbstractMotionModel, ...]  #: Motion models with equal numbers of states.
     sojourn: Scalar  #: Mean time between changes of the goal's model, s; unused with one model.
-    #: Mean normalised innovation squared above which the filter has diverged. The mean fades over 20 measurements from
-    #: 1; a single measurement never exceeds the limit.
+    #: Running mean of the normalised innovation squared (over the measurement's dimension) above which the filter has
+    #: diverged. The mean starts at 1 and has a memory of 20 measurements; each counts with at most 5 `nis_max`.
     nis_max: Scalar
     sigma_max: Scalar  #: Standard deviation of the position above which the filter has diverged, m.
-    kind: Literal["ekf", "ukf"] = eqx.field(static=True, default="ekf")  #: "ekf" or "ukf".
+    #: "ekf": extended Kalman filter; "ukf": unscented Kalman filter.
+    kind: Literal["ekf", "ukf"] = eqx.field(static=True, default="ekf")
     points: SigmaPoints = eqx.field(static=True, default=SigmaPoints())  #: Sigma points of the unscented filter.
-    #: Number of stored samples of the aircraft's motion, at least the greatest delay of a measurement in samples; 0: no
-    #: measurement is delayed.
+    #: Number of stored samples of the aircraft's motion, greater than the greatest delay of a measurement in samples;
+    #: 0: no measurement is delayed.
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> GoalTrack:
-        """Return the state before the first measurement, from the prior `mean` and `sigmas` (NED, m and m/s).
+        """Return the state before the first measurement.
 
-        A turn rate starts at 0 with a standard deviation of 3 deg/s.
+        `mean` is the prior position and velocity of the goal (NED, m and m/s), `sigmas` their standard deviations. A
+        turn rate, if the models have one, starts at 0 with a standard deviation of 0.05 rad/s.
         """
         zero, vehicle_motion, models = jnp.asarray(0, dtype=jnp.int32), None, len(self.models)
         if self.slots:
@@ -123,7 +128,7 @@ class GoalFilter(AbstractGoalFilter):
     def step(
         self, filter_state: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> tuple[GoalTrack, GoalEstimate]:
-        """Process the goal reading of a sample, empty or late; return new state, and estimate at this sample."""
+        """Process the goal reading of a sample, empty or delayed; return the new state and the present estimate."""
         motion_at_measurement = vehicle_motion
         if filter_state.vehicle_motion is not None:
             is_current_slot = jnp.arange(self.slots)[:, None] == instant.number % self.slots
@@ -143,7 +148,10 @@ class GoalFilter(AbstractGoalFilter):
         return updated, GoalEstimate(mean, covariance, is_measured, updated.nis, self._status(updated, covariance))
 
     def predict(self, track: GoalTrack, elapsed: ScalarLike) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
-        """Predict mean and covariance of position and velocity (NED) `elapsed` seconds after the last measurement."""
+        """Return predicted mean and covariance of the goal's position and velocity (NED, m and m/s).
+
+        The prediction reaches `elapsed` seconds beyond the latest measurement.
+        """
         pairs = [
             self._predict_model(model, track.means[k], track.covariances[k], elapsed)
             for k, model in enumerate(self.models)
@@ -156,7 +164,10 @@ class GoalFilter(AbstractGoalFilter):
     def update(
         self, track: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> GoalTrack:
-        """Process one measurement: mix the models, predict, update, and compute new model probabilities."""
+        """Return the state after one measurement: mix the models, predict, update, and renew the model probabilities.
+
+        `vehicle_motion` is the aircraft's motion at the time of the measurement.
+        """
         elapsed = (reading.number - track.number) * instant.step
         forward, back = jnp.maximum(elapsed, 0.0), jnp.minimum(elapsed, 0.0)
         means, covariances, shares = self._mix_models(track, forward)
@@ -202,7 +213,7 @@ class GoalFilter(AbstractGoalFilter):
         )
 
     def _mix_models(self, track: GoalTrack, span: ScalarLike) -> tuple[Array, Array, Array]:
-        """Mix the models (IMM) after `span` seconds: means, covariances, and predicted probabilities."""
+        """Return means, covariances and probabilities of the models, mixed (IMM) for changes of model in `span` s."""
         count = len(self.models)
         if count == 1:
             return track.means, track.covariances, track.shares
@@ -238,10 +249,10 @@ def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[F
 def predicted_measurement(
     reading: GoalReading, state: Float[Array, "6"], vehicle_motion: VehicleMotion, instant: Instant
 ) -> Float[Array, "6"]:
-    """Return the error-free values of a measurement, of the same kind as `reading`, of a goal with the given state.
+    """Return the error-free values (6,) that a measurement of the kind of `reading` would have, in its units.
 
-    `state` is the position and velocity of the goal (NED, m and m/s). A line of sight begins at the aircraft, which has
-    the motion `vehicle_motion`.
+    `state` is the position and velocity of the goal (NED, m and m/s). A line of sight begins at the aircraft with the
+    motion `vehicle_motion`.
     """
     if reading.kind == "report":
         return state
@@ -252,7 +263,7 @@ def predicted_measurement(
 
 
 def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Array, "6"]:
-    """Return measured minus predicted values, in the units of the reading; angles are wrapped to -pi..pi."""
+    """Return measured minus predicted values (6,), in the reading's units; differences of angles are in -pi..pi."""
     difference = reading.values - predicted
     if reading.kind == "sight":
         difference = jnp.where(_ANGLES, difference - 2 * jnp.pi * jnp.round(difference / (2 * jnp.pi)), difference)
@@ -263,8 +274,8 @@ def hand_over_goal(receiver_state: Any, giver_state: Any) -> Any:
     """Return the sensor and estimator states of an aircraft that takes over another aircraft's goal.
 
     The estimate of the goal (`GoalTrack` or `GoalState`) is the giver's. The receiver's queue of delayed measurements
-    (`MeasurementQueue`) is emptied, because they concern the former goal; the other states stay the receiver's. Only
-    these types are recognized: a user-defined sensor or filter with another state type is not handed over.
+    (`MeasurementQueue`) is emptied, because the measurements concern the former goal. All other states remain the
+    receiver's, also the goal's estimate in a state of another type, of a user-defined sensor or filter.
 
     Parameters
     ----------

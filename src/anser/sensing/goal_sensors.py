@@ -1,6 +1,6 @@
-"""A goal sensor with errors, latency, field of view and dropouts.
+"""Sensor of a goal with errors, latency, field of view and dropouts.
 
-The sensor is an error model added to the true motion; no signal of a real sensor is decoded.
+The sensor adds errors to the true line of sight or to the goal's true motion; no raw signals are modelled.
 """
 
 import math
@@ -40,39 +40,42 @@ class FieldOfView(eqx.Module):
 
 
 class MeasurementQueue(eqx.Module):
-    """Measurements that were made but have not arrived yet; leading axis: places (slots) of the queue."""
+    """Delayed measurements that have not arrived yet, in slots along the leading axis."""
 
     readings: GoalReading  # the measurements
-    arrives: Int[Array, " slots"]  # sample number of each arrival
-    waiting: Bool[Array, " slots"]  # flags of the occupied slots
+    arrives: Int[Array, " slots"]  # number of the sample at which each measurement arrives
+    waiting: Bool[Array, " slots"]  # whether each slot holds a measurement
 
 
 class GoalSensorState(eqx.Module):
-    """State of a goal sensor between two samples: biases, outage flag, and the queue of delayed measurements."""
+    """State of a goal sensor between two samples: biases, outage flag, and queue of delayed measurements."""
 
-    biases: Float[Array, "6"]
-    outage: Flag
-    queue: MeasurementQueue | None
+    biases: Float[Array, "6"]  # biases of this flight, in order and units of `NoisyGoalSensor.bias_sigmas`
+    outage: Flag  # whether the sensor is in an outage
+    queue: MeasurementQueue | None  # delayed measurements; None for a sensor without latency
 
 
 def _of_azimuths(errors: Array, sight: LineOfSight) -> Array:
-    """Return errors across the line of sight as errors of the measured values: those of azimuth grow with elevation."""
+    """Return errors of the six measured values from errors across the line of sight.
+
+    The errors of azimuth and azimuth rate are divided by the cosine of the elevation (at least 0.02).
+    """
     return jnp.where(_AZIMUTHS, errors / jnp.maximum(jnp.cos(sight.elevation), _COS_MIN), errors)
 
 
 class NoisyGoalSensor(eqx.Module):
-    """Sensor of one goal with errors; a part of `NoisySensors`, not itself an `AbstractSensors`."""
+    """Sensor of one goal with noise, biases, latency, dropouts and a field of view; a part of `NoisySensors`."""
 
-    #: Standard deviations of the errors of the six values of `GoalReading`, same order and units. An angle's error is
-    #: measured across the line of sight, so the azimuth error is greater by 1 / cos(elevation).
+    #: Standard deviations of the noise of the six values of `GoalReading`, in its order and units. For a line of sight,
+    #: errors of angles are across the line of sight: the error of the azimuth is greater by 1 / cos(elevation).
     sigmas: Float[Array, "6"]
-    range_share: Scalar  #: Additional range error, as a fraction of the range.
-    #: Standard deviations of the biases, drawn once per flight; of angles, as in `sigmas`.
+    range_share: Scalar  #: Standard deviation of an additional range error, as a fraction of the range.
+    #: Standard deviations of the biases, which are drawn once per flight, in the order and units of `sigmas`.
     bias_sigmas: Float[Array, "6"]
     measures: Bool[Array, "6"]  #: Flags of the measured components.
     period: Scalar  #: Time between two measurements, s; a multiple of the sampling period.
-    #: Least and greatest latency of a measurement, s; uniformly distributed, so measurements may arrive out of
-    #: sequence.
+    #: Least and greatest latency of a measurement, s; uniformly distributed, so that measurements may arrive out of
+    #: sequence. The latency is longer if several measurements are due at one sample (see `read`).
     latency: Float[Array, "2"]
     view: FieldOfView  #: Field of view.
     dropouts: Dropouts  #: Random losses and outages.
@@ -81,7 +84,7 @@ class NoisyGoalSensor(eqx.Module):
     slots: int = eqx.field(static=True, default=0)  #: Capacity of the queue of delayed measurements; 0 without latency.
 
     def init(self, truth: Truth, instant: Instant) -> GoalSensorState:
-        """Draw the biases of this flight and the outage at the start; return the state before the first sample."""
+        """Return the state before the first sample: this flight's random biases and outage flag, and an empty queue."""
         biases = self.bias_sigmas * instant.normals(GOAL_SENSOR, _NORMALS, once=True)
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=True)
         outage = self.dropouts.initial_outage(uniforms[_NORMALS])
@@ -97,7 +100,10 @@ class NoisyGoalSensor(eqx.Module):
     def read(
         self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
     ) -> tuple[GoalReading, GoalSensorState]:
-        """Return the reading that arrives at this sample (empty if none does), and the new sensor state."""
+        """Return the measurement that arrives at this sample, or an empty reading, and the new sensor state.
+
+        At most one delayed measurement arrives per sample; other measurements that are due arrive at later samples.
+        """
         is_sampled = is_due(instant, self.period)
         outage, measurement, delay = select_if_any(
             is_sampled,
@@ -112,7 +118,7 @@ class NoisyGoalSensor(eqx.Module):
     def _sample(
         self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
     ) -> tuple[Flag, GoalReading, Scalar]:
-        """Make a measurement; return the outage flag, the measurement (empty if lost), and its latency, s."""
+        """Return outage flag, measurement (empty if lost or the goal is out of view), and its latency, s."""
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[
             _NORMALS:
         ]  # the generator's lanes after those of the normals
@@ -157,7 +163,10 @@ class NoisyGoalSensor(eqx.Module):
     def _exchange(
         self, queue: MeasurementQueue, measurement: GoalReading, instant: Instant, delay: Scalar
     ) -> tuple[GoalReading, MeasurementQueue]:
-        """Put a measurement into the queue; return the next one due (empty if none has arrived) and the new queue."""
+        """Put a measurement into the queue; return the earliest measurement due and the new queue.
+
+        The reading is empty if no measurement is due. `delay` is the latency of the new measurement, s.
+        """
         is_new, never = jnp.any(measurement.measured), jnp.iinfo(jnp.int32).max
         free_slot = jnp.argmin(queue.waiting)
         is_free_slot = jnp.arange(self.slots) == free_slot
@@ -180,7 +189,10 @@ class NoisyGoalSensor(eqx.Module):
 
 
 def queue_slots(latency_max_s: float, period_s: float) -> int:
-    """Return the capacity of the queue of delayed measurements: 0 without latency, otherwise a power of 2 from 2 on."""
+    """Return the number of slots in the queue of delayed measurements, from greatest latency and period of measuring.
+
+    The number is 0 without latency, otherwise a power of 2, at least 2.
+    """
     if latency_max_s <= 0.0:
         return 0
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))

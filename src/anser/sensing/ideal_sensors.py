@@ -26,7 +26,7 @@ from anser.spatial.rotations import normalize
 
 
 class IdealSensors(AbstractSensors):
-    """Sensors without noise or delay; the line of sight to the goal is a straight line in space (theory section 7)."""
+    """Sensors without error or delay; the line of sight to the goal is a straight line in space (theory section 7)."""
 
     def read(self, sensor_state: None, truth: Truth, instant: Instant) -> tuple[Reading, None]:
         """Return the reading that equals the truth."""
@@ -46,23 +46,23 @@ def true_line_of_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None
 
 
 def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3, goal: GoalState) -> LineOfSight:
-    """Compute the straight line of sight to a goal, in the NED axes at the aircraft's position.
+    """Compute the straight line of sight to a goal, with its rates, in the NED axes at the aircraft's position.
 
-    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` its velocity over the ground (3,), NED,
-    m/s.
+    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` is the aircraft's velocity over the
+    ground (3,), NED, m/s.
     """
     line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
     return measure_line_of_sight(jnp.zeros_like(velocity_n), velocity_n, line_n, goal_over_ground_n)
 
 
 def line_of_sight_values(sight: LineOfSight) -> Float[Array, "6"]:
-    """Stack a line of sight in the order of `GoalReading`: range (m), azimuth, elevation (rad), and the three rates."""
+    """Return range (m), azimuth, elevation (rad) and the three rates (m/s, rad/s), in the order of `GoalReading`."""
     rates = sight.range_rate, sight.azimuth_rate, sight.elevation_rate
     return jnp.stack([sight.range, sight.azimuth, sight.elevation, *rates])
 
 
 class SensorSample(eqx.Module):
-    """Values of one instant that `DelayedSensors` stores: state, specific force (body axes, m/s^2), line of sight."""
+    """Values of one sample that `DelayedSensors` stores: state, specific force (body axes, m/s^2), line of sight."""
 
     state: AircraftState
     specific_force_b: Vector3
@@ -72,13 +72,13 @@ class SensorSample(eqx.Module):
 class SampleRing(eqx.Module):
     """Ring buffer of the latest samples.
 
-    `buffer` is a pytree whose arrays have the leading axis rows; sample number n is in row n modulo the number of rows.
+    `buffer` is a pytree whose arrays have a leading axis of rows; sample number n is in row n modulo the row count.
     """
 
     buffer: Any
 
     def with_sample(self, number: Integer, sample: Any) -> "SampleRing":
-        """Return the ring with the values `sample` of sample number `number` in place of the oldest."""
+        """Return the ring with `sample`, the values of sample number `number`, in place of the oldest sample."""
 
         def put(buffer: Array, value: Array) -> Array:
             return buffer.at[number % buffer.shape[0]].set(value)
@@ -86,7 +86,10 @@ class SampleRing(eqx.Module):
         return SampleRing(jax.tree.map(put, self.buffer, sample))
 
     def delayed_sample(self, number: Integer, periods: ScalarLike) -> Any:
-        """Interpolate the sample `periods` sampling periods (0 to rows - 2) before sample `number`."""
+        """Return the values `periods` sampling periods (0 to rows - 2) before sample `number`, by linear interpolation.
+
+        `periods` need not be whole.
+        """
         whole = jnp.floor(periods)
         fraction = periods - whole
         newer = number - whole.astype(number.dtype)
@@ -101,14 +104,14 @@ class SampleRing(eqx.Module):
 class DelayedSensors(AbstractSensors):
     """Ideal sensors with a constant delay of the readings of motion, specific force and goal.
 
-    Wind, gusts and changes of the airframe are the present ones: a gust reaches the air data without delay. Before time
-    0 the reading is the state at time 0. Wrapping angles (course, azimuth) are not interpolated: the attitude is a
-    quaternion, and the line of sight is taken from the latest whole period.
+    Wind, gusts and changes of the airframe act without delay: a gust reaches the air data at once. Before time 0 the
+    reading is the state at time 0. Between two samples the state, with the attitude as a quaternion, is interpolated
+    linearly; the line of sight, whose azimuth may jump at +-pi, is the sample nearest to the delay.
     """
 
     delay: Scalar  #: Delay, s; 0 to `delay_max`.
     delay_max: float = eqx.field(static=True)  #: Longest delay of a study, s; sets the length of the ring buffer.
-    period: float = eqx.field(static=True)  #: Sampling period of the ring buffer, s.
+    period: float = eqx.field(static=True)  #: Sampling period of the flight, s.
 
     def init(self, truth: Truth, instant: Instant) -> SampleRing:
         """Return a ring filled with the present sample, as after a long time in the present flight condition."""
@@ -117,7 +120,7 @@ class DelayedSensors(AbstractSensors):
         return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *jnp.shape(leaf))), sample))
 
     def read(self, sensor_state: SampleRing, truth: Truth, instant: Instant) -> tuple[Reading, SampleRing]:
-        """Return the reading as it was `delay` seconds ago, and the ring with the present sample added."""
+        """Return the reading of the motion `delay` seconds ago, and the ring with the present sample added."""
         sensor_state = sensor_state.with_sample(instant.number, _sample(truth, instant))
         periods = self.delay / instant.step
         delayed = sensor_state.delayed_sample(instant.number, periods)

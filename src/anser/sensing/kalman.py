@@ -14,16 +14,19 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class Measurement(NamedTuple):
-    """Simultaneous measurements of a state with independent errors; input of the updates."""
+    """Simultaneous measurement of m components with independent errors, the input of a Kalman update."""
 
     # function of a state (n,): measured minus expected values (m,), angles wrapped to -pi..pi
     innovation: Callable[[Float[Array, " n"]], Float[Array, " m"]]
     variances: Float[Array, " m"]  # variances of the errors
-    measured: Bool[Array, " m"]  # flags of the measured components
+    measured: Bool[Array, " m"]  # whether each component is measured; other components have no effect
 
 
 class KalmanUpdate(NamedTuple):
-    """Result of an update: mean, covariance, normalised innovation squared, and log likelihood of the measurement."""
+    """Result of a Kalman update: mean, covariance, normalised innovation squared, log likelihood of the measurement.
+
+    The normalised innovation squared is the sum over the measured components, not divided by their number.
+    """
 
     mean: Float[Array, " n"]
     covariance: Float[Array, "n n"]
@@ -34,9 +37,10 @@ class KalmanUpdate(NamedTuple):
 def extended_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement
 ) -> KalmanUpdate:
-    """Extended Kalman update by one scalar measurement after the other, equivalent to a simultaneous update.
+    """Compute the extended Kalman update from the predicted mean and covariance, component by component.
 
-    All derivatives are taken at the predicted mean. The covariance update is the Joseph form, multiplied out.
+    The result equals that of a simultaneous update, because all derivatives are taken at the predicted mean. The
+    covariance update is the Joseph form, multiplied out.
     """
     innovations, slopes = measurement.innovation(mean), -jax.jacfwd(measurement.innovation)(mean)
     predicted_mean, zero = mean, jnp.zeros_like(innovations[0])
@@ -64,7 +68,7 @@ def extended_update(
 
 
 class SigmaPoints(NamedTuple):
-    """Parameters of the scaled unscented transform: E. A. Wan, R. van der Merwe, Proc. AS-SPCC 2000."""
+    """Parameters alpha, beta and kappa of the scaled unscented transform (Wan, van der Merwe, Proc. AS-SPCC 2000)."""
 
     alpha: float = 0.5
     beta: float = 2.0
@@ -73,8 +77,8 @@ class SigmaPoints(NamedTuple):
     def weights(self, count: int) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the scale of the covariance, the weights for the mean, and the weights for the covariance.
 
-        `count` is the number of states n. The points lie at the columns of the root of scale * covariance; the weights
-        have shape (2 n + 1,).
+        `count` is the number of states n. The distances of the sigma points from the mean are the columns of the
+        Cholesky root of scale * covariance. The weights have shape (2 n + 1,), the mean's point first.
         """
         scale = self.alpha**2 * (count + self.kappa)
         mean_weights = np.full(2 * count + 1, 0.5 / scale)
@@ -97,9 +101,9 @@ def unscented_prediction(
     noise: Float[Array, "n n"],
     points: SigmaPoints,
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Predict mean and covariance of a state by the unscented transform.
+    """Return predicted mean and covariance of a state by the unscented transform.
 
-    `moved` is the function from a state to the later state, `noise` the covariance of the process noise.
+    `moved` maps a state to the later state; `noise` is the covariance of the process noise, which is added.
     """
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     images = jax.vmap(moved)(points.generate(mean, covariance))
@@ -113,7 +117,7 @@ def unscented_prediction(
 def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
 ) -> KalmanUpdate:
-    """Compute the unscented Kalman update by all measured components simultaneously."""
+    """Compute the unscented Kalman update from the predicted mean and covariance, for all components at once."""
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     sigma_points = points.generate(mean, covariance)
     innovations, measured = jax.vmap(measurement.innovation)(sigma_points), measurement.measured
@@ -160,7 +164,7 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def _solve_lower(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]) -> Float[Array, "m k"]:
-    """Solve L X = B for X, with the lower triangular L = `root` and B = `right_hand_side`."""
+    """Return the solution X (m, k) of L X = B, with the lower triangular L = `root` and B = `right_hand_side`."""
     indices = jnp.arange(right_hand_side.shape[0])
 
     def row(k: Integer, solution: Float[Array, "m k"]) -> Float[Array, "m k"]:

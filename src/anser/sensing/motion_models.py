@@ -1,4 +1,4 @@
-"""Motion models of a goal: steady motion and coordinated turn; states are position, velocity and turn rate."""
+"""Motion models of a goal, steady motion and coordinated turn, with position, velocity and turn rate as states."""
 
 import abc
 
@@ -14,15 +14,15 @@ _SMALL = 1e-3  # turn angle, rad, below which sine and cosine integrals use seri
 
 
 class AbstractMotionModel(eqx.Module):
-    """Interface of motion models. States: position, velocity (NED, m and m/s), and turn rate (rad/s) if modelled.
+    """Interface of the motion models of a goal. Subclass this class directly, not a concrete model.
 
-    Subclass this class directly, not a concrete model.
+    States: position (NED, m), velocity (NED, m/s) and, in models with 7 states, turn rate (rad/s, right positive).
     """
 
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """Return the number of states: 6, or 7 with the turn rate."""
+        """Number of states: 6, or 7 with the turn rate."""
 
     @abc.abstractmethod
     def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
@@ -36,7 +36,10 @@ class AbstractMotionModel(eqx.Module):
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """Predict the covariance: F P F^T + Q, with F the derivative of `predict_state`, Q the process noise."""
+        """Return the covariance `span` seconds later: F P F^T + Q.
+
+        F is the derivative of `predict_state` at `mean`, P the covariance, Q the covariance of the process noise.
+        """
 
 
 class SteadyMotion(AbstractMotionModel):
@@ -54,7 +57,7 @@ class SteadyMotion(AbstractMotionModel):
 
     @property
     def size(self) -> int:
-        """Number of states: 6, position and velocity."""
+        """Number of states: 6, or 7 if `turn_density` is not None, with a turn rate that does not move the goal."""
         return 6 if self.turn_density is None else 7
 
     def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
@@ -71,9 +74,9 @@ class SteadyMotion(AbstractMotionModel):
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """Predict the covariance after `span` seconds: F P F^T + Q, with F the transition matrix of constant velocity.
+        """Return the covariance `span` seconds later: F P F^T + Q.
 
-        Q is the covariance of the process noise.
+        F is the transition matrix of constant velocity, P the covariance, Q the covariance of the process noise.
         """
         row_product = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
         return jnp.concatenate(
@@ -84,7 +87,8 @@ class SteadyMotion(AbstractMotionModel):
 class CoordinatedTurn(AbstractMotionModel):
     """Horizontal coordinated turn with an unknown turn rate, and white noise of acceleration and turn rate.
 
-    Source: as `SteadyMotion`, 11.7.1 and 11.7.2; positive turn rates are clockwise seen from above.
+    Positive turn rates are clockwise seen from above. Source: Bar-Shalom, Li, Kirubarajan (see `SteadyMotion`), 11.7.1
+    and 11.7.2.
     """
 
     # horizontal and vertical spectral densities of the acceleration, m^2/s^3
@@ -98,7 +102,7 @@ class CoordinatedTurn(AbstractMotionModel):
         return 7
 
     def predict_state(self, state: Float[Array, "7"], span: ScalarLike) -> Float[Array, "7"]:
-        """Predict the state `span` seconds later by a turn at the state's turn rate, exact for a steady turn."""
+        """Predict the state `span` seconds later (earlier if negative) by a steady turn at the state's turn rate."""
         north, east, down, v_n, v_e, v_d, rate = state
         angle = rate * span
         small = jnp.abs(angle) < _SMALL
@@ -126,7 +130,10 @@ class CoordinatedTurn(AbstractMotionModel):
     def predict_covariance(
         self, mean: Float[Array, "7"], covariance: Float[Array, "7 7"], span: ScalarLike
     ) -> Float[Array, "7 7"]:
-        """Predict the covariance: F P F^T + Q, F the derivative of the turn, Q the process noise."""
+        """Return the covariance `span` seconds later: F P F^T + Q.
+
+        F is the derivative of the turn at `mean`, P the covariance, Q the covariance of the process noise.
+        """
         slopes = jax.jacfwd(lambda state: self.predict_state(state, span))(mean)
         row_product = jnp.sum(slopes[:, :, None] * covariance[None, :, :], axis=1)
         return jnp.sum(row_product[:, None, :] * slopes[None, :, :], axis=2) + self.process_noise(span)

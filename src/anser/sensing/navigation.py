@@ -1,4 +1,4 @@
-"""Filters of the aircraft's own motion (from satellite fixes and inertial sensors) and of wind and gusts."""
+"""Filters that estimate the aircraft's motion, from satellite fixes and inertial sensors, and wind and gusts."""
 
 from typing import Any
 
@@ -17,9 +17,9 @@ from anser.spatial.rotations import rotate, rotate_back
 
 
 class NavigationState(eqx.Module):
-    """State of the `NavigationFilter`: estimates and covariance."""
+    """State of the `NavigationFilter`: position, velocity, slow error of the fixes, acceleration, and covariance."""
 
-    # NED, m in the Earth's chart and m/s over the ground
+    # estimated position (m, in the Earth's chart) and velocity over the ground (m/s), NED
     position_n: Vector3
     velocity_n: Vector3
     error_n: Vector3  # estimated slow error of the satellite fixes, m
@@ -28,7 +28,7 @@ class NavigationState(eqx.Module):
 
     @property
     def position_covariance(self) -> Matrix33:
-        """Covariance of the position, NED, m^2."""
+        """Covariance of the position as of the last fix, NED, m^2, shape (3, 3); diagonal."""
         return self.covariance[:, 0, 0][:, None] * np.eye(3, dtype=self.covariance.dtype)
 
 
@@ -51,7 +51,7 @@ class NavigationFilter(eqx.Module):
     period: Scalar  # time between two fixes, s
 
     def init(self, fix: Fix, acceleration_n: Vector3) -> NavigationState:
-        """Return the filter state after the first fix."""
+        """Return the filter state after the first fix, with the measured acceleration (NED, m/s^2) there."""
         slow, noise = self.slow_sigma**2, self.noise_sigma**2
         speed, zero = self.velocity_sigma**2, jnp.zeros(3)
         blocks = [[slow + noise, zero, -slow], [zero, speed, zero], [-slow, zero, slow]]
@@ -61,9 +61,10 @@ class NavigationFilter(eqx.Module):
     def step(
         self, filter_state: NavigationState, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
     ) -> NavigationState:
-        """Predict over one period (s) with the measured acceleration (NED, m/s^2), and correct by a new fix.
+        """Return the state one sampling period `step` (s) later: a prediction, which a new fix corrects.
 
-        `chart_scale` converts NED velocities to rates of the chart position, see `LocalEarth`.
+        The prediction uses the mean of the accelerations (NED, m/s^2) measured at both samples. `chart_scale` converts
+        NED velocities to rates of the chart position, see `LocalEarth`.
         """
         velocity_change_n = 0.5 * step * (filter_state.acceleration_n + acceleration_n)
         velocity_n = filter_state.velocity_n + velocity_change_n
@@ -76,7 +77,7 @@ class NavigationFilter(eqx.Module):
 
     def _correct(self, filter_state: NavigationState, fix: Fix) -> NavigationState:
         def axis(state: Vector3, covariance: Matrix33, fixed: Float[Array, "2"], sigmas: Vector3) -> Any:
-            """Correct the state of one axis by a fix.
+            """Return mean and covariance of one axis (position, velocity, slow error) after a fix.
 
             `fixed` is the fix's position (m) and velocity (m/s) along the axis; `sigmas` are the standard deviations of
             slow error, position noise and velocity noise.
@@ -108,7 +109,10 @@ class NavigationFilter(eqx.Module):
 def _update_scalar(
     mean: Vector3, covariance: Matrix33, observation: Vector3, value: Scalar, variance: Scalar
 ) -> tuple[Vector3, Matrix33]:
-    """Kalman update of one axis by value = observation . state + error, with the error's variance; Joseph form."""
+    """Return mean and covariance of one axis after a scalar Kalman update in Joseph form.
+
+    The measurement is `value` = `observation` . state + error, with the error's variance `variance`.
+    """
     cross_covariance = times3(covariance, observation)
     innovation_variance = jnp.sum(cross_covariance * observation) + variance
     # zero variance: measurement and state are both exact and equal
@@ -123,15 +127,15 @@ def _update_scalar(
 
 
 def _apply_transition(matrix: Matrix33, span: ScalarLike, decay: ScalarLike) -> Matrix33:
-    """Multiply a matrix from the left by the transition matrix of (position, velocity, slow error) over `span` seconds.
+    """Return F @ `matrix` with the transition matrix F of (position, velocity, slow error) over `span` seconds.
 
-    `decay` is the factor on the slow error.
+    `decay` is the factor by which the slow error falls.
     """
     return jnp.stack([matrix[0] + span * matrix[1], matrix[1], decay * matrix[2]])
 
 
 def acceleration_n(R_bn: Matrix33, specific_force_b: Vector3, earth: LocalEarth) -> Vector3:
-    """Compute the rate of the ground velocity (NED, m/s^2) from the accelerometers' specific force."""
+    """Return the rate of the velocity over ground (NED, m/s^2) from the specific force (body axes, m/s^2)."""
     return rotate_back(R_bn, specific_force_b) + earth.apparent_gravity_n
 
 
@@ -145,14 +149,13 @@ class AirMotion(eqx.Module):
 class AirFilter(eqx.Module):
     """Filter of mean wind and gusts from the difference between the velocities over the ground and through the air.
 
-    Both are low-pass filtered. The gust filter is fast and only lateral: lateral gusts change the angles of attack and
-    sideslip of the autopilot's model. The airspeed for control is relative to the mean wind, like inertially smoothed
-    airspeed; longitudinal gusts would disturb the throttle.
+    The mean wind is the difference after a slow low-pass filter. The gust is the remaining difference after a fast
+    low-pass filter, without the component along the airspeed: transverse gusts change the angles of attack and sideslip
+    of the autopilot's model, longitudinal gusts would disturb the throttle.
     """
 
-    # time constants, s
-    wind_time: Scalar
-    gust_time: Scalar
+    wind_time: Scalar  #: Time constant of the mean wind, s.
+    gust_time: Scalar  #: Time constant of the gusts, s.
 
     def init(self, wind_n: Vector3) -> AirMotion:
         """Return the initial state: the forecast mean wind (NED, m/s) and no gust."""
@@ -166,7 +169,7 @@ class AirFilter(eqx.Module):
         velocity_air_b: Vector3,  # measured velocity through the air, body axes, m/s
         step: ScalarLike,  # sampling period, s
     ) -> AirMotion:
-        """Return the filter state after one more sampling period."""
+        """Return the estimated mean wind and gust after one more sampling period."""
         difference_b = rotate(R_bn, velocity_n - filter_state.wind_n) - velocity_air_b
         wind_n = filter_state.wind_n - jnp.expm1(-step / self.wind_time) * rotate_back(R_bn, difference_b)
         square = jnp.maximum(jnp.sum(velocity_air_b**2), 1.0)

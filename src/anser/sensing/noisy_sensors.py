@@ -1,4 +1,4 @@
-"""Complete set of sensors with errors of one aircraft: vehicle sensors and goal sensor."""
+"""Complete set of one aircraft's sensors with errors: vehicle sensors and goal sensor."""
 
 from typing import Any
 
@@ -11,18 +11,22 @@ from anser.sensing.vehicle_sensors import VehicleSensors
 
 
 class NoisySensors(AbstractSensors):
-    """Sensors of an aircraft with errors: satellite navigation, inertial sensors, air data, and goal sensor."""
+    """Sensors of an aircraft with errors: satellite navigation, inertial sensors, air data, and goal sensor.
+
+    In the reading, body velocity and surfaces of `state`, and `condition`, are the true ones; the measured velocities
+    are in `fix` and `velocity_air_b`.
+    """
 
     vehicle: VehicleSensors | None = None  #: Vehicle sensors; None: exact state and air data.
     goal: NoisyGoalSensor | None = None  #: Goal sensor; None: exact line of sight.
 
     def init(self, truth: Truth, instant: Instant) -> tuple[Any, Any]:
-        """Return the states of vehicle sensors and goal sensor before the first sample."""
+        """Return the states of vehicle sensors and goal sensor before the first sample, None for exact sensors."""
         vehicle = None if self.vehicle is None else self.vehicle.init(truth, instant)
         return vehicle, None if self.goal is None else self.goal.init(truth, instant)
 
     def read(self, sensor_state: tuple[Any, Any], truth: Truth, instant: Instant) -> tuple[Reading, tuple[Any, Any]]:
-        """Return the readings of vehicle sensors and goal sensor at this sample, and their new states."""
+        """Return the reading of this sample, and the new states of vehicle sensors and goal sensor."""
         vehicle, goal = sensor_state
         force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass
         sight = true_line_of_sight(truth, instant.environment.earth) if self.goal is None else None

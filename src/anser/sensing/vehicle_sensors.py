@@ -1,6 +1,7 @@
-"""Sensors of the aircraft's own motion: satellite navigation, inertial sensors and air data, with errors.
+"""Sensors of the aircraft's motion with errors: satellite navigation, inertial sensors and air data.
 
-Also the random processes that all sensors share: dropouts (`Dropouts`) and correlated errors (`gauss_markov`).
+The module also contains the random processes of all sensors: dropouts (`Dropouts`) and correlated errors
+(`gauss_markov`).
 """
 
 import equinox as eqx
@@ -28,11 +29,14 @@ class Dropouts(eqx.Module):
     outage_mean: Scalar  # mean duration of an outage, s
 
     def initial_outage(self, uniform: ScalarLike) -> Flag:
-        """Draw whether an outage exists at the start; `uniform` is a random number between 0 and 1."""
+        """Return whether an outage exists at the start; `uniform` is a random number between 0 and 1."""
         return jnp.asarray(uniform) < self.outage_share
 
     def next_outage(self, outage: Flag, elapsed: ScalarLike, uniform: ScalarLike) -> Flag:
-        """Draw whether an outage exists `elapsed` seconds later, with the exact probabilities of the chain."""
+        """Return whether an outage exists `elapsed` seconds after `outage`, with the chain's exact probabilities.
+
+        `uniform` is a random number between 0 and 1.
+        """
         # share = mean_bad / (mean_bad + mean_good): the chain's memory decays with the sum of both rates
         mean = jnp.maximum(self.outage_mean, _SHORTEST_S)
         good_share = jnp.maximum(1.0 - self.outage_share, 1e-12)
@@ -41,18 +45,20 @@ class Dropouts(eqx.Module):
         return jnp.asarray(uniform) < probability
 
     def is_lost(self, outage: Flag, uniform: ScalarLike) -> Flag:
-        """Draw whether a measurement is lost: always in an outage, otherwise with the probability of a single loss."""
+        """Return whether a measurement is lost: always in an outage, otherwise with the probability of a single loss.
+
+        `uniform` is a random number between 0 and 1.
+        """
         return outage | (jnp.asarray(uniform) < self.probability)
 
 
 def gauss_markov(
     error: Float[Array, "..."], sigma: ScalarLike, time_constant: ScalarLike, elapsed: ScalarLike, normals: Array
 ) -> Float[Array, "..."]:
-    """Advance a first-order Gauss-Markov error by `elapsed` seconds, driven by standard normal numbers.
+    """Return a first-order Gauss-Markov error `elapsed` seconds later, driven by standard normal numbers `normals`.
 
-    The step is exact, and a stationary error stays stationary.
-
-    `sigma` is the standard deviation, `time_constant` (s) the constant of the exponential autocorrelation.
+    `sigma` is the standard deviation, in the unit of the error; `time_constant` (s) is the constant of the exponential
+    autocorrelation. The step is exact, and a stationary error stays stationary.
     """
     decay = jnp.exp(-jnp.asarray(elapsed) / time_constant)
     noise_scale = jnp.sqrt(-jnp.expm1(-2.0 * jnp.asarray(elapsed) / time_constant))
@@ -64,7 +70,7 @@ _FIX_NORMALS = 9  # at each fix: slow error 3, position 3, velocity 3
 
 
 class SatelliteNavigation(eqx.Module):
-    """Error parameters of satellite navigation (position and velocity)."""
+    """Error parameters of satellite navigation, which measures position and velocity."""
 
     position_sigma: Vector3  # standard deviation of the slow error (Gauss-Markov) per axis, NED, m
     correlation_time: Scalar  # correlation time of the slow error, s
@@ -74,7 +80,7 @@ class SatelliteNavigation(eqx.Module):
 
 
 class InertialSensors(eqx.Module):
-    """Error parameters of the inertial sensors (attitude, body rates, specific force)."""
+    """Error parameters of the inertial sensors, which measure attitude, body rates and specific force."""
 
     # standard deviation of the attitude error about the body axes (Gauss-Markov), rad, and its correlation time, s
     attitude_sigma: Vector3
@@ -88,9 +94,9 @@ class InertialSensors(eqx.Module):
 
 
 class AirDataSensors(eqx.Module):
-    """Error parameters of pitot tube and vanes."""
+    """Error parameters of pitot tube (airspeed) and vanes (angle of attack, sideslip)."""
 
-    # standard deviations of the bias, drawn once per flight, and of the noise of each sample, m/s
+    # standard deviations of the airspeed's bias, drawn once per flight, and of its noise at each sample, m/s
     airspeed_bias: Scalar
     airspeed_noise: Scalar
     # standard deviations of bias and noise of the vanes (angle of attack, sideslip), rad
@@ -101,7 +107,7 @@ class AirDataSensors(eqx.Module):
 class VehicleSensorState(eqx.Module):
     """State of `VehicleSensors` between two samples: the present errors, and the last fix."""
 
-    # Gauss-Markov errors, m (as of the last fix) and rad
+    # Gauss-Markov errors of the position (as of the last fix), NED, m, and of the attitude, body axes, rad
     position_n: Vector3
     attitude_b: Vector3
     # biases: rad/s, m/s^2, and (m/s, rad, rad) of airspeed, angle of attack and sideslip
@@ -112,24 +118,27 @@ class VehicleSensorState(eqx.Module):
 
 
 class VehicleReading(eqx.Module):
-    """Measurements of `VehicleSensors` at one sample; `NoisySensors` copies them into a `Reading`."""
+    """Measured attitude, body rates, specific force, velocity through the air and position fix at one sample.
 
-    quaternion: Quaternion
-    rates_b: Vector3
-    specific_force_b: Vector3
-    velocity_air_b: Vector3
-    fix: Fix
+    `NoisySensors` copies the measurements of `VehicleSensors` into a `Reading`.
+    """
+
+    quaternion: Quaternion  # attitude, NED to body
+    rates_b: Vector3  # body rates, rad/s
+    specific_force_b: Vector3  # specific force, body axes, m/s^2
+    velocity_air_b: Vector3  # velocity through the air from airspeed and vanes, body axes, m/s
+    fix: Fix  # latest fix of satellite navigation
 
 
 class VehicleSensors(eqx.Module):
-    """Satellite navigation, inertial sensors and air data of one aircraft; a part of `NoisySensors`."""
+    """Satellite navigation, inertial sensors and air data of one aircraft, with errors; a part of `NoisySensors`."""
 
     satellite: SatelliteNavigation
     inertial: InertialSensors
     air_data: AirDataSensors
 
     def init(self, truth: Truth, instant: Instant) -> VehicleSensorState:
-        """Draw the errors before the first sample: stationary Gauss-Markov errors, and the biases of this flight."""
+        """Return the state before the first sample: stationary Gauss-Markov errors and biases of this flight."""
         normals = instant.normals(VEHICLE_SENSORS, _NORMALS, once=True)
         satellite, inertial, air = self.satellite, self.inertial, self.air_data
         velocity_n = velocity_over_ground_n(truth.condition, truth.state)
@@ -145,7 +154,7 @@ class VehicleSensors(eqx.Module):
     def read(
         self, sensor_state: VehicleSensorState, truth: Truth, instant: Instant
     ) -> tuple[VehicleReading, VehicleSensorState]:
-        """Return the measurements of this sample, and the new state with this sample's errors and latest fix."""
+        """Return the measurements of this sample, and the new state with the sample's errors and the latest fix."""
         normals, inertial, air = instant.normals(VEHICLE_SENSORS, _NORMALS), self.inertial, self.air_data
         # the initial random numbers apply to the first sample
         attitude_b = gauss_markov(
@@ -176,7 +185,10 @@ class VehicleSensors(eqx.Module):
         return reading, errors
 
     def _new_fix(self, slow_n: Vector3, truth: Truth, instant: Instant) -> tuple[Vector3, Vector3, Vector3]:
-        """Draw a fix from the last slow error (m); return slow error (m), position (m), velocity (m/s), NED."""
+        """Return new slow error (m), and position (m) and velocity (m/s) of a new fix, NED.
+
+        `slow_n` is the slow error (Gauss-Markov) of the last fix, m.
+        """
         satellite, normals = self.satellite, instant.normals(SATELLITES, _FIX_NORMALS)
         next_slow_n = gauss_markov(
             slow_n, satellite.position_sigma, satellite.correlation_time, satellite.period, normals[0:3]
@@ -188,21 +200,25 @@ class VehicleSensors(eqx.Module):
 
 
 def is_due(instant: Instant, period: Scalar) -> Array:
-    """Whether the instant's sample is a multiple of `period` (s), itself a multiple of the sampling period."""
+    """Whether a sensor with the measurement period `period` (s) measures at the instant's sample.
+
+    The period is rounded to a multiple of the sampling period, at least one.
+    """
     period_samples = jnp.maximum(jnp.round(period / instant.step).astype(instant.number.dtype), 1)
     return instant.number % period_samples == 0
 
 
 def tilt_attitude(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
-    """Rotate an attitude by small angles about the body axes x, y and z (rad).
+    """Return an attitude quaternion, NED to body, rotated by small angles about the body axes x, y and z (rad).
 
-    The rotation angle is 2 arctan(|angles| / 2), within 1e-6 of |angles| up to 0.2 deg and within 1e-4 up to 2 deg.
+    The rotation angle is 2 arctan(|angles| / 2); its relative deviation from |angles| is at most 1e-6 up to 0.2 deg,
+    and 1e-4 up to 2 deg.
     """
     half_b = 0.5 * angles_b
     return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones_like(half_b[:1]), half_b])))
 
 
 def _air_velocity_b(V: Scalar, alpha: Scalar, beta: Scalar) -> Vector3:
-    """Compute the velocity through the air (body axes, m/s) from airspeed (m/s), angle of attack and sideslip (rad)."""
+    """Return the velocity through the air (body axes, m/s) from airspeed (m/s), angle of attack and sideslip (rad)."""
     level = V * jnp.cos(beta)
     return jnp.stack([level * jnp.cos(alpha), V * jnp.sin(beta), level * jnp.sin(alpha)])

@@ -1,4 +1,4 @@
-"""Frames, rotations and positions on the Earth."""
+"""Reference frames, rotations, flow and path angles, and positions on the Earth."""
 
 import lazy_loader
 

@@ -12,8 +12,8 @@ def rotation_ecef_from_eci(
 ) -> Matrix33:
     """Return the rotation matrix ``R_ei`` (3, 3) from ECI to ECEF axes at a time (s).
 
-    ``longitude_0``, rad, is the angle from the inertial to the Earth-fixed first axis at time 0 (lambda_0);
-    ``rotation_rate``, rad/s, is the Earth's rotation rate, in every function of this module.
+    ``longitude_0`` (lambda_0), rad, is the angle from the inertial to the Earth-fixed first axis at time 0;
+    ``rotation_rate``, rad/s, is the Earth's rotation rate.
     """
     eta = jnp.asarray(longitude_0) + rotation_rate * jnp.asarray(time)
     s, c = jnp.sin(eta), jnp.cos(eta)
@@ -24,7 +24,10 @@ def rotation_ecef_from_eci(
 def eci_from_ecef(
     position_e: Vector3, time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
 ) -> Vector3:
-    """Convert a position (3,), m, from Earth-fixed to inertial axes; time in s, lambda_0 in rad."""
+    """Convert a position (3,), m, from Earth-fixed (ECEF) to inertial (ECI) axes at a time (s).
+
+    For ``longitude_0`` (rad) and ``rotation_rate`` (rad/s) see `rotation_ecef_from_eci`.
+    """
     return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), position_e)
 
 
@@ -37,8 +40,8 @@ def velocity_eci_from_ecef(
 ) -> Vector3:
     """Return the inertial velocity (3,), ECI axes, m/s, of a moving point: ``R_ei.T (v_e + w_E x p_e)``.
 
-    Inputs: Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes; time in s,
-    lambda_0 in rad.
+    Inputs: Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes; time in s.
+    For ``longitude_0`` (rad) and ``rotation_rate`` (rad/s) see `rotation_ecef_from_eci`.
     """
     inertial_e = velocity_e + _earth_rotation_cross(position_e, rotation_rate)
     return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), inertial_e)

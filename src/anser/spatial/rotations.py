@@ -9,18 +9,18 @@ _TINY_SQUARED = 1e-290
 
 
 def safe_norm(v: Vector3) -> Scalar:
-    """Return the length of a vector (3,), any unit; 0 with zero gradient at the zero vector."""
+    """Return the length of a vector (3,), in its unit; 0 with zero gradient at the zero vector."""
     return _safe_sqrt(jnp.sum(v * v))
 
 
 def safe_hypot(x: ScalarLike, y: ScalarLike) -> Scalar:
-    """Return the length of (x, y), any unit; 0 with zero gradient at the origin."""
+    """Return the length of the vector (x, y), in its unit; 0 with zero gradient at the origin."""
     x, y = jnp.asarray(x), jnp.asarray(y)
     return _safe_sqrt(x * x + y * y)
 
 
 def safe_atan2(y: ScalarLike, x: ScalarLike) -> Scalar:
-    """Return the angle of the point (x, y), rad in [-pi, pi]; 0 with zero gradient at the origin."""
+    """Return the polar angle of the point (x, y), rad, in [-pi, pi]; 0 with zero gradient at the origin."""
     x, y = jnp.asarray(x), jnp.asarray(y)
     squared = x * x + y * y
     undefined, zero, one = _is_zero(squared), jnp.zeros_like(squared), jnp.ones_like(squared)
@@ -48,9 +48,10 @@ _GIMBAL_COSINE = 1e-8
 
 
 def rotation_from_quaternion(q: Quaternion) -> Matrix33:
-    """Return the rotation matrix ``R_bn`` (3, 3), NED to body, of a unit quaternion (4,). Source: theory section 1.
+    """Return the rotation matrix ``R_bn`` (3, 3), NED to body, of a unit quaternion (4,), scalar first.
 
-    For a quaternion of another length, the matrix is scaled by the squared length.
+    For a quaternion that is not a unit quaternion, the matrix is scaled by the squared length. Source: theory
+    section 1.
     """
     products = jnp.unstack(jnp.reshape(q[:, None] * q[None, :], 16))
     s0, q01, q02, q03, _, s1, q12, q13, _, _, s2, q23, _, _, _, s3 = products
@@ -64,7 +65,7 @@ def rotation_from_quaternion(q: Quaternion) -> Matrix33:
 
 
 def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
-    """Return the unit quaternion (4,), with q0 >= 0, of a rotation matrix ``R_bn`` (3, 3), NED to body.
+    """Return the unit quaternion (4,), scalar first with q0 >= 0, of a rotation matrix ``R_bn`` (3, 3), NED to body.
 
     The matrix of the products ``4 q_i q_j`` is linear in ``R_bn``; the row with the largest diagonal entry, at least 1,
     is proportional to the quaternion. Dividing by small numbers is thus avoided (Shepperd, J. Guidance and Control
@@ -116,9 +117,9 @@ def rotation_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) ->
 
 
 def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) -> Quaternion:
-    """Return the unit quaternion (4,), NED to body, of roll, pitch, yaw (rad). Source: [SL] chapter 1.
+    """Return the unit quaternion (4,), scalar first, NED to body, of roll, pitch, yaw (rad). Source: [SL] chapter 1.
 
-    The quaternion, sign included, is continuous in the angles.
+    The quaternion, its sign included, is continuous in the angles; q0 may be negative.
     """
     roll, pitch, yaw = jnp.asarray(roll), jnp.asarray(pitch), jnp.asarray(yaw)
     s_roll, c_roll = jnp.sin(0.5 * roll), jnp.cos(0.5 * roll)
@@ -135,14 +136,11 @@ def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) 
 
 
 def euler_from_rotation(R_bn: Matrix33) -> Vector3:
-    """Return the Euler angles of a rotation matrix (3, 3), NED to body.
+    """Return the Euler angles roll, pitch, yaw (3,), rad, of a rotation matrix ``R_bn`` (3, 3), NED to body.
 
-    Returns
-    -------
-    (3,) roll in [-pi, pi], pitch in [-pi/2, pi/2], yaw in [-pi, pi], rad. Within 1e-8 rad of straight
-    up or down, where only the sum or difference of roll and yaw is defined, roll is 0. Source: theory section 1, with
-    ``-asin(R13)`` written as an arctangent: the same angle, but accurate and with a finite gradient up to the
-    vertical.
+    Roll and yaw are in [-pi, pi], pitch in [-pi/2, pi/2]. Within 1e-8 rad of straight up or down, where only the sum or
+    difference of roll and yaw is defined, roll is 0. Source: theory section 1, with ``-asin(R13)`` written as an
+    arctangent: the same angle, but accurate and with a finite gradient up to the vertical.
     """
     c_pitch = safe_hypot(R_bn[0, 0], R_bn[0, 1])
     vertical = c_pitch < _GIMBAL_COSINE
@@ -161,10 +159,10 @@ def euler_from_quaternion(q: Quaternion) -> Vector3:
 
 
 def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
-    """Return the time derivative of the attitude quaternion (4,), 1/s. Source: theory section 2.
+    """Return the time derivative (4,), 1/s, of the attitude quaternion, NED to body. Source: theory section 2.
 
-    ``rates_b`` is the angular velocity of the body relative to NED (3,), in body axes: P, Q, R in rad/s. The derivative
-    is orthogonal to the quaternion.
+    ``rates_b`` is the angular velocity of the body relative to the NED axes (3,), in body axes: P, Q, R in rad/s. The
+    derivative is orthogonal to the quaternion.
     """
     P, Q, R = jnp.unstack(rates_b)
     q0, q1, q2, q3 = jnp.unstack(q)
@@ -197,25 +195,25 @@ def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def normalize(q: Quaternion) -> Quaternion:
-    """Scale a quaternion (4,) to unit length; a quaternion shorter than 1e-145 is returned unchanged."""
+    """Scale a quaternion (4,) to unit length; in float64 a quaternion shorter than 1e-145 is returned unchanged."""
     squared = jnp.sum(q * q)
     no_attitude = squared < 1e-290
     return q / jnp.sqrt(jnp.where(no_attitude, 1.0, squared))
 
 
 def rotate(R_ba: Matrix33, v_a: Vector3) -> Vector3:
-    """Transform a vector from frame a to frame b: ``R_ba @ v_a``, any unit."""
+    """Transform a vector (3,) from the axes of frame a to frame b: ``R_ba @ v_a``, in the vector's unit."""
     first, second, third = jnp.unstack(R_ba * v_a[None, :], axis=1)
     return first + second + third
 
 
 def rotate_back(R_ba: Matrix33, v_b: Vector3) -> Vector3:
-    """Transform a vector from frame b to frame a: ``R_ba.T @ v_b``, any unit."""
+    """Transform a vector (3,) from the axes of frame b to frame a: ``R_ba.T @ v_b``, in the vector's unit."""
     first, second, third = jnp.unstack(R_ba * v_b[:, None])
     return first + second + third
 
 
 def compose(R_cb: Matrix33, R_ba: Matrix33) -> Matrix33:
-    """Chain two rotations: ``R_ca = R_cb @ R_ba``."""
+    """Return the matrix of two successive rotations, from a to b and from b to c: ``R_ca = R_cb @ R_ba``."""
     first, second, third = jnp.unstack(R_cb[:, :, None] * R_ba[None, :, :], axis=1)
     return first + second + third

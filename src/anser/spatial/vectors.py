@@ -8,7 +8,7 @@ from anser.shapes import Vector3
 
 
 def safe_sqrt(square: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """Return the square root of a positive number; otherwise 0 with zero gradient."""
+    """Return the square root of each positive entry; 0 with zero gradient for zero and negative entries."""
     # `jax.lax.select` adds a third of the equations of `jnp.where`.
     positive = square > 0.0
     root = jnp.sqrt(jax.lax.select(positive, square, jnp.ones_like(square)))
@@ -16,11 +16,11 @@ def safe_sqrt(square: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
 
 
 def norm(vector: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
-    """Return the Euclidean length of a vector, or of vectors along an axis, with zero gradient at the zero vector."""
+    """Return the Euclidean length of the vectors along an axis of an array, with zero gradient at the zero vector."""
     return safe_sqrt(jnp.sum(vector * vector, axis=axis))
 
 
 def unit_vector(vector: Vector3, fallback: Vector3) -> Vector3:
-    """Return the unit vector along a vector; `fallback`, with zero gradient, for the zero vector."""
+    """Return the unit vector along `vector` (3,); for the zero vector `fallback`, with zero gradient."""
     length = norm(vector)
     return jnp.where(length > 0.0, vector / jnp.where(length > 0.0, length, 1.0), fallback)

@@ -38,16 +38,16 @@ WGS84 = Ellipsoid(WGS84_A_M, WGS84_F)
 
 
 def radii_of_curvature(lat: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> tuple[Scalar, Scalar]:
-    """Radii of curvature of the ellipsoid at a geodetic latitude in rad: meridian R_M and prime vertical R_N, m."""
+    """Return the radii of curvature of meridian (R_M) and prime vertical (R_N), m, at a geodetic latitude (rad)."""
     w2 = 1.0 - ellipsoid.e2 * jnp.sin(lat) ** 2
     R_N = ellipsoid.a / jnp.sqrt(w2)
     return R_N * (1.0 - ellipsoid.e2) / w2, R_N
 
 
 def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> Vector3:
-    """Return the Earth-fixed position (3,), ECEF, m, of a geodetic position.
+    """Return the Earth-fixed position (3,), ECEF, m, of geodetic latitude and longitude (rad) and height `h` (m).
 
-    Latitude and longitude in rad, height `h` above the ellipsoid in m. Closed form, exact.
+    The height is above the ellipsoid. The formula is closed and exact.
     """
     s_lat, c_lat = jnp.sin(lat), jnp.cos(lat)
     _, R_N = radii_of_curvature(lat, ellipsoid)
@@ -107,7 +107,7 @@ def geodetic_from_flat(
     reference_height: ScalarLike,
     ellipsoid: Ellipsoid = WGS84,
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Geodetic latitude, longitude and height of a flat-Earth position.
+    """Return geodetic latitude, longitude and height of a position on the flat map of the Earth.
 
     Parameters
     ----------
@@ -125,8 +125,9 @@ def geodetic_from_flat(
 
     Notes
     -----
-    Theory section 1 up to an eighth of a turn from the reference. Farther away the arctangent is continued along its
-    tangent, so that the map covers the whole Earth, each longitude once within half a turn of the reference.
+    The map is that of theory section 1, an arctangent, up to an angle of 45 deg from the reference. Farther away the
+    arctangent is continued along its tangent, so that the map covers the whole Earth, each longitude once within
+    180 deg of the reference.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     north = angle_on_flat_map(position_n[0], R_M + reference_height)
@@ -139,7 +140,7 @@ def geodetic_from_flat(
 
 
 recorded_geodetic_from_flat = jax.jit(jax.vmap(geodetic_from_flat, in_axes=(1, None, None, None)))
-"""Compiled `geodetic_from_flat` for recorded positions, (3, samples)."""
+"""Compiled `geodetic_from_flat` for recorded flat-Earth positions, shape (3, samples)."""
 
 
 def flat_from_geodetic(
@@ -156,10 +157,10 @@ def flat_from_geodetic(
     Parameters
     ----------
     lat, lon, h
-        Geodetic latitude and longitude, rad, and height, m, anywhere on Earth; adding 2 pi to the longitude makes no
-        difference. East is discontinuous only at half a turn from the reference's longitude.
+        Geodetic latitude and longitude, rad, and height above the ellipsoid, m, anywhere on Earth; adding 2 pi to the
+        longitude makes no difference. East is discontinuous only 180 deg from the reference's longitude.
     reference_latitude, reference_longitude, reference_height
-        Geodetic coordinates of the flat Earth's origin: rad, rad, m; not a pole.
+        Geodetic coordinates of the flat Earth's origin: rad, rad, m above the ellipsoid; not a pole.
     ellipsoid
         Figure of the Earth.
 
@@ -178,16 +179,17 @@ def flat_from_geodetic(
 def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
     """Return the derivative of a length on the flat map with respect to the arc on the Earth, a number from 1 to 2.
 
-    `length` is the flat-Earth length from the reference, m; `radius` is the Earth's radius, m.
+    `length` is the north or east coordinate on the flat map, m; for `radius`, m, see `angle_on_flat_map`.
     """
     tangent = jnp.clip(length / radius, -1.0, 1.0)
     return 1.0 + tangent * tangent
 
 
 def angle_on_flat_map(length: ScalarLike, radius: ScalarLike) -> Scalar:
-    """Return the angle (rad) of latitude or longitude of a length on the flat map (m), both from the reference.
+    """Return the difference of latitude or longitude from the reference (rad) at a flat-map coordinate (m).
 
-    `radius` is the Earth's radius of curvature, for longitude times the cosine of the reference latitude, m.
+    `length` is the north or the east coordinate. `radius`, m, is for north the radius of curvature of the meridian at
+    the reference (plus the reference height), for east that of the prime vertical, times the cosine of the latitude.
     """
     arctangent_part = jnp.clip(length, -radius, radius)
     return jnp.arctan2(arctangent_part, radius) + 0.5 * (length - arctangent_part) / radius

@@ -20,43 +20,35 @@ def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
 
 
 def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-    """Return airspeed, angle of attack and sideslip of a velocity relative to the air (3,), body axes, m/s.
+    """Return airspeed V (m/s), alpha and beta (rad) of a velocity relative to the air (3,), body axes, m/s.
 
-    Returns
-    -------
-    V in m/s, alpha in [-pi, pi] and beta in [-pi/2, pi/2], rad. At rest V, alpha and beta are 0 with zero gradients.
-    Beta is ``asin(V_y / V)`` written as an arctangent, with a finite gradient in a pure side flow.
+    Alpha is in [-pi, pi], beta in [-pi/2, pi/2]. At rest V, alpha and beta are 0 with zero gradients. Beta is
+    ``asin(V_y / V)`` written as an arctangent, with a finite gradient in a pure side flow.
     """
     U, V_y, W = jnp.unstack(velocity_air_b)
     return safe_norm(velocity_air_b), safe_atan2(W, U), safe_atan2(V_y, safe_hypot(U, W))
 
 
 def air_direction_b(alpha: Scalar, beta: Scalar) -> Vector3:
-    """Return the direction of the velocity relative to the air (3,), body axes: the inverse of `flow_angles`."""
+    """Return the unit vector of the velocity relative to the air (3,), body axes, from alpha and beta (rad)."""
     return jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
 
 
 def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
-    """Return flight-path angle and course of a velocity (3,), NED, m/s.
+    """Return flight-path angle gamma and course chi (rad) of a velocity (3,), NED, m/s.
 
-    Returns
-    -------
-    gamma in [-pi/2, pi/2], up positive, and chi in [-pi, pi], clockwise from north, rad. In vertical
-    flight chi is 0, at rest both are, with zero gradients.
+    Gamma is in [-pi/2, pi/2], up positive; chi is in [-pi, pi], clockwise from north. In vertical flight chi is 0, at
+    rest gamma and chi are 0, with zero gradients.
     """
     v_N, v_E, v_D = jnp.unstack(velocity_n)
     return safe_atan2(-v_D, safe_hypot(v_N, v_E)), safe_atan2(v_E, v_N)
 
 
 def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> Scalar:
-    """Return the bank angle about the velocity vector, from attitude, angle of attack and sideslip.
+    """Return the bank angle mu about the velocity vector, rad, in [-pi, pi], positive with the right wing down.
 
-    Inputs: rotation matrix ``R_bn`` (3, 3), NED to body; alpha and beta in rad.
-
-    Returns
-    -------
-    mu in [-pi, pi], rad, positive with the right wing down: ``atan2(R_wn[1, 2], R_wn[2, 2])`` with
-    ``R_wn = R_wb @ R_bn``; 0 when the velocity is vertical.
+    Inputs: rotation matrix ``R_bn`` (3, 3), NED to body; angle of attack and sideslip, rad. With
+    ``R_wn = R_wb @ R_bn`` mu is ``atan2(R_wn[1, 2], R_wn[2, 2])``; 0 if the velocity is vertical.
     """
     _, side, under = jnp.unstack(rotate(rotation_wind_from_body(alpha, beta), R_bn[:, 2]))
     return safe_atan2(side, under)
@@ -65,9 +57,9 @@ def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> 
 def attitude_from_path(
     mu: ScalarLike, gamma: ScalarLike, chi: ScalarLike, alpha: ScalarLike, beta: ScalarLike
 ) -> Matrix33:
-    """Return the attitude of an aircraft on a given flight path, with given angle of attack and sideslip.
+    """Return the attitude of an aircraft from bank, flight-path angle, course, angle of attack and sideslip.
 
-    The inverse of `path_angles`, `bank_about_velocity` and `flow_angles` combined.
+    The function is the inverse of `path_angles`, `bank_about_velocity` and `flow_angles` combined.
 
     Parameters
     ----------
