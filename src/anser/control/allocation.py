@@ -191,8 +191,8 @@ _MARGIN_MIN = 0.1
 class Authority(eqx.Module):
     """Control authority of the surfaces: deflection margins (rad), rate limits (rad/s) and effectiveness."""
 
-    # deflection per angular acceleration about the body axes (surfaces, 3), rad/(rad/s^2): inverted control effectiveness
-    # times inertia
+    # deflection per angular acceleration about the body axes (surfaces, 3), rad/(rad/s^2): inverted control
+    # effectiveness times inertia
     deflection: Float[Array, "n 3"]
     margin: Vector  # deflection available up to the nearer stop, at least a tenth of half the range (surfaces,), rad
     rate_limit: Vector  # greatest deflection rate (surfaces,), rad/s

@@ -1,4 +1,4 @@
-"""Test inputs of an adaptive aircraft: multisines on the surfaces while the estimated control effectiveness is uncertain."""
+"""Test inputs of an adaptive aircraft: multisines on the surfaces while the control effectiveness is uncertain."""
 
 from typing import Any
 

@@ -76,9 +76,9 @@ def lift_at_alpha(
     other_force_b: Vector3,
     alpha: ScalarLike,
 ) -> Scalar:
-    """Compute the force normal to the path in the plane of symmetry (N, up positive) at the angle of attack `alpha` (rad).
+    """Compute the force normal to the path (N, up positive) in the plane of symmetry at the angle of attack `alpha`.
 
-    L = F_X sin(alpha) - F_Z cos(alpha). Air data other than alpha are those of `condition`; `surfaces` are the
+    L = F_X sin(alpha) - F_Z cos(alpha). Air data other than alpha (rad) are those of `condition`; `surfaces` are the
     deflections (rad); `other_force_b` is the non-aerodynamic force, mainly thrust, N.
     """
     data = eqx.tree_at(lambda d: d.alpha, condition.air_data, jnp.asarray(alpha))
