@@ -44,9 +44,9 @@ def encode_structure(value: Any) -> Any:
 
 
 def decode_structure(value: Any) -> Any:
-    """Decode a value from `encode_structure` to the result, without running code of the result's classes.
+    """Decode a value from `encode_structure` to a result with `jax.ShapeDtypeStruct` in place of arrays.
 
-    Raises NotCacheableError if the value is not an output of `encode_structure`.
+    No code of the result's classes runs. Raises NotCacheableError if the value is not an output of `encode_structure`.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value

@@ -50,7 +50,7 @@ _KERNELS = {
     "steady",
 }
 _KERNEL_MODULES = {"analysis.linearization", "analysis.loop_margins"}
-"""Modules of other rooms that import only kernels."""
+"""Modules of other subpackages that import only kernels."""
 _SETTINGS = (
     "jax_default_device",
     "jax_default_matmul_precision",
@@ -109,7 +109,7 @@ def _is_kernel(room: str, module: str) -> bool:
 
 
 def _hash_sources() -> tuple[str, str]:
-    """Return two hashes of source files: of the kernels with the top-level modules, and of the whole package."""
+    """Return hashes of the sources of the kernels (`_KERNELS`, with the top-level modules) and of the whole package."""
     kernels, everything = hashlib.sha256(), hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
@@ -129,7 +129,8 @@ _KERNEL_SOURCES, _ALL_SOURCES = _hash_sources()
 def _source_hash(description: str) -> str:
     """Return the hash of the sources behind the program with a description: of the kernels, or of the whole package.
 
-    The hash of the kernels suffices for a program that uses only kernels, which import only kernels.
+    The hash of the kernels (`_KERNELS`, `_KERNEL_MODULES`) suffices for a program that uses only kernels, because
+    kernels import only kernels.
     """
     modules = re.findall(r"\banser\.(\w+)\.(\w+)", description)
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES

@@ -298,7 +298,7 @@ class PreparedProgram:
             self.start()
 
     def start(self) -> "PreparedProgram":
-        """Lower the program in this thread and start to compile it in a background thread, unless already started."""
+        """Lower the program, and start to compile it in a background thread unless already started; return self."""
         if self._result is None:
             self._future = _executor.submit(self._lower())
             self._result = self._future.result

@@ -81,7 +81,7 @@ class FolderStore:
 
     @contextlib.contextmanager
     def reserve(self, key: str) -> Iterator[None]:
-        """Reserve a key for the `with` block: other processes and threads that reserve the key wait for the block to end.
+        """Reserve a key for the `with` block; meanwhile, other processes and threads that reserve the key wait.
 
         Without file locks, or in a folder that is not trusted or cannot be written, nobody waits.
         """

@@ -174,7 +174,7 @@ class InputSignal:
 
 
 def step_input(amplitude: float, start_s: float = 1.0) -> InputSignal:
-    """Return a step by `amplitude` at the time `start_s`.
+    """Return a step by `amplitude` (in the unit of the input) at the time `start_s`.
 
     Raises ValueError if a number is not finite or the start is negative.
     """
@@ -183,9 +183,10 @@ def step_input(amplitude: float, start_s: float = 1.0) -> InputSignal:
 
 
 def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> InputSignal:
-    """Return a doublet from `start_s` on: a pulse of `amplitude`, then of minus `amplitude`, each `width_s` long.
+    """Return a doublet: from `start_s` on, a pulse of `amplitude`, then of minus `amplitude`, each `width_s` long.
 
-    Raises ValueError if a number is not finite, the start is negative, or the width is not positive.
+    The amplitude is in the unit of the input. Raises ValueError if a number is not finite, the start is negative, or
+    the width is not positive.
     """
     _require_numbers(amplitude=amplitude, start_s=start_s, width_s=width_s)
     description = f"doublet of {amplitude:g} at {start_s:g} s, pulses of {width_s:g} s"
@@ -193,10 +194,10 @@ def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> Inp
 
 
 def three_two_one_one(amplitude: float, start_s: float = 1.0, width_s: float = 0.7) -> InputSignal:
-    """Return a 3-2-1-1 from `start_s` on: pulses of alternating sign with lengths of 3, 2, 1 and 1 times `width_s`.
+    """Return a 3-2-1-1: four pulses of alternating sign from `start_s` on, 3, 2, 1 and 1 times `width_s` long.
 
-    Source: Klein and Morelli, Aircraft System Identification (2006), chapter 9. Raises ValueError if a number is not
-    finite, the start is negative, or the width is not positive.
+    The amplitude is in the unit of the input. Source: Klein and Morelli, Aircraft System Identification (2006), chapter
+    9. Raises ValueError if a number is not finite, the start is negative, or the width is not positive.
     """
     _require_numbers(amplitude=amplitude, start_s=start_s, width_s=width_s)
     description = f"3-2-1-1 of {amplitude:g} at {start_s:g} s, unit of {width_s:g} s"
@@ -247,7 +248,7 @@ def multisine(
     Parameters
     ----------
     amplitude
-        Greatest magnitude of the signal, met to 0.1 percent.
+        Greatest magnitude of the signal in the unit of the input, met to 0.1 percent.
     frequencies_hz
         Least and greatest frequency, Hz.
     duration_s

@@ -135,7 +135,7 @@ class IdleDeceleration(eqx.Module):
     by_lift: Float[Array, "*aircraft entries"]  # part of `level` that is due to lift, at each airspeed; not negative
 
     def share(self, speed: Any, load_factor: Any) -> Any:
-        """Return the relative deceleration that is certain at an airspeed (m/s): a load factor above 1 counts as 1."""
+        """Return the relative deceleration at an airspeed (m/s), without the extra drag of a load factor above 1."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._unloaded_entries(array_module, load_factor), speed)
 
@@ -145,7 +145,7 @@ class IdleDeceleration(eqx.Module):
         return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """Return the increase of the relative deceleration by a load factor above 1; 0 for a load factor up to 1."""
+        """Return the additional relative deceleration by a load factor above 1; 0 for a load factor up to 1."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
 

@@ -197,8 +197,8 @@ def guide(
     # the aircraft's plan; None without a planner. Required for an aircraft with a mission
     plan: AircraftPlan | None,
     instant: Instant,
-    # time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then breaks
-    # off; the recorded phase is `FROZEN`
+    # time before the arrival during which the plan no longer changes (recorded phase `FROZEN`), s. An aircraft that has
+    # not seen its goal by then breaks away
     freeze: ScalarLike = 0.0,
 ) -> GuidedCommand:
     """Compute the command of a step by the guidance or, after arrival or breakaway, by the hold; and the new status.
@@ -323,7 +323,7 @@ def _vehicle_status(
 ) -> Integer:
     """Return the status code after the checks for leaving the fleet and for a goal without usable estimate.
 
-    A goal that was never seen counts from `freeze` (s) before the arrival on. Only status 0 (no event) changes.
+    A goal that was never seen is reported only from `freeze` (s) before the arrival on. A status other than 0 stays.
     """
     time = instant.time
     has_left = (status == FLYING) & vehicle.faults.has_left_fleet(time)

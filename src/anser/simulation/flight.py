@@ -55,9 +55,9 @@ from anser.steady.trim import TrimTarget
 class Timing(eqx.Module):
     """Sampling period of a flight, number of steps between plans, and freeze time before the arrival."""
 
-    step: Scalar  # sampling period of the aircraft's parts and step of the integrator
+    step: Scalar  # sampling period of the aircraft's parts, and step of the integrator, s
     replan_steps: Integer  # number of steps between plans; 0: only the first plan
-    freeze: Scalar  # time before the arrival during which the plan is frozen
+    freeze: Scalar  # time before the arrival during which the plan no longer changes, s
 
 
 class AircraftGroup(eqx.Module):
@@ -146,7 +146,7 @@ def assemble(
     replan_steps
         Number of steps between plans; 0: only the first plan.
     freeze
-        Time before the arrival during which the plan is frozen, s.
+        Time before the arrival during which the plan no longer changes, s.
     real_count
         Number of real aircraft, first in order; padding aircraft after them, which never fly, make up a fleet size with
         a compiled program. None: no padding.

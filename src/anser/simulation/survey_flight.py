@@ -52,7 +52,7 @@ BETA_BOUND = 2.0 * DEG_RAD
 
 
 class SurveySummary(eqx.Module):
-    """Metrics of one survey flight.
+    """Metrics of one survey flight, the response of one aircraft to a step of the velocity command.
 
     Channels are (V, gamma, chi) in m/s and rad; surfaces are in the airframe's order.
     """
