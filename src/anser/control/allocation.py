@@ -199,9 +199,9 @@ class Authority(eqx.Module):
 
     @property
     def rates_jerk(self) -> Vector3:
-        """Return the greatest rate of change of each body angular acceleration (P, Q, R axis), rad/s^3.
+        """Return the greatest rate of change of each body angular acceleration (P, Q, R axis), used alone, rad/s^3.
 
-        The surfaces use 30 percent of their rate limits, and the other two axes are at rest.
+        The surfaces use 30 percent of their rate limits.
         """
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 

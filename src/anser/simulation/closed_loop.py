@@ -98,7 +98,7 @@ def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gus
 
 
 def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
-    """Return the input of the gust model at an aircraft at an instant.
+    """Return the input of the gust model at an aircraft: airspeed, height, attitude, wind and time at an instant.
 
     The airspeed (m/s) is relative to the mean wind; the height (m) is above a ground at altitude 0.
     """
