@@ -1,6 +1,6 @@
 """Serialization of compiled programs: machine code, and a JSON header with the structure of the result.
 
-Unlike a pickle, the file contains no Python code to execute.
+Unlike a pickle, the file contains no Python code that loading would execute.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ _PACKAGE = "anser"
 def encode_structure(value: Any) -> Any:
     """Encode a result, with `jax.ShapeDtypeStruct` in place of arrays, as a value for `json.dumps`.
 
-    Raises NotCacheableError if the result contains a class that `decode_structure` rejects.
+    Raises NotCacheableError if the result contains a class or data type that `decode_structure` rejects.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -44,9 +44,9 @@ def encode_structure(value: Any) -> Any:
 
 
 def decode_structure(value: Any) -> Any:
-    """Decode a value from `encode_structure`, without running code of the decoded classes.
+    """Decode a value from `encode_structure` to a result with `jax.ShapeDtypeStruct` in place of arrays.
 
-    Raises NotCacheableError if the value is not an output of `encode_structure`.
+    No code of the result's classes runs. Raises NotCacheableError if the value is not an output of `encode_structure`.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -71,9 +71,9 @@ def decode_structure(value: Any) -> Any:
 
 
 def _dtype(name: str) -> np.dtype[Any]:
-    """Return NumPy's data type of numbers or Booleans with a name.
+    """Return NumPy's data type `name`, a type of numbers or Booleans.
 
-    Raises NotCacheableError for any other name, such as that of an extension type (random keys).
+    Raises NotCacheableError for any other name, such as the name of an extension type (random keys).
     """
     try:
         dtype = np.dtype(name)
@@ -85,7 +85,7 @@ def _dtype(name: str) -> np.dtype[Any]:
 
 
 def _class(name: str) -> type[Any]:
-    """Return a class of the package by its name MODULE:CLASS; raise NotCacheableError for any other name."""
+    """Return the class of the package with the name MODULE:CLASS; raise NotCacheableError for any other name."""
     module_name, _, class_name = name.partition(":")
     parts = [*module_name.split("."), class_name]
     if parts[0] != _PACKAGE or not all(part.isidentifier() and not part.startswith("__") for part in parts):
@@ -117,21 +117,21 @@ def _instance(class_: type[Any], fields: dict[str, Any]) -> Any:
 
 
 _FEATURES = re.compile(rb"\+[a-z0-9._\-]+(?:,[+\-][a-z0-9._\-]+){8,}")
-"""Processor features declared as required by code for a CPU: `+64bit,+avx,-sgx, ...`."""
+"""Pattern of the processor features that code for a CPU declares as required: `+64bit,+avx,-sgx, ...`."""
 
 
 class Executable(NamedTuple):
-    """Machine code of a program, and the indices of the arguments in use (unused arguments are left out)."""
+    """Machine code of a program, and the indices of the arguments that the program uses among all its arguments."""
 
     code: bytes
     argument_indices: list[int]
 
 
 def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
-    """Serialize a program as: length of the JSON header, header (result structure, argument indices), machine code.
+    """Serialize a compiled program: length of JSON header, header (result structure, argument indices), machine code.
 
-    Raises NotCacheableError if the program calls back into Python, has effects, runs on other devices, or returns a
-    class from outside the package.
+    Raises NotCacheableError if the program calls back into Python, has side effects, runs on another device than JAX's
+    first, or returns a class from outside the package.
     """
     executable = _serialize(compiled)
     header = json.dumps({"result": encode_structure(result), "argument_indices": executable.argument_indices}).encode()
@@ -141,10 +141,8 @@ def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
 def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any]:
     """Return the executable in the content of a program file, and the structure of the program's result.
 
-    The structure has `jax.ShapeDtypeStruct` in place of arrays.
-
-    Raises NotCacheableError, ValueError, KeyError or TypeError if the header is not from `pack_program`, or an argument
-    index is not below `argument_count`.
+    The structure has `jax.ShapeDtypeStruct` in place of arrays. Raises NotCacheableError, ValueError, KeyError or
+    TypeError if the header is not from `pack_program`, or an argument index is not below `argument_count`.
     """
     end = 8 + int.from_bytes(content[:8], "big")
     header = json.loads(content[8:end])
@@ -159,10 +157,10 @@ def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any
 def load_executable(
     executable: Executable, results: Iterable[jax.ShapeDtypeStruct]
 ) -> Callable[[list[Any]], list[Any]]:
-    """Load machine code on the first device; return a function from the list of arguments to the list of result arrays.
+    """Load machine code on the first device; return a function from a list of arguments to a list of result arrays.
 
-    Raises ImportError or AttributeError if the internals of the installed JAX differ; the caller then compiles the
-    program again.
+    `results` are shapes and types of the result arrays. Raises ImportError or AttributeError if the internals of the
+    installed JAX differ; the caller then compiles the program again.
     """
     from jax._src import core
     from jax._src.interpreters import pxla
@@ -204,7 +202,7 @@ def _serialize(compiled: Any) -> Executable:
 
 
 def _without_features(code: bytes) -> bytes:
-    """Return the code without required processor features.
+    """Return serialized code in which no processor feature is declared as required.
 
     When loading code, XLA compares the declared features with the processor, and reports `prefer-no-gather` and
     `prefer-no-scatter` (preferences of XLA's compiler, not features of any processor) as missing. The comparison is
@@ -215,7 +213,7 @@ def _without_features(code: bytes) -> bytes:
 
 @functools.cache
 def _register_lapack() -> None:
-    """Make JAX register the LAPACK functions, by lowering a LAPACK call; loading a program does not."""
+    """Make JAX register its LAPACK functions by lowering a LAPACK call; loading a program does not register them."""
     jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), jnp.float32))
 
 
@@ -224,16 +222,17 @@ _INSTRUCTION, _COMPUTATION_ID, _ROOT_ID, _IS_FUSED = 2, 5, 6, 7
 _NAME, _OPCODE, _SHAPE, _FUSION_KIND, _CALL_TARGET, _ID, _CALLED_IDS = 1, 2, 3, 11, 28, 35, 38
 """Numbers of fields in XLA's messages: xla/service/hlo.proto, xla/service/cpu/executable.proto."""
 _COMPILED_FUSIONS = {b"kLoop", b"kInput", b"kOutput"}
-"""Kinds of fusions that are machine code; a library makes its own program from a custom fusion when it is called."""
+"""Kinds of fusions (groups of operations in one kernel) that are stored as machine code. A custom fusion is not: a
+library makes its program when the fusion is called."""
 
 
 def without_fused_instructions(code: bytes) -> bytes:
     """Return the serialized code of a CPU program without the instructions inside compiled fusions.
 
-    XLA stores the optimised program beside the machine code of its kernels, and builds it again on loading. Most of its
-    instructions are fused into kernels; of these, loading needs the parameters and the shape of the result only. The
-    result becomes a call without operands. The smaller code loads in half the time. Code in an unexpected form is
-    returned unchanged.
+    XLA stores the optimized program beside the machine code of its kernels, and builds the program again on loading.
+    Most instructions are fused into kernels; of these, loading needs only the parameters and the shape of the result.
+    The result of a fusion is replaced with a call without operands. The smaller code loads in half the time. Code in an
+    unexpected form is returned unchanged.
     """
     try:
         length, start = _number(code, 0)  # of a header
@@ -244,7 +243,7 @@ def without_fused_instructions(code: bytes) -> bytes:
 
 
 def _shrink_module(module: bytes) -> bytes:
-    """Return a program (XLA's HloModule) with shortened computations of compiled fusions."""
+    """Return a serialized program (XLA's HloModule) in which the computations of compiled fusions are shortened."""
     computations = [module[start:end] for number, _, start, end in _fields(module) if number == _COMPUTATION]
     compiled_ids: set[int] = set()
     for computation in computations:
@@ -260,7 +259,7 @@ def _shrink_module(module: bytes) -> bytes:
 
 
 def _called_ids(fusion: bytes) -> list[int]:
-    """Return the identifiers of the computations that a fusion calls, if compiled to machine code; otherwise none."""
+    """Return the identifiers of the computations that a fusion calls; empty if it is not stored as machine code."""
     identifiers: list[int] = []
     if _bytes(fusion, _FUSION_KIND) in _COMPILED_FUSIONS:
         called, end = _bytes(fusion, _CALLED_IDS), 0
@@ -271,7 +270,11 @@ def _called_ids(fusion: bytes) -> list[int]:
 
 
 def _shrink(computation: bytes) -> bytes:
-    """Return a fused computation with its parameters and a call without operands in place of the result."""
+    """Return a fused computation with its parameters, and a call without operands in place of its result.
+
+    A computation whose result is a parameter is returned unchanged. Raises ValueError if the last instruction is not
+    the result.
+    """
     properties, instructions = [], []
     for number, begin, start, end in _fields(computation):
         (instructions if number == _INSTRUCTION else properties).append((begin, start, end))
@@ -300,7 +303,7 @@ def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
 
 
 def _replace(message: bytes, path: tuple[int, ...], function: Callable[[bytes], bytes]) -> bytes:
-    """Return a message with `function` applied to each embedded message at a path of field numbers."""
+    """Return a message with `function` applied to each embedded message at the path of field numbers `path`."""
     if not path:
         return function(message)
     return b"".join(
@@ -312,10 +315,10 @@ def _replace(message: bytes, path: tuple[int, ...], function: Callable[[bytes], 
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, int, int, int]]:
-    """Yield, for each field of a message of Protocol Buffers, its number and three positions in the message.
+    """Yield the number and three positions of each field in a message of Protocol Buffers.
 
-    The positions are the begin of the field, the begin of its value, and the end of the field. Raises ValueError if a
-    field has an unknown type, or the message ends within a field.
+    The positions in the message are the begin of the field, the begin of its value, and the end of the field. Raises
+    ValueError if a field has an unknown type, or the message ends within a field.
     """
     end, size = 0, len(message)
     while end < size:
@@ -339,17 +342,17 @@ def _fields(message: bytes) -> Iterator[tuple[int, int, int, int]]:
 
 
 def _integer(message: bytes, number: int) -> int:
-    """Return the value of the first field with a number; 0 without such a field."""
+    """Return the integer value of a message's first field with the given number; 0 without the field."""
     return next((_number(message, start)[0] for field, _, start, _ in _fields(message) if field == number), 0)
 
 
 def _bytes(message: bytes, number: int) -> bytes:
-    """Return the content of the first field with a number; empty without such a field."""
+    """Return the content of a message's first field with the given number; empty without the field."""
     return next((message[start:end] for field, _, start, end in _fields(message) if field == number), b"")
 
 
 def _number(message: bytes, position: int) -> tuple[int, int]:
-    """Return the integer of variable length at a position, and the position after it."""
+    """Return the integer of variable length (seven bits per byte) at a position, and the position after the integer."""
     value = message[position]
     if value < 128:
         return value, position + 1
@@ -364,7 +367,7 @@ def _number(message: bytes, position: int) -> tuple[int, int]:
 
 
 def _with_length(number: int, value: bytes) -> bytes:
-    """Encode a field of bytes."""
+    """Encode a field of Protocol Buffers with bytes as its value: tag, length, value."""
     return _encode(number << 3 | 2) + _encode(len(value)) + value
 
 

@@ -1,4 +1,4 @@
-"""Keys under which compiled programs are stored: hashes of everything that the machine code depends on."""
+"""Keys under which compiled programs are stored: hashes of everything on which the machine code depends."""
 
 import dataclasses
 import enum
@@ -50,7 +50,7 @@ _KERNELS = {
     "steady",
 }
 _KERNEL_MODULES = {"analysis.linearization", "analysis.loop_margins"}
-"""Modules of other rooms that import only kernels."""
+"""Modules of other subpackages that import only kernels."""
 _SETTINGS = (
     "jax_default_device",
     "jax_default_matmul_precision",
@@ -66,9 +66,10 @@ class NotCacheableError(Exception):
 
 
 def describe_value(value: Any) -> str:
-    """Describe what compiled code depends on in a value: structure, static parts, shapes and types of arrays.
+    """Describe, as text, the properties of a value on which compiled code depends.
 
-    Raises NotCacheableError if the value contains code from outside the trusted packages, which may differ in the next
+    The properties are structure, static values, and shapes and types of arrays, not the numbers in arrays. Raises
+    NotCacheableError if the value contains code from outside the trusted packages, which may differ in the next
     process, or an object of a class that this function cannot describe.
     """
     if isinstance(value, np.ndarray | np.generic | jax.Array | jax.ShapeDtypeStruct):
@@ -96,7 +97,7 @@ def describe_value(value: Any) -> str:
 
 
 def _name(code: Any) -> str:
-    """Return the qualified name of a class or function from a trusted, versioned package."""
+    """Return the qualified name of a class or function; raise NotCacheableError if its package is not a trusted one."""
     module, name = getattr(code, "__module__", None), getattr(code, "__qualname__", "<")
     if module is None or module.split(".")[0] not in _TRUSTED or "<" in name:
         raise NotCacheableError(f"{module}.{name}")
@@ -108,7 +109,7 @@ def _is_kernel(room: str, module: str) -> bool:
 
 
 def _hash_sources() -> tuple[str, str]:
-    """Return a hash of the kernels with their imports, and a hash of the whole package."""
+    """Return hashes of the sources of the kernels (`_KERNELS`, with the top-level modules) and of the whole package."""
     kernels, everything = hashlib.sha256(), hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
@@ -122,23 +123,24 @@ def _hash_sources() -> tuple[str, str]:
 
 
 _KERNEL_SOURCES, _ALL_SOURCES = _hash_sources()
-"""Hashed at import: later edits of the files do not change the running code."""
+"""Hashes of the source files, made at import: later edits of the files do not change the running code."""
 
 
 def _source_hash(description: str) -> str:
-    """Return the hash of the sources behind a program: of the kernels alone, or of the whole package.
+    """Return the hash of the sources behind the program with a description: of the kernels, or of the whole package.
 
-    The hash of the kernels suffices for a program that uses only kernels, which import only kernels.
+    The hash of the kernels (`_KERNELS`, `_KERNEL_MODULES`) suffices for a program that uses only kernels, because
+    kernels import only kernels.
     """
     modules = re.findall(r"\banser\.(\w+)\.(\w+)", description)
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
 class _ModuleDescription(NamedTuple):
-    """Description of the names in a module."""
+    """Description of a module for the detection of functions or constants replaced at run time."""
 
-    bindings: list[Any]  # names and values of the module, then of each of its classes
-    modules: frozenset[str]  # modules of the package that the values come from
+    bindings: list[Any]  # names and values in the module, then in each of its classes
+    modules: frozenset[str]  # names of the package's modules from which the values come
     text: str  # functions, classes and numbers by name
 
 
@@ -148,7 +150,7 @@ _descriptions: dict[str, _ModuleDescription] = {}
 def _describe_module(module: ModuleType) -> _ModuleDescription:
     """Describe the names in a module; the former description is returned unless a name is bound to another value.
 
-    Raises NotCacheableError if a replacement comes from outside the trusted packages and the package's own libraries.
+    Raises NotCacheableError if a function or class comes from outside the trusted packages and interface libraries.
     """
     name = module.__name__
     namespaces = [vars(module)]
@@ -191,10 +193,9 @@ def _describe_module(module: ModuleType) -> _ModuleDescription:
 
 
 def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
-    """Return descriptions, by name, of the loaded modules of anser that a program names, and that these modules use.
+    """Return descriptions, by name, of the loaded anser modules that a program's description names or that these use.
 
-    Other loaded modules are left out, so that the key of a program does not depend on what else a process imported.
-
+    Other loaded modules are left out, so that the key of a program does not depend on further imports of a process.
     Raises NotCacheableError as `_describe_module` does.
     """
     modules: dict[str, _ModuleDescription] = {}
@@ -211,16 +212,16 @@ def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
 
 
 def _hash_loaded_code(description: str) -> str:
-    """Hash names and numbers in the modules behind a program, to detect functions or constants replaced at run time.
+    """Return a hash of names and numbers in the modules behind a program, to detect replacements at run time.
 
-    Raises NotCacheableError if a replacement comes from outside the trusted packages and the package's own libraries.
+    Raises NotCacheableError if a function or class comes from outside the trusted packages and interface libraries.
     """
     texts = [module.text for _, module in sorted(_modules_behind(description).items())]
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 def _target_fingerprint() -> str:
-    """Return the fingerprint of XLA's target machine: a CPU with its features. Empty if XLA reports no fingerprint."""
+    """Return XLA's fingerprint of the target machine, such as a CPU with its features; empty if XLA reports none."""
     try:
         from jax._src.lib import xla_client  # pyright: ignore[reportPrivateImportUsage] - another version may lack it
 
@@ -231,7 +232,10 @@ def _target_fingerprint() -> str:
 
 @functools.cache
 def _describe_platform() -> str:
-    """Describe, as text, the versions and the machine on which compiled code depends."""
+    """Describe, as text, the software versions and the machine on which compiled code depends.
+
+    Raises NotCacheableError for a CPU whose features XLA does not report.
+    """
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
@@ -249,7 +253,7 @@ def jax_settings() -> str:
 
 
 def program_key(value: Any) -> str:
-    """Hash a value together with the package sources, the platform and the JAX settings, as the key of a program.
+    """Return the key of a program: a hash of a value with the package sources, the platform and the JAX settings.
 
     Raises NotCacheableError if the value contains code that another process could not identify reliably.
     """
@@ -268,6 +272,6 @@ def operations_key(
     text: str,  # StableHLO of the program with its constants
     options: Mapping[str, bool | str],  # compiler options
 ) -> str:
-    """Return the key of a lowered program by its operations, which identify even code from outside the package."""
+    """Return the key of a lowered program, a hash of its operations; valid even for code from outside the package."""
     parts = ["operations", _describe_platform(), jax_settings(), repr(sorted(options.items())), text]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -11,12 +11,12 @@ from typing import Any
 
 @dataclass(eq=False)
 class Compilation:
-    """Record of a program that this process traces and compiles."""
+    """Record of one program that this process traces and compiles."""
 
-    title: str
+    title: str  # name of the program for users
     options: Mapping[str, bool | str]  # compiler options
-    equations: int = 0  # of the traced program with all that it calls; 0 until traced
-    code_bytes: int = 0  # size of the stored code; 0 until compiled
+    equations: int = 0  # number of equations of the traced program with called programs; 0 until traced
+    code_bytes: int = 0  # size of the serialized code; 0 until compiled, or if the code cannot be serialized
     #: CPU time by stage (tracing, lowering, compiling), s; stages at work at the same time share the time equally.
     cpu_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tracing", "lowering", "compiling"), 0.0))
     start_s: float = 0.0  # reading of `time.monotonic` at the start of compiling
@@ -37,7 +37,7 @@ class Compilation:
 compilations: list[Compilation] = []
 """Records of this process, in the order of tracing; programs loaded from the store are left out."""
 _PRIOR_EQUATIONS = 10_000
-"""Number of equations that the prior estimate of the compiling time counts as, beside measured programs."""
+"""Number of equations for which the prior estimate of the compiling time counts, beside the measured programs."""
 _waits: list[None] = []
 _lock = threading.RLock()
 _at_work: list[tuple[Compilation, str]] = []
@@ -46,12 +46,15 @@ _clock = [0.0]
 
 
 def _prior_s(options: Mapping[str, bool | str]) -> float:
-    """Return the CPU time of compiling per equation, s: two cores of a server of 2024, September 2026's XLA."""
+    """Return the prior CPU time of compiling per equation, s, with the compiler options `options`.
+
+    Measured on two cores of a server of 2024 with XLA of September 2026.
+    """
     return 0.5e-3 if "xla_backend_optimization_level" in options else 0.6e-3 if options else 1.1e-3
 
 
 def _share_time() -> None:
-    """Divide the process's CPU time since the last call equally among the stages at work."""
+    """Divide the process's CPU time since the last call equally among the stages at work, in their records."""
     now = time.process_time()
     for record, stage in _at_work:
         record.cpu_s[stage] += (now - _clock[0]) / len(_at_work)
@@ -60,7 +63,7 @@ def _share_time() -> None:
 
 @contextlib.contextmanager
 def measured(record: Compilation, stage: str) -> Iterator[None]:
-    """Add the CPU time of the `with` block to a stage of a record."""
+    """Add the CPU time (s) of the `with` block to the stage `stage` (tracing, lowering or compiling) of a record."""
     entry = (record, stage)
     with _lock:
         _share_time()
@@ -76,7 +79,7 @@ def measured(record: Compilation, stage: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def waiting() -> Iterator[None]:
-    """Mark the `with` block as a wait for a program, about which `compilation_message` informs."""
+    """Count the `with` block as a wait for a program, which `compilation_message` then reports."""
     _waits.append(None)
     try:
         yield
@@ -86,7 +89,7 @@ def waiting() -> Iterator[None]:
 
 @contextlib.contextmanager
 def compiled_elsewhere(record: Compilation) -> Iterator[None]:
-    """Mark the `with` block as a wait for another process that may compile the program of a record."""
+    """Count the `with` block as a wait for another process that may be compiling the program of `record`."""
     _elsewhere.append(record)
     try:
         yield
@@ -95,7 +98,7 @@ def compiled_elsewhere(record: Compilation) -> Iterator[None]:
 
 
 def compilation_message() -> str | None:
-    """Return the program that the process waits for, and the time left if known; None if it waits for no program."""
+    """Return a text with the program for which the process waits, and the time left if known; None without a wait."""
     awaited = awaited_compilation()
     if awaited is None:
         return None
@@ -105,9 +108,9 @@ def compilation_message() -> str | None:
 
 
 def awaited_compilation() -> tuple[Compilation, str | None] | None:
-    """Return the record of the program that the process waits for, and the time left in words; None without a wait.
+    """Return the record of the program for which the process waits, and the time left as text; None without a wait.
 
-    The time left is None as long as the size of a program is unknown.
+    The time left is None until the size of every program at work is known, and for a program of another process.
     """
     with _lock:
         _share_time()
@@ -131,7 +134,7 @@ _PACE_AFTER_S = 3.0
 
 
 def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -140,7 +143,7 @@ def _time_left(seconds: float) -> str:
 
 
 def count_equations(jaxpr: Any) -> int:
-    """Return the number of equations of a traced program, with those of each program that it calls."""
+    """Return the number of equations (operations) in a traced program, with those of the programs that it calls."""
     counts: dict[int, int] = {}
 
     def count(program: Any) -> int:

@@ -1,4 +1,4 @@
-"""Compilation settings: options of single functions, division among cores, and the cache folder of the user."""
+"""Compilation settings: compiler options of functions, division of a batch among cores, and the user's cache folder."""
 
 import functools
 import os
@@ -17,19 +17,21 @@ from anser.compiling.store import FolderStore
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 OLDER_GENERATOR: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
-"""Option for XLA's older code generator for the CPU; see `supported_options`."""
+"""Option for XLA's older code generator for the CPU; left out if the installed XLA rejects the option
+(`supported_options`)."""
 _UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **OLDER_GENERATOR}
 
 
 def compiled(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
-    """Return a program of the function, compiled with XLA's optimizer when first called; `title` is shown to users."""
+    """Return a program of a function, compiled with XLA's optimizer at the first call; users see its `title`."""
     return Program(function, {}, title=title)
 
 
 def compiled_quickly(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
-    """Compile a function without XLA's optimizer, in a sixth to a half of the time (measured: trims, linear models).
+    """Return a program of a function, compiled without XLA's optimizer in a sixth to a half of the time.
 
-    The function runs more slowly, and the results differ by rounding.
+    Measured for trims and linear models. The program runs more slowly, and its results differ by rounding. Users see
+    its `title`.
     """
     return Program(function, _UNOPTIMIZED, title=title)
 
@@ -38,10 +40,10 @@ def compiled_by_older_generator(
     static_argnames: Sequence[str] | None,
     title: str | None = None,  # name of the program for the user
 ) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
-    """Return a decorator that compiles with XLA's older code generator for the CPU, if still supported.
+    """Return a decorator that makes programs with XLA's older code generator for the CPU, if still supported.
 
-    Large programs compile in half the time and run at the same speed. Arguments not in `static_argnames` are
-    traced; None: every argument with arrays.
+    Large programs compile in half the time and run at the same speed. Arguments not in `static_argnames` are traced;
+    None: every argument with arrays is traced.
     """
 
     def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:
@@ -54,10 +56,11 @@ def blocks_on_cores(
     count: int,
     least: int,  # rows of a block whose computation takes longer than its hand-over to another thread
 ) -> list[slice]:
-    """Divide a batch into equal blocks of rows: one for each usable core, or fewer where that does not divide.
+    """Divide a batch of `count` rows into equal blocks; return their slices.
 
-    Blocks of one size share a program; XLA itself divides only the largest of its kernels among cores. Another device
-    than a CPU computes the whole batch.
+    There is a block for each usable core, or fewer if the rows would not divide equally or a block would have fewer
+    than `least` rows. Blocks of the same size share a program; XLA itself divides only the largest of its kernels among
+    cores. On a device other than a CPU, one block holds the whole batch.
     """
     most = min(usable_cores(), count // least) if jax.default_backend() == "cpu" else 1
     number = next((number for number in range(most, 1, -1) if count % number == 0), 1)
@@ -66,7 +69,10 @@ def blocks_on_cores(
 
 
 def call_on_cores(calls: Sequence[Callable[[], _R]]) -> list[_R]:
-    """Return the results of calls of compiled functions, each but the last on a thread of its own."""
+    """Call compiled functions at the same time and return their results in order; the last runs on this thread.
+
+    At least one call is needed.
+    """
     *others, last = calls
     pending = [_threads().submit(lambda call: jax.block_until_ready(call()), call) for call in others]
     result = last()
@@ -79,11 +85,11 @@ def _threads() -> ThreadPoolExecutor:
 
 
 CACHE_VARIABLE = "ANSER_COMPILATION_CACHE"
-"""Environment variable with the folder that replaces the user's cache folder, or "off"."""
+"""Environment variable with a folder that replaces the user's cache folder, or with "off" for no cache."""
 
 
 def cache_folder() -> Path | None:
-    """Return the cache folder; None if `ANSER_COMPILATION_CACHE` is "off" or no folder is set or known.
+    """Return the folder of compiled programs; None if `ANSER_COMPILATION_CACHE` is "off" or no folder is available.
 
     The folder is the value of the environment variable `ANSER_COMPILATION_CACHE`; if it is not set, JAX's setting
     `jax_compilation_cache_dir`; if neither is set, a folder in the user's cache folder, or None if the user has none.
@@ -97,12 +103,12 @@ def cache_folder() -> Path | None:
 
 
 def program_store() -> FolderStore | None:
-    """Return the program store in the cache folder, or None without a cache folder."""
+    """Return the store of compiled programs in the cache folder; None without a cache folder."""
     folder = cache_folder()
     return None if folder is None else FolderStore(folder / "programs")
 
 
 def enable_compilation_cache() -> Path | None:
-    """Store compiled programs in `cache_folder` and return the folder; None if caching is off."""
+    """Store programs compiled from now on in `cache_folder`, and return the folder; None if caching is off."""
     use_program_store(program_store())
     return cache_folder()

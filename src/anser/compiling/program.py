@@ -1,7 +1,7 @@
 """Functions that are compiled once per machine.
 
-Compiled programs of this process, the store that shares programs between processes, and the memory in use by loaded
-programs.
+The module holds the compiled programs of this process, uses the store that shares programs between processes, and
+limits the memory that loaded programs use.
 """
 
 import contextlib
@@ -45,7 +45,7 @@ _REGIONS_MAX = Path("/proc/sys/vm/max_map_count")
 
 
 def memory_region_share() -> float:
-    """Return the used fraction (0..1) of the memory regions that the system permits a process; 0 without such a limit.
+    """Return the used fraction (0..1) of the memory regions that Linux permits a process; 0 on other systems.
 
     A loaded program takes up to several thousand regions; the system kills a process without free regions.
     """
@@ -61,7 +61,7 @@ def _trim() -> Callable[[int], int] | None:
 
 
 def return_freed_memory() -> None:
-    """Return freed memory to the system: glibc otherwise retains the memory used for loading a program."""
+    """Return freed memory to the system (Linux): glibc otherwise retains the memory used for loading a program."""
     trim = _trim()
     if trim is not None:
         trim(0)
@@ -80,7 +80,7 @@ _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
 def use_program_store(store: FolderStore | None) -> None:
-    """Set the store for programs compiled from now on; None disables storing."""
+    """Set the store from which programs are loaded and to which compiled programs are saved; None: no store."""
     _active_stores[:] = [] if store is None else [store]
 
 
@@ -97,13 +97,13 @@ def _pause_garbage_collection() -> Iterator[None]:
 
 
 def forget_programs() -> None:
-    """Drop every compiled program of this process, like `jax.clear_caches` for JAX's programs."""
+    """Drop every compiled program of this process, as `jax.clear_caches` does for JAX's own programs."""
     for program in _programs:
         program.forget()
 
 
 def _release_oldest(size: int) -> None:
-    """Release the least recently used programs until a new program's code of `size` bytes fits into the limit."""
+    """Release the least recently used programs until new code of `size` bytes fits into the limit `_CODE_MAX`."""
     with _release_lock:
         present = [(prepared, program, key) for program in list(_programs) for key, prepared in program]
         total = size + sum(prepared.size for prepared, _, _ in present)
@@ -115,9 +115,10 @@ def _release_oldest(size: int) -> None:
 
 
 def limit_memory_regions() -> None:
-    """Release every program, including JAX's, if the process uses half of its permitted memory regions.
+    """Release every program, including JAX's own, if the process uses half of its permitted memory regions or more.
 
-    Exceeding the limit kills the process. Released programs are loaded or compiled again when needed.
+    Exceeding the limit kills the process. Released programs are loaded or compiled again when needed; the first release
+    logs a warning.
     """
     if memory_region_share() >= _REGIONS_SHARE_MAX:
         _log_crowding()
@@ -125,7 +126,7 @@ def limit_memory_regions() -> None:
 
 
 def release_all_programs() -> None:
-    """Release every program, including JAX's, and return the memory to the system."""
+    """Release every program, including JAX's own, and return the memory to the system."""
     forget_programs()
     jax.clear_caches()
     gc.collect()
@@ -141,11 +142,11 @@ def _log_crowding() -> None:
 
 
 class _ArrayMarker:
-    """Placeholder for an array in the structure of arguments."""
+    """Placeholder for an array among the static parts of arguments."""
 
 
 _cache_hits: list[int] = []
-"""Thread of each program that JAX's own persistent cache supplied."""
+"""Identifiers of the threads in which JAX's own persistent cache supplied a program, one entry per program."""
 _executor = ThreadPoolExecutor(2, "anser-compiling")
 _CODE_MAX = 44 << 20
 """Greatest total size of the stored code of a process's programs, bytes. A loaded program takes about 18 times as much
@@ -170,9 +171,9 @@ def _listen() -> None:
 
 @contextlib.contextmanager
 def _bypass_jax_cache() -> Iterator[None]:
-    """Keep JAX from writing to its persistent cache in the `with` block, in every thread.
+    """Keep JAX from writing programs to its own persistent cache in the `with` block, in every thread.
 
-    For programs that go into the program store. Entries of the cache are still read.
+    The program store takes their place. Entries of the cache are still read.
     """
     setting = "jax_persistent_cache_min_compile_time_secs"
     with _setting_lock:
@@ -199,7 +200,7 @@ def _strip_locations(lowered: Any) -> None:
 
 @functools.cache
 def _is_supported(options: frozenset[tuple[str, bool | str]]) -> bool:
-    """Whether the installed compiler accepts options; a trivial program is compiled once as a test."""
+    """Whether the installed compiler accepts compiler options; a trivial program is compiled once as a test."""
     probe = jax.jit(lambda x: x + 1).lower(jax.ShapeDtypeStruct((), jnp.int32))
     try:
         probe.compile(dict(options))
@@ -221,7 +222,7 @@ def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]
 
 
 def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
-    """Compile a lowered program; return it with a flag, True if it can be serialized.
+    """Compile a lowered program; return the compiled program, and a flag that is true if it can be serialized.
 
     XLA cannot serialize programs that came from JAX's own cache.
     """
@@ -233,7 +234,10 @@ def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple
 
 
 def _load(executable: Executable, result: Any, size: int) -> _LoadedProgram:
-    """Load a program of `size` bytes; its result has `jax.ShapeDtypeStruct` in place of arrays."""
+    """Load a program of `size` bytes; return its function of flat arrays, and `size`.
+
+    The structure `result` has `jax.ShapeDtypeStruct` in place of arrays.
+    """
     # Loading takes as much extra memory as the loaded program.
     with _load_lock if size > _LARGE else contextlib.nullcontext():
         _release_oldest(size)
@@ -258,13 +262,13 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
 def strongly_typed(value: _T) -> _T:
     """Return a pytree whose arrays have fixed types, without the weak types that JAX derives from Python numbers.
 
-    JAX compiles a program for each combination of argument types, and counts a weak type as another type.
+    JAX treats a weak type as another type, and compiles a program for each combination of argument types.
     """
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype) if eqx.is_array(leaf) else leaf, value)
 
 
 def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
-    """Wrap a compiled function of flat arrays, so that the result has its original structure."""
+    """Wrap a compiled function with a flat list of results, so that the results have the structure of `result`."""
     leaves, structure = jax.tree.flatten(result)
     array_indices = [k for k, leaf in enumerate(leaves) if _is_shape(leaf)]
 
@@ -278,10 +282,10 @@ def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Calla
 
 
 class PreparedProgram:
-    """A program that is loaded or compiled in a background thread.
+    """A program for arguments of certain shapes that is loaded or compiled in a background thread.
 
-    Loading starts at once, compiling when `start` is called. `shapes` is the result of the program, with
-    `jax.ShapeDtypeStruct` in place of arrays.
+    A stored program starts to load at once; a new program starts to compile when `start` is called. `shapes` is the
+    result of the program, with `jax.ShapeDtypeStruct` in place of arrays.
     """
 
     def __init__(self, shapes: Any, lower: Callable[[], Callable[[], _LoadedProgram]], *, compiles: bool) -> None:
@@ -294,7 +298,7 @@ class PreparedProgram:
             self.start()
 
     def start(self) -> "PreparedProgram":
-        """Lower the program in this thread, and start compiling in a background thread."""
+        """Lower the program, and start to compile it in a background thread unless already started; return self."""
         if self._result is None:
             self._future = _executor.submit(self._lower())
             self._result = self._future.result
@@ -302,12 +306,12 @@ class PreparedProgram:
 
     @property
     def is_compiling(self) -> bool:
-        """Whether the program is being compiled in the background."""
+        """Whether the program is being compiled in the background; false while a stored program is loaded."""
         return self._compiles and self._future is not None and not self._future.done()
 
     @functools.cached_property
     def function(self) -> Callable[[list[Any]], Any]:
-        """The compiled function of a list of arrays; waits for the compilation."""
+        """The compiled function of a list of arrays; the first access waits until the program is loaded or compiled."""
         with waiting() if self._compiles else contextlib.nullcontext():
             loaded = self._lower()() if self._result is None else self._result()
         self._result = lambda: loaded
@@ -354,11 +358,15 @@ class Program(Generic[_P, _R]):
         return inspect.signature(self._function)
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Call the function, compiled."""
+        """Call the function, compiled for the arguments."""
         return self.ready(*args, **kwargs)()
 
     def ready(self, *args: _P.args, **kwargs: _P.kwargs) -> Callable[[], _R]:
-        """Compile the program for the arguments, and return a function without arguments that calls the program."""
+        """Load or compile the program for the arguments; return a function without arguments that calls the program.
+
+        With traced arguments, or if JAX's settings disable compilation or stop at NaN, the returned function calls the
+        function by JAX itself.
+        """
         traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((args, kwargs)))
         if traced or jax.config.jax_disable_jit or jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
             return functools.partial(self._inner_function, *args, **kwargs)
@@ -370,26 +378,29 @@ class Program(Generic[_P, _R]):
         return functools.partial(prepared.function, arrays)
 
     def prepare(self, *args: Any, **kwargs: Any) -> PreparedProgram:
-        """Return the program for the shapes of the arguments, uncalled; `jax.ShapeDtypeStruct` may replace arrays.
+        """Return the program for the shapes of the arguments, not called; `jax.ShapeDtypeStruct` may replace arrays.
 
         A stored program starts to load at once; a new one is traced, and compiled after `start`.
         """
         return self._find_or_trace(*self._split_arguments(args, kwargs))
 
     def forget(self) -> None:
-        """Drop the compiled programs."""
+        """Drop the compiled programs of this function."""
         self._ready.clear()
 
     def release(self, key: Any) -> None:
-        """Drop the program of a key from `__iter__`; running calls keep the program alive."""
+        """Drop the compiled program with a key from `__iter__`; running calls keep the program alive."""
         self._ready.pop(key, None)
 
     def __iter__(self) -> Iterator[tuple[Any, PreparedProgram]]:
-        """Iterate over keys and compiled programs."""
+        """Iterate over pairs of key and compiled program."""
         return iter(list(self._ready.items()))
 
     def _split_arguments(self, args: Any, kwargs: Any) -> tuple[list[Any], tuple[Any, tuple[Any, ...]]]:
-        """Return the arrays among the arguments, and the rest as a hashable value: structure and static arguments."""
+        """Return the arrays among the arguments, and everything else as a hashable value.
+
+        The hashable value is the pair of pytree structure and static arguments.
+        """
         if self._static is None:
             leaves, structure = jax.tree.flatten((args, kwargs))
             return [leaf for leaf in leaves if _is_array(leaf)], (
@@ -414,7 +425,7 @@ class Program(Generic[_P, _R]):
         return (), structure.unflatten(arrays) | dict(static_leaves)
 
     def _key(self, arrays: list[Any], static: tuple[Any, Any]) -> str | None:
-        """Return the store key of the program for the given arguments, or None if the program cannot be stored."""
+        """Return the key in the store of the program for these arguments; None if the program cannot be stored."""
         try:
             arguments = self._join_arguments(list(map(_shape_of, arrays)), static)
             return program_key((self._function, arguments, self._options))
@@ -422,7 +433,7 @@ class Program(Generic[_P, _R]):
             return None
 
     def _find_or_trace(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram:
-        """Return the program for the given arguments, from memory or the store, or newly traced for compilation."""
+        """Return the program for these arguments, from memory or the store, or newly traced and not yet compiled."""
         prepared = self._find(arrays, static)
         if prepared is None:
             with waiting():
@@ -435,7 +446,7 @@ class Program(Generic[_P, _R]):
         return static, shapes, jax_settings()
 
     def _find(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
-        """Return the program for the given arguments from memory or the store, or None."""
+        """Return the program for these arguments from memory or the store; None if in neither."""
         key = self._call_key(arrays, static)
         prepared = self._ready.get(key)
         if prepared is None:
@@ -448,7 +459,10 @@ class Program(Generic[_P, _R]):
         return prepared
 
     def _load_stored(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
-        """Return the program from the store, or None if missing or invalid."""
+        """Return the program for these arguments from the store; None if missing or invalid.
+
+        If loading fails later, the program is traced and compiled in its place.
+        """
         store = _active_stores[0] if _active_stores else None
         key = None if store is None else self._key(arrays, static)
         content = store.load(key) if store is not None and key is not None else None
@@ -468,9 +482,10 @@ class Program(Generic[_P, _R]):
     def _trace(
         self, arrays: list[Any], static: tuple[Any, Any]
     ) -> tuple[Any, Callable[[], Callable[[], _LoadedProgram]]]:
-        """Trace the program; return the shapes of the result, and a function that lowers the program.
+        """Trace the program; return the structure of the result, and a function that lowers the program.
 
-        The result of lowering is a function that compiles and stores the program.
+        The structure has `jax.ShapeDtypeStruct` in place of arrays. The result of lowering is a function that compiles
+        the program and saves it in the store.
         """
         results: list[Any] = []
         function: Callable[..., Any] = self._function

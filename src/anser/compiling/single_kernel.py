@@ -1,6 +1,7 @@
 """Compilation of small computations as a single CPU kernel.
 
-XLA divides a step of a small fleet into hundreds of kernels, and dispatching the kernels takes longer than computing.
+XLA otherwise divides a step of a small fleet into hundreds of kernels, and dispatching the kernels takes longer than
+computing.
 """
 
 from collections.abc import Callable, Iterator
@@ -43,7 +44,7 @@ def is_tracing_single_kernel() -> bool:
 
 
 def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
-    """Yield the equations of a program and, recursively, of nested programs."""
+    """Yield the equations (operations) of a traced program and, recursively, of the programs nested in it."""
     for equation in jaxpr.eqns:
         yield equation
         within = jax.tree.leaves(equation.params, is_leaf=lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr))
@@ -53,7 +54,7 @@ def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
 
 
 def is_elementary(jaxpr: Jaxpr) -> bool:
-    """Whether a program consists of arithmetic on small arrays only, which XLA can compile as a single CPU kernel."""
+    """Whether a traced program is only arithmetic on small arrays, which XLA can compile as a single CPU kernel."""
 
     def fits(equation: Any) -> bool:
         name, largest = equation.primitive.name, max((out.aval.size for out in equation.outvars), default=0)
@@ -67,7 +68,10 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
 
 def _without_attributes(program: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the program with ordinary calls inside: XLA would otherwise keep each `jnp.where` as a function."""
+    """Return the program with inner calls that lack the XLA attributes of the kernel.
+
+    With the attributes, XLA would keep each `jnp.where` as a function.
+    """
 
     def call(*arrays: Any) -> Any:
         with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):
@@ -80,9 +84,9 @@ def as_single_kernel(
     function: Callable[..., Any],
     otherwise: Callable[..., Any] | None = None,  # the same computation in another form; None: `function`
 ) -> Callable[..., Any]:
-    """Return a function that is compiled as a single kernel if on a CPU and `is_elementary`.
+    """Return a function that computes `function`, compiled as a single CPU kernel if `is_elementary` holds.
 
-    Where a single kernel is impossible, `otherwise` is called in its place.
+    On another device, or if the traced program is not elementary, `otherwise` is called instead (None: `function`).
 
     Call the result while tracing a larger function, and do not batch that function afterwards: small arrays would
     become large.

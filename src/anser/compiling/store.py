@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class FolderStore:
-    """Store of programs in a folder, one file per program; the oldest are deleted above a total size.
+    """Store of compiled programs in a folder, one file per program; the oldest are deleted above a total size.
 
     Files are written atomically. An unreadable or unwritable folder, or a full disk, costs time only. A damaged file,
     or a file saved under another key, is ignored. For security, code is loaded only from a folder and files that belong
@@ -31,13 +31,13 @@ class FolderStore:
     The folder is created on the first save; `size_max` is the greatest total size, bytes.
     """
 
-    _reported: set[Path] = set()  # noqa: RUF012 - of the process: each place once
+    _reported: set[Path] = set()  # noqa: RUF012 - of the process: each path is reported once
 
     def __init__(self, folder: Path, size_max: int = 1 << 30) -> None:
         self.folder, self.size_max = folder, size_max
 
     def files(self) -> list[Path]:
-        """Return the program files, most recently used last."""
+        """Return the paths of the program files, the most recently used last; empty if the folder cannot be read."""
         dated_paths = []
         with contextlib.suppress(OSError):
             for path in self.folder.glob("*.program"):
@@ -46,7 +46,7 @@ class FolderStore:
         return [path for _, path in sorted(dated_paths)]
 
     def load(self, key: str) -> bytes | None:
-        """Return the content saved under a key, or None if missing or damaged."""
+        """Return the content saved under a key; None if it is missing, damaged or not trusted."""
         if not self._trusted_folder():
             return None
         path = self.folder / f"{key}.program"
@@ -64,7 +64,7 @@ class FolderStore:
         return content
 
     def save(self, key: str, content: bytes) -> None:
-        """Save content under a key; an unwritable folder is ignored."""
+        """Save content under a key, and delete the oldest files above `size_max`; an unwritable folder is ignored."""
         with contextlib.suppress(OSError):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if not self._trusted_folder():
@@ -81,9 +81,9 @@ class FolderStore:
 
     @contextlib.contextmanager
     def reserve(self, key: str) -> Iterator[None]:
-        """Reserve a key for the `with` block: other processes and threads that reserve the key wait for its end.
+        """Reserve a key for the `with` block; meanwhile, other processes and threads that reserve the key wait.
 
-        Without file locks, or in an unwritable folder, nobody waits.
+        Without file locks, or in a folder that is not trusted or cannot be written, nobody waits.
         """
         with contextlib.ExitStack() as stack:
             if fcntl is not None and self._trusted_folder():
@@ -97,7 +97,7 @@ class FolderStore:
             yield
 
     def distrust_reason(self) -> str | None:
-        """Return the reason for not using the folder, or None if the folder is trusted or does not exist."""
+        """Return the reason for not using the folder; None if the folder is trusted or cannot be examined (missing)."""
         try:
             return _distrust_reason(self.folder.stat(), folder=True)
         except OSError:
@@ -130,7 +130,7 @@ class FolderStore:
         return [*self.folder.glob(".new-*"), *self.folder.glob(".lock-*")]
 
     def clear(self) -> int:
-        """Delete the programs and the leftovers of interrupted processes; return the number of deleted programs."""
+        """Delete the programs and the leftovers of interrupted processes; return the number of program files."""
         count = len(self.files())
         for path in [*self.folder.glob("*.program"), *self._leftovers()]:
             path.unlink(missing_ok=True)
@@ -138,12 +138,12 @@ class FolderStore:
 
 
 def _header(key: str, content: bytes) -> bytes:
-    """Return the header of a file: a hash of key and content, for verification on loading."""
+    """Return the header of a program file: a mark, and a hash of key and content, which loading verifies."""
     return _MARK + hashlib.sha256(key.encode() + b"\0" + content).digest()
 
 
 def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | None:
-    """Return the reason why another user could have written a file or folder, or None if only the user could.
+    """Return the reason why another user could have written a file or folder; None if only the user could.
 
     On Windows every file is trusted: the cache lies in the user's profile, closed to other users.
     """
@@ -159,7 +159,7 @@ def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | N
 
 
 def _read_trusted(path: Path) -> tuple[bytes | None, str | None]:
-    """Return the content of a file (None if unreadable or distrusted) and the reason for distrust, if any."""
+    """Return a file's content (None if unreadable or not trusted), and the reason for distrust (None without one)."""
     try:
         handle = os.open(path, _OPEN_FLAGS)
     except OSError:

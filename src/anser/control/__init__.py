@@ -1,4 +1,4 @@
-"""Autopilot by nonlinear dynamic inversion (gains, three loops, control allocation) and guidance."""
+"""Autopilot by nonlinear dynamic inversion (gains, loops, control allocation), guidance, and DAVE-ML control laws."""
 
 import lazy_loader
 

@@ -26,14 +26,14 @@ class SurfaceMoments(eqx.Module):
     """Linearization of the aerodynamic moment about one set of surface deflections."""
 
     surfaces: Vector  # deflections (surfaces,), rad
-    moment_b: Vector3  # aerodynamic moment at `surfaces` (3,), N m
+    moment_b: Vector3  # aerodynamic moment about the centre of gravity at `surfaces`, body axes (3,), N m
     # control effectiveness, the derivative of the moment by the deflections (3, surfaces), N m/rad; 0 for surfaces that
     # no controller commands
     effectiveness: Float[Array, "3 n"]
 
 
 class SurfaceDemand(eqx.Module):
-    """Result of control allocation: deflections within the stops (rad); flags of surfaces demanded beyond a stop."""
+    """Deflections or actuator commands within the stops (rad), and flags of surfaces with a demand beyond a stop."""
 
     surfaces: Vector
     saturated: Bool[Array, " n"]
@@ -42,7 +42,7 @@ class SurfaceDemand(eqx.Module):
 def surface_moments(
     airframe: AbstractAirframe, condition: AirDataAndForces, rates_b: Vector3, surfaces: Vector
 ) -> SurfaceMoments:
-    """Compute the aerodynamic moment and the control effectiveness at the deflections `surfaces` (rad).
+    """Compute the aerodynamic moment (N m) and the control effectiveness (N m/rad) at the deflections `surfaces` (rad).
 
     The effectiveness is the derivative of the moment with respect to the deflections of the commanded surfaces, and 0
     for surfaces that follow a schedule.
@@ -58,7 +58,7 @@ def surface_moments(
 
 
 def has_one_surface_per_axis(actuators: AbstractActuators) -> bool:
-    """Whether exactly three surfaces are commanded, which together control all three axes."""
+    """Whether exactly three surfaces are commanded, and together control roll, pitch and yaw."""
     return sum(actuators.is_commanded) == _AXES and actuators.controls_yaw
 
 
@@ -94,14 +94,16 @@ def allocate(
     present: SurfaceMoments,
     moment_b: Vector3,
 ) -> SurfaceDemand:
-    """Solve for deflections within the stops that give the aerodynamic moment `moment_b` (N m), by Newton steps.
+    """Solve for the deflections within the stops at which aerodynamics and propulsion give the moment `moment_b` (N m).
 
-    The first iterate is `present`, the moments at the present deflections.
+    The moment is the total about the centre of gravity, body axes. Two Newton steps start from `present`, the
+    aerodynamic moment and its derivatives at the present deflections, with the control effectiveness evaluated at every
+    iterate (theory section 5, item 1: Cm0 is not linear in the elevator). Scheduled surfaces keep their present
+    deflections.
 
-    The control effectiveness is the derivative of the airframe's aerodynamic moments by the deflections, evaluated at
-    every iterate (theory section 5, item 1: Cm0 is not linear in the elevator). A surface with a demand beyond a stop
-    is fixed at the stop, and the remaining surfaces give as much of the missing moment as possible, pitch before roll
-    before yaw. With one surface per axis, no surface can compensate.
+    A surface with a demand beyond a stop is fixed at the stop, and the remaining surfaces give as much of the missing
+    moment as possible, pitch before roll before yaw. With one surface per axis, no surface can compensate. The flags of
+    the result mark the surfaces whose demand exceeded a stop before the redistribution.
     """
     target_b = moment_b - condition.propulsive.moment_b
     actuators = airframe.actuators
@@ -134,7 +136,7 @@ def _multiply(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[
 
 
 def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
-    """Return deflections (rad): neutral for the commanded surfaces, present for surfaces on a schedule."""
+    """Return deflections (rad): 0, or the stop nearest to 0, for commanded surfaces; present for scheduled surfaces."""
     neutral = actuators.limit_command(jnp.zeros_like(surfaces))
     return jnp.where(jnp.asarray(actuators.is_commanded), neutral, surfaces)
 
@@ -142,9 +144,11 @@ def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
 def _weighted_inverse(
     actuators: AbstractActuators, effectiveness: Float[Array, "3 n"], is_free: Float[Array, " n"]
 ) -> Float[Array, "n 3"]:
-    """Return the weighted pseudo-inverse W S' (S W S' + E)^-1 of the effectiveness S over the free surfaces.
+    """Return the weighted pseudo-inverse W S' (S W S' + E)^-1 of the effectiveness S, rad/(N m), shape (surfaces, 3).
 
-    `is_free` is 1 for a free and 0 for a fixed surface. E is small and sets the order in which axes are given up.
+    `is_free` is 1 for a free and 0 for a fixed surface. The diagonal W holds the squares of the half ranges of the free
+    surfaces, and 0 for fixed surfaces. The small diagonal E sets the order in which unattainable axes are given up:
+    yaw, roll, pitch.
     """
     half = 0.5 * (actuators.upper - actuators.lower)
     weight = is_free * half**2
@@ -156,7 +160,11 @@ def _weighted_inverse(
 
 
 def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_b: Vector3, solution: Vector) -> Vector:
-    """Fix surfaces beyond a stop at the stop, round by round, and solve for the free ones by least squares; rad."""
+    """Return deflections within the stops (rad) that give as much of the moment `target_b` (N m) as possible.
+
+    From the unlimited deflections `solution` on, each round fixes the surfaces beyond a stop at the stop, and solves
+    for the free surfaces by weighted least squares.
+    """
     lower, upper = actuators.lower, actuators.upper
     commanded = jnp.asarray(actuators.is_commanded)
     fixed = ~commanded | (solution < lower) | (solution > upper)
@@ -174,7 +182,8 @@ def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_
 
 
 _AUTHORITY_SHARE = 0.3
-"""Fraction of the control authority available to one error or command; the rest is for other axes and disturbances."""
+"""Fraction of the deflection margins and rate limits that one channel may use; the remainder is for other channels and
+disturbances."""
 _MARGIN_MIN = 0.1
 """Least margin to a stop, as a fraction of the surface's half range: keeps the loops active near a stop."""
 
@@ -182,20 +191,25 @@ _MARGIN_MIN = 0.1
 class Authority(eqx.Module):
     """Control authority of the surfaces: deflection margins (rad), rate limits (rad/s) and effectiveness."""
 
-    # deflection per angular acceleration (surfaces, 3), rad/(rad/s^2): the inverted control effectiveness
+    # deflection per angular acceleration about the body axes (surfaces, 3), rad/(rad/s^2): inverted control
+    # effectiveness times inertia
     deflection: Float[Array, "n 3"]
-    margin: Vector  # deflection available up to the nearer stop (surfaces,), rad
+    margin: Vector  # deflection available up to the nearer stop, at least a tenth of half the range (surfaces,), rad
     rate_limit: Vector  # greatest deflection rate (surfaces,), rad/s
 
     @property
     def rates_jerk(self) -> Vector3:
-        """Return the greatest rate of change of each angular acceleration (of P, Q, R), used alone, rad/s^3."""
+        """Return the greatest rate of change of each body angular acceleration (P, Q, R axis), used alone, rad/s^3.
+
+        The surfaces use 30 percent of their rate limits.
+        """
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 
     def attitude_acceleration(self, rate_matrix: Matrix33) -> Vector3:
         """Return the greatest angular acceleration of each of (mu, alpha, beta), used alone, rad/s^2.
 
-        `rate_matrix` is that of `PathMotion`: rates of the three angles per body rate.
+        The surfaces use 30 percent of their margins. `rate_matrix` is the matrix G of `PathMotion`: the rates of (mu,
+        alpha, beta) per unit (P, Q, R).
         """
         return _AUTHORITY_SHARE * _largest_outputs(product3(self.deflection, inverse3(rate_matrix)), self.margin)
 
@@ -203,7 +217,11 @@ class Authority(eqx.Module):
 def surface_authority(
     actuators: AbstractActuators, mass_properties: MassProperties, moments: SurfaceMoments, surfaces_slow: Vector
 ) -> Authority:
-    """Compute the control authority; the margins count from the low-pass filtered deflections `surfaces_slow` (rad)."""
+    """Compute the control authority at the linearization `moments`.
+
+    The margins are the distances of the low-pass filtered deflections `surfaces_slow` (rad) from the nearer stop, and
+    at least a tenth of half the range.
+    """
     half = 0.5 * (actuators.upper - actuators.lower)
     margin = jnp.minimum(surfaces_slow - actuators.lower, actuators.upper - surfaces_slow)
     return Authority(
@@ -214,5 +232,8 @@ def surface_authority(
 
 
 def _largest_outputs(deflection: Float[Array, "n 3"], limit: Vector) -> Vector3:
-    """Return the greatest magnitude of each output, the others being 0, with |deflection @ output| within `limit`."""
+    """Return the greatest magnitude of each output, with the other two at 0, at which no surface exceeds `limit`.
+
+    `deflection` is the deflection (rad), or its rate, of each surface per unit of each output.
+    """
     return 1.0 / jnp.max(jnp.abs(deflection) / limit[:, None], axis=0)

@@ -29,20 +29,20 @@ _SAMPLED_GAIN_MAX = 1.5  # keeps the pole of the sampled surface loop above -0.5
 
 
 class AutopilotSignals(eqx.Module):
-    """Commands between the loops, and limits reached, in one autopilot step; for the record."""
+    """Commands between the loops, and flags of the limits reached, in one sample of the autopilot, for recording."""
 
     motion: PathMotion  # measured path and attitude angles
-    thrust: ThrustDemand  # commanded throttle and thrust
-    attitude: AttitudeDemand  # commanded (mu, alpha, beta)
+    thrust: ThrustDemand  # commanded throttle (0..1) and thrust (N)
+    attitude: AttitudeDemand  # commanded (mu, alpha, beta), rad
     rates_b: Vector3  # commanded (P, Q, R), rad/s
-    surfaces: Vector  # commanded deflections within the stops, rad
-    speed_limited: Flag  # whether the commanded airspeed exceeds the limits
-    # whether a commanded body rate is at the limit; whether a demanded deflection exceeds a stop
+    surfaces: Vector  # commands to the actuators, within the stops, rad
+    speed_limited: Flag  # whether the commanded airspeed is outside the limits
+    # whether a commanded body rate is at its limit; whether the demanded moment needs a deflection beyond a stop
     rates_limited: Flag
     surfaces_limited: Flag
 
     def variables(self) -> dict[str, Array]:
-        """Return the recorded variables by their keys in `anser.variables.CATALOGUE`."""
+        """Return the recorded variables by their keys in `anser.variables.CATALOGUE`; SI units and radians."""
         attitude = self.attitude
         return {
             "thrust_command": self.thrust.thrust,
@@ -64,10 +64,11 @@ def rate_control(
     rates_command: Vector3,
     rates_command_dot: Vector3,
 ) -> tuple[SurfaceDemand, AutopilotState]:
-    """Fast loop: compute surface commands from commanded body rates (rad/s) and their derivatives (rad/s^2).
+    """Compute surface commands from commanded body rates (P, Q, R) and their derivatives, rad/s and rad/s^2: fast loop.
 
-    The returned surfaces are actuator commands: they invert the actuators' lag up to the bandwidth
-    `gains.actuator_bandwidth`.
+    Returned are the actuator commands (rad) with saturation flags, and the new state of the autopilot. The commands
+    invert the actuators' lag up to the bandwidth `gains.actuator_bandwidth`, reduced if the sampling period is long.
+    Without a surface that controls yaw, the yaw rate is not controlled.
     """
     mass_properties, rates_b = model.airframe.mass_properties, model.state.rates_b
     error = limit_to_braking(gains.rates, rates_command - rates_b, model.authority.rates_jerk)
@@ -98,10 +99,11 @@ def rate_control(
 def _bandwidth_factor(model: OnboardModel, gains: AutopilotGains) -> Scalar:
     """Return the factor (0..1) on actuator and filter bandwidths that the sampling allows; 1 for short periods.
 
+    N is the bandwidth of the filter on deflections, with state x; B is the bandwidth of the actuators after inversion.
     The derivative gain K_D makes the target deflection depend on the present deflection with slope -K_D. The commanded
-    rate N (target - x) + B (target - present) is constant over a period, and a lag tau moves the surface by
-    tau (1 - exp(-step/tau)) times the commanded rate. The pole of the sampled loop is therefore
-    1 - tau (1 - exp(-step/tau)) (K_D N + (1 + K_D) B), and must not come near -1 (a limit cycle at the rate limit).
+    rate N (target - x) + B (target - present) is constant over a period, and a lag tau moves the surface by tau (1 -
+    exp(-step/tau)) times the commanded rate. The pole of the sampled loop is therefore 1 - tau (1 - exp(-step/tau))
+    (K_D N + (1 + K_D) B), and must not come near -1 (a limit cycle at the rate limit).
     """
     lag = model.airframe.actuators.time_constant[np.flatnonzero(model.airframe.actuators.is_commanded)]
     derivative = jnp.max(jnp.abs(gains.rates.derivative))
@@ -120,8 +122,9 @@ def attitude_control(
 ) -> tuple[Vector3, SurfaceDemand, AutopilotState]:
     """Compute body-rate and surface commands for commanded (mu, alpha, beta), rad: attitude loop around the rate loop.
 
-    `added_rates_b` (rad/s) is a test input added to the command of the rate loop. Returned are the commanded body rates
-    (rad/s), limited and without the test input, the surface demand, and the new state of the autopilot.
+    `attitude_command_dot` (rad/s) is the derivative of the command; `added_rates_b` (rad/s) is a test input added to
+    the command of the rate loop. Returned are the commanded body rates (rad/s), limited and without the test input, the
+    surface commands (rad) with saturation flags, and the new state of the autopilot.
     """
     motion = model.motion
     measured = jnp.stack([motion.mu, motion.alpha, motion.beta])
@@ -154,9 +157,11 @@ def velocity_control(
     controller_state: AutopilotState,
     path_command: PathCommand,
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
-    """All three loops: compute surfaces and throttle for a commanded airspeed, path angle and course through the air.
+    """Compute surfaces and throttle for a commanded airspeed, path angle and course through the air: all three loops.
 
-    The signals are the commands before the excitation of the command is added.
+    Returned are the controls, the signals for the record, and the new state of the autopilot. The commanded airspeed is
+    limited to the range of the flight limits. The recorded commands are those before the test inputs
+    `path_command.excitation` are added.
     """
     zero = jnp.zeros_like(controller_state.velocity_integral)
     added = LoopExcitation(zero, zero) if path_command.excitation is None else path_command.excitation

@@ -9,10 +9,10 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 
 class ModelResidual(eqx.Module):
-    """Low-pass filtered difference between measured and modelled force and angular acceleration."""
+    """Low-pass filtered difference, measured minus modelled, of force and angular acceleration, in body axes."""
 
-    force_b: Vector3  # force missing in the model, specific force times mass, N
-    acceleration_b: Vector3  # angular acceleration missing in the model, rad/s^2
+    force_b: Vector3  # mass times measured specific force, minus modelled force without gravity, N
+    acceleration_b: Vector3  # measured minus modelled angular acceleration, rad/s^2
     rates_b: Vector3  # gyro reading at the previous sample, rad/s
     model_acceleration_b: Vector3  # modelled angular acceleration at the previous sample, rad/s^2
 
@@ -25,7 +25,7 @@ class ModelResidual(eqx.Module):
         bandwidth: ScalarLike,
         step: ScalarLike,  # sampling period, s
     ) -> "ModelResidual":
-        """Return the filter after a new sample.
+        """Return the filtered residual after a new sample.
 
         The measured angular acceleration is the change of the gyro reading since the previous sample over the period.
         The modelled acceleration is the mean of both samples, so that the residual of a perfect model is zero.
@@ -42,15 +42,15 @@ class ModelResidual(eqx.Module):
 
 
 def no_residual(rates_b: Vector3) -> ModelResidual:
-    """Return the initial residual: forces and accelerations 0, previous gyro reading `rates_b` (rad/s)."""
+    """Return the residual at the start: force and accelerations 0, previous gyro reading `rates_b` (rad/s)."""
     zero = jnp.zeros(3)
     return ModelResidual(zero, zero, rates_b, zero)
 
 
 class AutopilotState(eqx.Module):
-    """State of one autopilot between samples: integrals of the loops' errors, filters, and residual of the model."""
+    """State of one autopilot between samples: integrals of the errors, filters, and residual of the onboard model."""
 
-    # time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R)
+    # time integrals of the errors in (V, gamma, chi), m and rad s; (mu, alpha, beta), rad s; and (P, Q, R), rad
     velocity_integral: Vector3
     attitude_integral: Vector3
     rates_integral: Vector3
@@ -67,11 +67,10 @@ class AutopilotState(eqx.Module):
 def initial_autopilot_state(
     attitude: Vector3, rates_b: Vector3, surfaces: Vector, limits: FlightLimits | None = None
 ) -> AutopilotState:
-    """Return the state of an autopilot after a long time in steady flight.
+    """Return the state of an autopilot after a long time in steady flight, with zero integrals.
 
-    `attitude` is (mu, alpha, beta), rad; `rates_b` (P, Q, R), rad/s; `surfaces` the deflections, rad.
-
-    `limits` are the autopilot's limits; None: the rate of the bank angle is not limited.
+    `attitude` is (mu, alpha, beta), rad; `rates_b` (P, Q, R), rad/s; `surfaces` the deflections, rad. `limits` are the
+    autopilot's limits; None: the rate of the commanded bank angle is not limited.
     """
     zero = jnp.zeros(3)
     return AutopilotState(

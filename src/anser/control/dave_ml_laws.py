@@ -1,4 +1,4 @@
-"""Control laws from DAVE-ML files: a controller that evaluates a law, and guidance that gives its named commands."""
+"""Control laws from DAVE-ML files: a controller that evaluates a law, and guidance that commands its inputs by name."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,11 +21,11 @@ from anser.variables import STANDARD_SURFACES
 
 
 def named_signals(belief: Belief) -> dict[str, Scalar]:
-    """Return the flight condition by the standard names of ANSI/AIAA S-119, SI units and radians.
+    """Return an aircraft's estimated flight condition by the standard names of ANSI/AIAA S-119, SI units and radians.
 
     Body rates are relative to the rotating Earth, in body axes: inertial rates minus the Earth's rotation, as the
-    participants of the NESC check-cases feed them to the control laws. The equivalent airspeed refers to the density
-    of the standard atmosphere at sea level. Source: ANSI/AIAA S-119-2011, annex A.
+    participants of the NESC check-cases feed them to the control laws. The equivalent airspeed refers to the density of
+    the standard atmosphere at sea level. Source: ANSI/AIAA S-119-2011, annex A.
     """
     state, condition = belief.state, belief.condition
     data = condition.air_data
@@ -62,19 +62,19 @@ class NamedCommands(AbstractGuidance):
 
     #: Commands from the start, SI units and radians.
     initial_commands: Mapping[str, Scalar] = eqx.field(converter=_to_arrays)
-    #: Additions to commands from `change_time` on, by name.
+    #: Additions to commands of `initial_commands` from `change_time` on, by name, SI units and radians.
     change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_to_arrays)
     #: Time of the change, s.
     change_time: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
     #: 1: from `change_time` on, the distance to the ground track along `trueBaseCourseCommand` through the position at
     #: that time, the integral of V sin(course - base course) over ground, is added to the commanded lateral deviation.
-    #: 0: the lateral deviation is as commanded.
+    #: 0: the lateral deviation is as commanded. Without commands for both, the value has no effect.
     follows_line: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
-    #: Whether latitude and longitude are added to the commands.
+    #: Whether latitude and longitude (rad), as `geLatitude` and `geLongitude`, are added to the commands.
     with_position: bool = eqx.field(static=True, default=False)
 
     def init(self, belief: Belief, instant: Instant) -> Scalar:
-        """Return the lateral deviation from the line at the start, m."""
+        """Return the lateral deviation from the line at the start: 0 m."""
         return jnp.zeros(())
 
     def command(
@@ -82,7 +82,8 @@ class NamedCommands(AbstractGuidance):
     ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
         """Return the commands by name, the aircraft's own position (NED, m), and the new lateral deviation (m).
 
-        Raises TypeError if `with_position` is true and the Earth is not a `RotatingEarth`.
+        Raises KeyError if `change` has a name that is not in `initial_commands`, and TypeError if `with_position` is
+        true and the Earth is not a `RotatingEarth`.
         """
         changed = instant.time >= self.change_time - _ROUNDING_S
         commands = dict(self.initial_commands)
@@ -108,15 +109,15 @@ class NamedCommands(AbstractGuidance):
 class DaveMlLaw(AbstractController):
     """Controller that evaluates a control law from a DAVE-ML file once per sampling period.
 
-    The inputs, by name, come from the command, then from the flight condition (`named_signals`); an input in neither
-    keeps the file's value. The law has no filters or integrals: the guidance computes them and passes the values as
-    commands.
+    An input of the law takes its value, by name, from the command, or else from the flight condition (`named_signals`),
+    or else from the file. The law has no filters or integrals: the guidance computes filtered or integrated values and
+    passes them as commands.
     """
 
     law: Evaluator
-    #: Names of the outputs for the airframe's surfaces, in the airframe's order.
+    #: Names of the outputs with the deflections of the airframe's surfaces, in the airframe's order.
     surfaces: tuple[str, ...] = eqx.field(static=True)
-    power: str = eqx.field(static=True)  #: Name of the output with the commanded engine power.
+    power: str = eqx.field(static=True)  #: Name of the output with the commanded engine power, as a fraction 0..1.
 
     def control(
         self,
@@ -127,7 +128,8 @@ class DaveMlLaw(AbstractController):
     ) -> tuple[Controls, None, None]:
         """Evaluate the law; return surfaces (rad) and throttle (0..1), None for the signals, and None for the state.
 
-        Raises ValueError if the law lacks an input with a commanded name, or an input has no value.
+        Raises ValueError if the law has no input with the name of a command, a required input has no value, or a unit
+        is unknown.
         """
         names = {self.law.structure.by_id[identifier].name for identifier in self.law.structure.inputs}
         signals = {name: value for name, value in named_signals(belief).items() if name in names}
@@ -143,9 +145,9 @@ def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power
     Parameters
     ----------
     surfaces
-        Names of the airframe's surfaces; the output for `elevator` is `elevatorDeflection`.
+        Names of the airframe's surfaces; the law's output for `elevator` is `elevatorDeflection`.
     power
-        Name of the output with the commanded engine power.
+        Name of the law's output with the commanded engine power, as a fraction 0..1.
 
     Raises ValueError if the file lacks an output, an output for a surface is not an angle, or the law has states,
     because the file does not define how they evolve.

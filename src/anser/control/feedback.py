@@ -18,7 +18,7 @@ class Differentiator(eqx.Module):
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.state)
 
     def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
-        """Estimate the rate of the reference, limited to the rate that a loop can follow, acceleration / bandwidth.
+        """Estimate the rate of the reference (per s), limited to `acceleration` / `bandwidth`, which a loop can follow.
 
         A command with rate r that may stop within the filter's time constant 1/N requires accelerations of r N.
         """
@@ -26,7 +26,7 @@ class Differentiator(eqx.Module):
         return jnp.clip(self.rate(reference, bandwidth, step), -rate_max, rate_max)
 
     def advance(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
-        """Return the filter after one step (s) with constant reference."""
+        """Return the filter after one step (s) with constant `reference`."""
         return Differentiator(self.state + step * self.rate(reference, bandwidth, step))
 
 
@@ -38,7 +38,7 @@ def wrap_angle(angle: Vector3 | ScalarLike) -> Array:
 def virtual_control(
     gains: LoopGains,
     error: Vector3,  # r - y, shape (3,), angles wrapped
-    integral: Vector3,
+    integral: Vector3,  # time integral of the error, shape (3,)
     # rates of the reference and of the output; only the derivative term uses the output's rate
     reference_rate: Vector3,
     measured_rate: Vector3 | ScalarLike,
@@ -83,5 +83,5 @@ def limit_to_braking(
 def advance_integral(
     integral: Vector3, error: Vector3, saturated: Flag | Bool[Array, "3"], step: ScalarLike
 ) -> Vector3:
-    """Return the integral of the error after one step (s); saturated channels are frozen (anti-windup)."""
+    """Return the time integral of the error after one step (s); saturated channels keep their value (anti-windup)."""
     return jnp.where(saturated, integral, integral + step * error)

@@ -1,4 +1,4 @@
-"""Gains of the three loops: published ([TH], theory section 5), by bandwidths, or derived from the aircraft.
+"""Gains of the three loops: published ([TH], theory section 5), from bandwidths, or derived from the aircraft.
 
 For a flight from a scenario, `anser.scenario.build_aircraft` derives the gains once, before the flight, at the start
 altitude and the preferred airspeed; they are not scheduled. The library's F-16 has the published gains.
@@ -22,8 +22,9 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 class LoopGains(eqx.Module):
     """Gains of one loop, one value per channel, shape (3,).
 
-    nu = feed_forward r_dot + proportional e + integral (time integral of e) + derivative e_dot, e = r - y.
-    Units: proportional 1/s, integral 1/s^2; derivative and feed-forward are dimensionless.
+    The demanded output rate nu = feed_forward r_dot + proportional e + integral (time integral of e) + derivative
+    e_dot, with reference r, output y and error e = r - y. Units: proportional 1/s, integral 1/s^2; derivative and
+    feed-forward are dimensionless.
     """
 
     proportional: Vector3
@@ -50,12 +51,12 @@ class AutopilotGains(eqx.Module):
 
 
 def loop_gains(proportional: float, integral: float = 0.0, derivative: float = 0.0) -> LoopGains:
-    """Build equal gains for the three channels of a loop, with the whole feed-forward."""
+    """Build equal gains for the three channels of a loop, with a feed-forward gain of 1."""
     return LoopGains(*(as_array([g] * 3) for g in (proportional, integral, derivative, 1.0)))
 
 
 def published_gains() -> AutopilotGains:
-    """Return the gains of [TH] (theory section 5), for model-based inversion."""
+    """Return the gains of the F-16's autopilot published in [TH] (theory section 5), for model-based inversion."""
     return AutopilotGains(
         rates=loop_gains(10.0, 0.25, 1.0),
         attitude=loop_gains(2.0),
@@ -73,7 +74,7 @@ def published_gains() -> AutopilotGains:
 def design_gains(
     bandwidth: Vector3,  # bandwidth per channel (3,), 1/s
     damping: Vector3,  # damping per channel (3,); infinite for a loop without integral
-    # K_D and K_FF
+    # derivative gain K_D and feed-forward gain
     derivative: Vector3 | float = 0.0,
     feed_forward: Vector3 | float = 1.0,
 ) -> LoopGains:
@@ -93,14 +94,15 @@ def design_gains(
 
 
 _ACTUATOR_SPEEDUP = 2.0
-"""Bandwidth of an actuator with inverted lag over the bandwidth of the lag: 40 1/s over 20.2 1/s for the F-16."""
+"""Bandwidth of an actuator with inverted lag over the bandwidth of the lag alone: 40 1/s over 20.2 1/s for the F-16."""
 _ACTUATOR_BANDWIDTH_STEP_MAX = 0.4
 """Greatest bandwidth of an actuator with inverted lag, times the sampling period."""
 _RATES_RATIO, _ATTITUDE_RATIO, _VELOCITY_RATIO = 8.0, 2.5, 2.0
-"""Bandwidth of the next inner loop over the loop's own, as in the published gains (40, 5, 2, 1 1/s)."""
+"""Ratio of the next inner loop's bandwidth to the loop's bandwidth, for (P, Q, R), (mu, alpha, beta) and (V, gamma,
+chi), as in the published gains (40, 5, 2, 1 1/s from the actuators outwards)."""
 _GAIN_MARGIN, _RATES_RATIO_MIN = 3.0, 4.0
-"""Gain margin of an actuator (9.5 dB) in pitch and yaw, for which stiffer aircraft get faster loops; and least ratio of
-the actuators' bandwidth to that of the body rates."""
+"""Factor on an actuator's gain (9.5 dB) that the pitch and yaw loops must tolerate, so that stiffer aircraft get faster
+loops; and least ratio of the actuators' bandwidth to the bandwidth of the body rates."""
 _RATE_DERIVATIVE = 1.0
 """K_D of the body rates, as in the published gains."""
 _RATE_ERROR = np.radians(20.0)
@@ -108,7 +110,7 @@ _RATE_ERROR = np.radians(20.0)
 _ENGINE_SPEEDUP, _ENGINE_BANDWIDTH_MAX = 5.0, 5.0
 """Bandwidth of the engine with inverted lag: multiple of the lag's bandwidth, and greatest value, 1/s."""
 _RATES_DAMPING, _VELOCITY_DAMPING = np.sqrt(50.0), np.sqrt(10.0)
-"""Damping of the pole pairs with integral, as in the published gains."""
+"""Damping of the pole pairs of the rate and velocity loops, which have integrals, as in the published gains."""
 
 
 class Bandwidths(eqx.Module):
@@ -117,7 +119,7 @@ class Bandwidths(eqx.Module):
     # bandwidths of actuators and engine after inversion of their lags
     actuators: Scalar
     engine: Scalar
-    # bandwidths of (P, Q, R), (mu, alpha, beta), (V, gamma, chi)
+    # bandwidths of (P, Q, R), (mu, alpha, beta), (V, gamma, chi), shape (3,)
     rates: Vector
     attitude: Vector
     velocity: Vector
@@ -131,10 +133,10 @@ def derived_bandwidths(
     power: ScalarLike,
     step: ScalarLike,  # sampling period, s
 ) -> Bandwidths:
-    """Compute the loop bandwidths that an aircraft's actuators, engine and control authority allow.
+    """Compute the loop bandwidths (1/s) that an aircraft's actuators, engine and control authority allow.
 
-    The ratios are those of the published gains of the F-16 ([TH]; theory section 5), which the function reproduces
-    except for the rounding of the actuators' lag.
+    `condition` is the trimmed flight condition. The ratios of the bandwidths are those of the published gains of the
+    F-16 ([TH]; theory section 5), which the function reproduces except for the rounding of the actuators' lag.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -174,10 +176,11 @@ def _required_stiffness(
     """Return the least stiffness (1/s^2; P, Q, R) for which the loops stay stable with `_GAIN_MARGIN` times the gain.
 
     Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
-    bandwidths. An actuator with lag tau and k times the nominal gain moves r = k tau B (1 + K_D)/(k tau B (1 + K_D) -
-    (k - 1)) times as far as commanded. The remaining stiffness, S - r S plus r times that of the loops, is stable if
-    the loops have more than (1 - 1/r) S = S (k - 1)/(k tau B (1 + K_D)). If that exceeds S, with actuators much faster
-    than the sampling, no loops are stable, and S is required.
+    bandwidths. An actuator with lag tau, bandwidth B after inversion and k times the nominal gain moves r = k tau B (1
+    + K_D)/(k tau B (1 + K_D) - (k - 1)) times as far as commanded, with the derivative gain K_D of the rate loop. The
+    remaining stiffness, S - r S plus r times that of the loops, is stable if the loops have more than (1 - 1/r) S = S
+    (k - 1)/(k tau B (1 + K_D)). If that exceeds S, with actuators much faster than the sampling, no loops are stable,
+    and S is required.
     """
 
     def angular_acceleration(angles: Float[Array, "2"]) -> Vector3:
@@ -197,9 +200,8 @@ def _required_stiffness(
 def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
     """Compute all gains of the autopilot from loop bandwidths.
 
-    Feed-forward, damping and the ratios of the filter bandwidths are those of the published gains.
-
-    The bandwidths of the command filters are scaled with the slowest axis of their loop.
+    Feed-forward, damping and the ratios of the filter bandwidths are those of the published gains. The bandwidths of
+    the command filters are scaled with the slowest axis of their loop: of (P, Q, R), and of mu and alpha.
     """
     xp = namespace(bandwidths)
     bandwidths, published = jax.tree.map(xp.asarray, (bandwidths, published_gains()))

@@ -56,10 +56,9 @@ def level_off_height(
 def required_pull(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, height_available: ScalarLike) -> Scalar:
     """Compute the acceleration normal to the path (m/s^2) that ends a descent within `height_available` (m).
 
-    It comes in addition to the acceleration that carries the weight.
-
-    Speed, sink and bank as for `level_off_height`. Without available height, the arc has the height of a fall of a
-    third of a second plus 1 m.
+    The acceleration comes in addition to the one that carries the weight. Airspeed (m/s), sink (m/s, down positive) and
+    bank (rad) are those of `level_off_height`. The height of the pull-up arc is `height_available` minus the height
+    lost before the pull acts, but at least a third of a second of the sink plus 1 m.
     """
     sink_speed = jnp.maximum(sink, 0.0)
     delay = REACTION_S + jnp.abs(bank) / ROLL_RATE_RAD_S
@@ -75,28 +74,28 @@ def _arc_height(speed_squared: Scalar, sink: Scalar, pull: Scalar) -> Scalar:
 
 
 def _one_minus_cosine(sine_squared: Scalar) -> Scalar:
-    """Compute 1 - cos(angle) from sin(angle)^2 without cancellation; 1 for vertical and steeper paths."""
+    """Compute 1 - cos(angle) from sin(angle)^2 without cancellation; nearly 1 for a square of 1 or more (vertical)."""
     limited_square = jnp.minimum(sine_squared, 1.0 - 1e-9)
     return limited_square / (1 + jnp.sqrt(1 - limited_square))
 
 
 ALTITUDE_ERROR_ALLOWED_M = 30.0
-"""Altitude error below the least altitude, m, up to which an aircraft does not break off."""
+"""Depth below the least altitude, m, down to which an aircraft need not leave its plan."""
 _PULL_SHARE = 0.75  # share of the available pull: drag reduces speed and lift during the pull-up
 _FULL_PRIORITY_PULL = 3.0  # m/s^2: pull from which the level-off takes the lift before any turn
 _GAIN_MIN = 0.5  # 1/s: least gain of a channel, also for loops without gain
 
 
 class GroundClearance(eqx.Module):
-    """Ground clearance of an aircraft: whether it must pull up, and how much."""
+    """Ground clearance of one aircraft: whether the aircraft must abandon its plan, and the pull-up that it needs."""
 
-    # whether the height above the floor no longer suffices to end the descent: the aircraft must break off at once
+    # whether the height above the floor no longer suffices to end the descent: the aircraft must leave its plan at once
     is_lost: Flag
     # acceleration normal to the path, in addition to carrying the weight, that keeps the aircraft above the least
     # altitude, limited to the aircraft's capability, m/s^2; 0 for an aircraft that does not sink
     pull: Scalar
     normal_acceleration_max: Scalar  # greatest acceleration normal to the path, limited by lift and load factor, m/s^2
-    motion: PathMotion
+    motion: PathMotion  # path and attitude angles and their rates, present motion
 
 
 def ground_clearance(
@@ -142,9 +141,11 @@ def level_off_command(
     gains: LoopGains,  # gains of the controller's velocity loop (V, gamma, chi)
     gravity: Scalar,  # acceleration of gravity, m/s^2
 ) -> PathCommand:
-    """Raise the commanded pull-up to the clearance's required pull, and reduce the turn to the remaining lift.
+    """Return the guidance command with the pull-up that ground clearance requires and a turn within the remaining lift.
 
-    A command that already contains the required pull, with a turn within the remaining lift, is returned unchanged.
+    The path angle is raised until the velocity loop commands the required pull `clearance.pull`. Course change and
+    course rate are reduced to the remaining lift, fully for a required pull of 3 m/s^2 or more, in proportion below. A
+    command that already contains the required pull, with a turn within the remaining lift, is returned unchanged.
     """
     motion = clearance.motion
     speed = jnp.maximum(motion.V, 1.0)

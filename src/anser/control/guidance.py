@@ -15,7 +15,7 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
 _CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
-_PULL_MAX_M_S2 = 6.0  # m/s^2: limits the additional pull of a level-off to about half a g
+_PULL_MAX_M_S2 = 6.0  # m/s^2: limits the additional pull of a level-off
 _COSINE_MIN = 0.2  # of the path angle: bounds the airspeed command of a steep hold
 _STRAIGHT_FRACTION = 0.1  # fraction of the hold radius flown straight on after the arrival
 
@@ -38,7 +38,10 @@ class FollowPlan(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return command and planned position (NED, m). Raises ValueError if the aircraft has no plan."""
+        """Return the velocity command, the planned position (NED, m), and None, because the guidance has no state.
+
+        Raises ValueError if the aircraft has no plan.
+        """
         if plan is None:
             raise ValueError("FollowPlan follows a plan: fly it in a flight with a planner")
         velocity_n, wind_n = chart_velocities(belief)
@@ -54,7 +57,7 @@ def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
 
 
 def command_from_chart(command: PathCommand, belief: Belief, environment: Environment) -> PathCommand:
-    """Convert a command in rates of the chart coordinates to a command in velocities through the air, m/s."""
+    """Convert a command from rates of the chart coordinates (local map) to velocities through the air, m/s and rad."""
     if isinstance(environment.earth, FlatEarth):  # chart rates are velocities
         return command
     return rescale_command(command, 1.0 / belief.condition.earth.chart_scale)
@@ -70,7 +73,9 @@ def follow(
 ) -> PathCommand:
     """Compute the command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
 
-    v = v_planned + k (p_planned - p), with rate a_planned + k (v_planned - v); the correction is limited smoothly.
+    The commanded velocity over the ground is v_planned + k (p_planned - p), with the rate a_planned + k (v_planned - v)
+    and the gain k = `position_gain`; the speed of the correction is limited smoothly to `correction_max`. The wind is
+    subtracted.
     """
 
     def correction(offset_n: Vector3) -> Vector3:
@@ -88,11 +93,11 @@ def hold(
     velocity_n: Vector3,
     goal_velocity_n: Vector3,
     wind_n: Vector3,  # measured wind, NED, m/s
-    # direction of the arrival. Used only within a tenth of the radius, near the singularity of the radial
-    # (`crosses_centre`)
+    # velocity relative to the goal at the arrival, of any length. Used only within a tenth of the radius
+    # (`crosses_centre`), near the singularity of the radial
     arrival_direction_n: Vector3,
     height: ScalarLike,  # commanded height above the goal, m
-    speed: ScalarLike,  # airspeed, m/s
+    speed: ScalarLike,  # commanded airspeed, m/s
     settings: GuidanceSettings,
 ) -> PathCommand:
     """Compute the command (through the air) that flies on after the arrival and joins a circle around the goal.
@@ -132,10 +137,11 @@ def hold(
 
 
 def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
-    """Limit the path angle to a pull or push of about half a g; the level speed of the command is kept.
+    """Limit the path angle to a pull or push of 6 m/s^2; the horizontal speed of the command is kept.
 
     The path-angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed.
-    An arrival faster than the hold must therefore not command a steeper descent during the level-off.
+    An arrival faster than the hold must therefore not command a steeper descent during the level-off. At path angles
+    beyond 78 deg, the horizontal speed falls.
     """
     change_max = _PULL_MAX_M_S2 / jnp.maximum(present.V, 1.0)
     change = command.gamma - present.gamma
@@ -152,10 +158,11 @@ def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
 
 
 def _limit_turn(command: PathCommand, present: PathCommand, turn: ScalarLike) -> PathCommand:
-    """Limit course changes to 45 deg, and fly large ones in the hold's direction, so that the turn never reverses.
+    """Limit course changes to 45 deg, and fly large changes in the hold's direction, so that the turn never reverses.
 
-    A course change of more than 120 deg against the hold's turn is flown in the direction of the hold. Changes are
-    limited to 45 deg, without feed-forward, because the rate of the vector field is not the rate of the limited turn.
+    `turn` is +1 for a hold to the right, -1 to the left. A course change of more than 120 deg against the hold's turn
+    is flown in the direction of the hold. Changes are limited to 45 deg, without feed-forward, because the rate of the
+    vector field is not the rate of the limited turn.
     """
     change = wrap_angle(command.chi - present.chi)
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)
@@ -167,7 +174,10 @@ def _limit_turn(command: PathCommand, present: PathCommand, turn: ScalarLike) ->
 
 
 def crosses_centre(relative_n: Vector3, settings: GuidanceSettings) -> Flag:
-    """Whether the hold flies straight on near the circle's centre; `relative_n` is seen from the goal, NED, m."""
+    """Whether an aircraft is within a tenth of the hold radius from the goal, horizontally.
+
+    `hold` then flies on in the direction of the arrival. `relative_n` is the position relative to the goal, NED, m.
+    """
     return safe_hypot(relative_n[0], relative_n[1]) < _STRAIGHT_FRACTION * settings.hold_radius
 
 

@@ -20,25 +20,28 @@ Loop = Literal["rates", "attitude", "velocity"]
 
 
 class LoopCommand(eqx.Module):
-    """Command to the attitude loop or the rate loop."""
+    """Command to the attitude loop or the rate loop, and the throttle, which these loops do not control."""
 
     value: Vector3  #: (P, Q, R) rad/s or (mu, alpha, beta) rad.
-    rate: Vector3  #: Time derivative of `value`, for the feed-forward.
+    rate: Vector3  #: Time derivative of `value`, for the feed-forward, rad/s^2 or rad/s.
     throttle: ScalarLike  #: Constant throttle, 0..1.
 
 
 class RateSignals(eqx.Module):
-    """Body rates that the attitude loop commands, rad/s; for the record."""
+    """Commanded body rates (P, Q, R) of the attitude loop, rad/s, for the record."""
 
     rates_b: Vector3
 
     def variables(self) -> dict[str, Array]:
-        """Return the recorded variables by their keys in `anser.variables.CATALOGUE`."""
+        """Return the recorded variables (rad/s) by their keys in `anser.variables.CATALOGUE`."""
         return dict(zip(("roll_rate_command", "pitch_rate_command", "yaw_rate_command"), self.rates_b, strict=True))
 
 
 class InversionAutopilot(AbstractController):
-    """Nonlinear dynamic inversion in three loops (theory section 5), model-based or incremental as the gains select."""
+    """Autopilot by nonlinear dynamic inversion in three loops (theory section 5).
+
+    The inversion is model-based, or incremental if `gains.sensor_bandwidth` is above 0.
+    """
 
     gains: AutopilotGains
     limits: FlightLimits
@@ -47,7 +50,7 @@ class InversionAutopilot(AbstractController):
     loop: Loop = eqx.field(static=True, default="velocity")
 
     def init(self, state: AircraftState, attitude: Vector3) -> AutopilotState:
-        """Return the state of the autopilot after a long time in steady flight."""
+        """Return the autopilot's state after a long time in steady flight; `attitude` is (mu, alpha, beta), rad."""
         return initial_autopilot_state(attitude, state.rates_b, state.surfaces, self.limits)
 
     def control(
@@ -55,7 +58,9 @@ class InversionAutopilot(AbstractController):
     ) -> tuple[Controls, AutopilotSignals | RateSignals | None, AutopilotState]:
         """Compute the controls for a command to `loop`, by `velocity_control`, `attitude_control` or `rate_control`.
 
-        The signals are the commands between the loops that are closed; None if the rate loop is commanded.
+        Returned are surfaces and throttle, the signals to record, and the new state of the autopilot. The signals are
+        `AutopilotSignals` for the velocity loop, `RateSignals` for the attitude loop, None for the rate loop. `step` is
+        the sampling period, s.
         """
         model = onboard_model(belief, self.limits, self.gains, controller_state, step)
         if self.loop == "velocity":

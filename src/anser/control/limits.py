@@ -6,19 +6,19 @@ import jax.numpy as jnp
 from anser.shapes import Scalar, Vector3
 
 NORMAL_TURNING_G = 0.5
-"""Least acceleration normal to the path in a turn, in g: the autopilot and the plans push over no further."""
+"""Least acceleration normal to the path in a turn, in g: neither autopilot nor plans push over below this value."""
 
 
 class FlightLimits(eqx.Module):
-    """Envelope within which the autopilot limits its own commands."""
+    """Flight envelope to which the autopilot limits its commands."""
 
     speed_min: Scalar  #: Least airspeed, m/s.
     speed_max: Scalar  #: Greatest airspeed, m/s.
     bank_max: Scalar  #: Greatest bank about the velocity vector, rad.
     alpha_min: Scalar  #: Least angle of attack, rad.
     alpha_max: Scalar  #: Greatest angle of attack, rad.
-    load_factor_min: Scalar  #: Least lift over weight.
-    load_factor_max: Scalar  #: Greatest lift over weight.
+    load_factor_min: Scalar  #: Least load factor: lift over weight.
+    load_factor_max: Scalar  #: Greatest load factor: lift over weight.
     rates_max: Vector3  #: Greatest body rates (P, Q, R), rad/s.
     #: Least altitude, m; the ground is at 0.
     altitude_min: Scalar = eqx.field(default_factory=lambda: jnp.asarray(0.0))
@@ -26,7 +26,11 @@ class FlightLimits(eqx.Module):
 
 
 def default_limits() -> FlightLimits:
-    """Return limits for the F-16 at low speed: 90 to 240 m/s, 60 deg bank, alpha -5 to 25 deg, load factor -1 to 5."""
+    """Return limits for the F-16 at low speed.
+
+    Airspeed 90 to 240 m/s, bank 60 deg, angle of attack -5 to 25 deg, load factor -1 to 5, body rates (P, Q, R) up to
+    120, 60 and 60 deg/s, least altitude 0 m, and no limit on the rate of the bank command.
+    """
     degree = jnp.pi / 180
     return FlightLimits(
         speed_min=jnp.asarray(90.0, dtype=float),

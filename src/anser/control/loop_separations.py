@@ -9,13 +9,14 @@ PUBLISHED_ACTUATOR_BANDWIDTH = 40.0
 PUBLISHED_ENGINE_BANDWIDTH = 5.0
 """Bandwidth of the engine with inverted lag in the published gains, 1/s."""
 LOOP_SEPARATION_MIN = 2.0
-"""Least ratio of the bandwidths of an inner and an outer loop: the least among the published gains.
+"""Least acceptable ratio of an inner loop's bandwidth to its outer loop's: the least ratio among the published gains.
 
-Two nested first-order loops form a pair with damping sqrt(ratio)/2, 0.71 at a ratio of 2; below, they oscillate."""
+Two nested first-order loops form a pole pair with damping sqrt(ratio)/2, 0.71 at a ratio of 2; lower ratios oscillate.
+"""
 
 
 class LoopSeparation(NamedTuple):
-    """A channel of an outer loop and the channel of the inner loop that it commands, with their bandwidths, 1/s."""
+    """Channel of an outer loop, the channel of the inner loop that it commands, and the bandwidths of both, 1/s."""
 
     outer: str
     inner: str
@@ -24,7 +25,7 @@ class LoopSeparation(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Inner bandwidth over outer bandwidth; infinite if the outer loop is open."""
+        """Ratio of inner to outer bandwidth; infinite if the outer loop is open (bandwidth 0)."""
         return self.inner_bandwidth / self.outer_bandwidth if self.outer_bandwidth > 0.0 else math.inf
 
 
@@ -37,7 +38,11 @@ def loop_separations(
     actuators: float = PUBLISHED_ACTUATOR_BANDWIDTH,
     engine: float = PUBLISHED_ENGINE_BANDWIDTH,
 ) -> tuple[LoopSeparation, ...]:
-    """List every channel with the channel it commands: gamma with alpha, chi with mu, V with the engine, and so on."""
+    """Return the nine pairs of a channel and the inner channel that it commands, with their bandwidths.
+
+    The pairs are V with the engine, gamma with alpha, chi with mu, mu with P, alpha with Q, beta with R, and P, Q and R
+    with the surfaces.
+    """
     return (
         LoopSeparation("V", "engine", velocity[0], engine),
         LoopSeparation("gamma", "alpha", velocity[1], attitude[1]),

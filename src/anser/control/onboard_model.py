@@ -1,4 +1,4 @@
-"""Onboard model for dynamic inversion: motion along the path, forces, control authority, residual of the model."""
+"""Onboard model for dynamic inversion: motion along the path, forces, control authority, and residual of the model."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from anser.spatial.wind_axes import bank_about_velocity
 
 
 class PathMotion(eqx.Module):
-    """Path and attitude angles of one aircraft, and their rates as functions of the body rates."""
+    """Path and attitude angles of one aircraft, and the rates of these angles, with the part due to the body rates."""
 
     # airspeed (m/s), path angle and course through the air (rad)
     V: Scalar
@@ -29,18 +29,19 @@ class PathMotion(eqx.Module):
     mu: Scalar
     alpha: Scalar
     beta: Scalar
-    force_rates: Vector3  # f in (mu_dot, alpha_dot, beta_dot) = f + G (P, Q, R): rates due to forces, rad/s
-    rate_matrix: Matrix33  # G
+    force_rates: Vector3  # f in (mu_dot, alpha_dot, beta_dot) = f + G (P, Q, R): rates due to forces and gravity, rad/s
+    rate_matrix: Matrix33  # G: change of (mu_dot, alpha_dot, beta_dot) per (P, Q, R)
     path_rates: Vector3  # (V_dot, gamma_dot, chi_dot) from the acceleration, m/s^2 and rad/s
 
 
 def path_motion(
     condition: AirDataAndForces, slow_force_b: Vector3, velocity_b: Vector3, mass: ScalarLike, gravity: ScalarLike
 ) -> PathMotion:
-    """Compute path angles and their rates by the wind-axis equations of theory section 2; `gravity` is positive.
+    """Compute path and attitude angles and their rates by the wind-axis equations of theory section 2.
 
-    `slow_force_b` is the non-gravitational force for `force_rates` (see `OnboardModel`); the path rates use the present
-    force.
+    `slow_force_b` (N) is the non-gravitational force for `force_rates` (see `OnboardModel`); the path rates use the
+    present force in `condition`. `velocity_b` is the velocity over the ground, body axes, m/s; `gravity` is positive,
+    m/s^2.
 
     Vertical flight (cos gamma = 0) and a sideslip of 90 deg are outside the domain; denominators are bounded away from
     0.
@@ -92,15 +93,15 @@ def path_motion(
 
 
 class OnboardModel(eqx.Module):
-    """Forces, effectiveness and path motion of the onboard model at one instant, for inversion by the loops.
+    """Onboard model at one instant, which the loops invert: forces, control effectiveness and motion along the path.
 
-    The forces in `condition` and `slow_condition` are those of the airframe's model, plus the measured residual if the
-    inversion is incremental.
+    The forces in `condition` and `slow_condition` are those of the airframe's model plus the measured residual, which
+    is 0 if the inversion is model-based.
 
-    The attitude and velocity loops use the forces at `surfaces_slow`, low-pass filtered deflections. Otherwise the lift
-    of the moving elevator, differentiated twice on the way through the feed-forward, would return to the elevator with
-    a loop gain above one (a limit cycle at the rate limit). Neglecting fast surface forces in the slow loops is the
-    two-time-scale assumption of dynamic inversion.
+    The attitude and velocity loops use `slow_condition`, the forces at the low-pass filtered deflections
+    `surfaces_slow`. Otherwise the lift of the moving elevator, differentiated twice on the way through the
+    feed-forward, would return to the elevator with a loop gain above one (a limit cycle at the rate limit). Neglecting
+    fast surface forces in the slow loops is the two-time-scale assumption of dynamic inversion.
     """
 
     airframe: AbstractAirframe
@@ -108,19 +109,22 @@ class OnboardModel(eqx.Module):
     state: AircraftState
     condition: AirDataAndForces
     slow_condition: AirDataAndForces
-    surfaces_slow: Vector
-    moments: SurfaceMoments
+    surfaces_slow: Vector  # low-pass filtered deflections, rad
+    moments: SurfaceMoments  # aerodynamic moment and control effectiveness at the present deflections
     authority: Authority
     residual: ModelResidual
     motion: PathMotion
-    gravity: ScalarLike
-    step: ScalarLike
+    gravity: ScalarLike  # m/s^2
+    step: ScalarLike  # sampling period, s
 
 
 def onboard_model(
     belief: Belief, limits: FlightLimits, gains: AutopilotGains, controller_state: AutopilotState, step: ScalarLike
 ) -> OnboardModel:
-    """Evaluate the onboard model at the state of the aircraft's belief; `step` is the sampling period, s."""
+    """Evaluate the onboard model at the estimated state in `belief`, and advance the measured residual by one sample.
+
+    `step` is the sampling period, s.
+    """
     airframe = belief.airframe
     state = belief.state
     condition = belief.condition

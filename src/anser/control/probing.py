@@ -1,4 +1,4 @@
-"""Test inputs of an aircraft that learns: multisines on the surfaces where an adaptive estimator lacks information."""
+"""Test inputs of an adaptive aircraft: multisines on the surfaces while the control effectiveness is uncertain."""
 
 from typing import Any
 
@@ -14,37 +14,38 @@ from anser.parts.perception import Belief
 from anser.shapes import Integer, Scalar, ScalarLike, Vector, Vector3
 
 _LINES = 4
-"""Lines of each surface's multisine."""
+"""Number of harmonics in each surface's multisine."""
 _PERIOD_S = 5.0
 """Period of the test inputs, s."""
 
 
 class ProbingState(eqx.Module):
-    """State of the controller; surfaces (rad) and engine power (percent) of the start, and number of samples so far."""
+    """State of the controller with test inputs."""
 
-    controller: Any
-    surfaces: Vector
-    power: Scalar
-    count: Integer
+    controller: Any  # state of the controller to whose commands the test inputs are added
+    surfaces: Vector  # deflections at the start, rad
+    power: Scalar  # engine power at the start, percent
+    count: Integer  # number of samples so far
 
 
 class ProbingController(AbstractController):
-    """Controller that adds test inputs to the surface commands of `controller`.
+    """Controller that adds multisines to the surface commands of `controller` while an adaptive estimator needs them.
 
-    In a first phase the adaptive estimator learns: the controls of the start are held, with the test input, and
-    `controller` is not used.
+    Test inputs are added until `learning_time`, and whenever the control effectiveness is more uncertain than
+    `uncertainty_max`. Until `learning_time`, the surfaces and the engine power of the start are held in place of the
+    commands of `controller`.
     """
 
-    controller: AbstractController  #: Controller whose surface commands are disturbed.
-    amplitude: Vector  #: Greatest deflection of each surface, rad.
-    signals: tuple[AbstractSignal, ...]  #: Multisine of each surface over a period, with the greatest magnitude 1.
+    controller: AbstractController  #: Controller to whose surface commands the test inputs are added.
+    amplitude: Vector  #: Greatest magnitude of each surface's test input, rad.
+    signals: tuple[AbstractSignal, ...]  #: Multisine of each surface over one period, with the greatest magnitude 1.
     period: Scalar  #: Period after which the multisines repeat, s.
-    #: Relative standard deviation of the control effectiveness above which the surfaces are moved.
+    #: Relative standard deviation of the control effectiveness above which test inputs are added.
     uncertainty_max: Scalar
-    learning_time: Scalar  #: End of the first phase, s; 0: none.
+    learning_time: Scalar  #: Time until which the controls of the start are held, s; 0: never.
 
     def init(self, state: AircraftState, attitude: Vector3) -> ProbingState:
-        """Return the state after a long time in steady flight."""
+        """Return the state after a long time in steady flight; `attitude` is (mu, alpha, beta), rad."""
         power = jnp.asarray(state.power, dtype=float)
         return ProbingState(
             self.controller.init(state, attitude), state.surfaces, power, jnp.asarray(0, dtype=jnp.int32)
@@ -53,7 +54,10 @@ class ProbingController(AbstractController):
     def control(
         self, controller_state: ProbingState, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, Any, ProbingState]:
-        """Compute the controls with the test input; raises ValueError if no adaptive estimator is flown."""
+        """Return surfaces and throttle with the test input, the signals of `controller`, and the new state.
+
+        `step` is the sampling period, s. Raises ValueError if the belief has no estimates of an adaptive estimator.
+        """
         if belief.estimates is None:
             raise ValueError("a controller with test inputs needs an adaptive estimator, which says when to move")
         state, time = controller_state, controller_state.count * step
@@ -69,7 +73,7 @@ class ProbingController(AbstractController):
         return controls, signals, ProbingState(waiting, state.surfaces, state.power, state.count + 1)
 
     def deflections(self, time: ScalarLike) -> Vector:
-        """Return the surface deflections (rad) of the test input at a time (s), near 0 at time 0."""
+        """Return the test input of each surface (rad) at `time` (s); near 0 at time 0."""
         phase_time = jnp.mod(jnp.asarray(time), self.period)
         return self.amplitude * jnp.stack([signal.at(phase_time) for signal in self.signals])
 
@@ -77,11 +81,11 @@ class ProbingController(AbstractController):
 def probing_controller(
     controller: AbstractController, surfaces: int, amplitude: ScalarLike, *, learning_time: ScalarLike = 0.0
 ) -> ProbingController:
-    """Build a controller with test inputs of `amplitude` (rad) for a number of surfaces.
+    """Build a controller that adds test inputs of greatest magnitude `amplitude` (rad) to `surfaces` surfaces.
 
-    Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 0.2 Hz. The
-    harmonics, from the second on, are assigned to the surfaces in turn, so that the inputs are orthogonal over a
-    period. `learning_time` (s) is the end of the first phase; 0: no first phase.
+    Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 0.2 Hz. The harmonics,
+    from the second on, are assigned to the surfaces in turn, so that the inputs are orthogonal over a period of 5 s.
+    Until `learning_time` (s), the controls of the start are held (see `ProbingController`); 0: never.
     """
     frequencies_hz = 2.0 / _PERIOD_S, (1.0 + _LINES * surfaces) / _PERIOD_S
     signals = (

@@ -23,11 +23,11 @@ _NEWTON_STEPS = 2  # the lift curve is piecewise linear: a second step is exact 
 
 
 class ThrustDemand(eqx.Module):
-    """Demand to the engine: throttle (0..1), thrust (N), and whether the demand exceeds the engine's range."""
+    """Demand to the engine: throttle (0..1), thrust (N), and a flag if the engine cannot give the thrust."""
 
     throttle: Scalar
     thrust: Scalar
-    saturated: Scalar
+    saturated: Scalar  # whether the engine cannot give the thrust
 
 
 class AttitudeDemand(eqx.Module):
@@ -45,8 +45,9 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
     """Compute throttle and thrust for a commanded V_dot (m/s^2) by inversion of the engine's thrust and lag.
 
     T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta), with at least 0.2 for
-    the product of the cosines. The demand is saturated if the engine cannot give T: at full power, at idle, or at the
-    power of the least thrust of a propeller.
+    the product of the cosines. The power then approaches the power for T with the bandwidth `engine_bandwidth` (1/s).
+    The demand is saturated if the engine cannot give T: at full power, at idle, or at the power of the least thrust of
+    a propeller.
     """
     airframe, condition, motion, power = model.airframe, model.slow_condition, model.motion, model.state.power
     engine = airframe.engine
@@ -75,11 +76,10 @@ def lift_at_alpha(
     other_force_b: Vector3,
     alpha: ScalarLike,
 ) -> Scalar:
-    """Compute the force normal to the path (N) at the angle of attack `alpha` (rad).
+    """Compute the force normal to the path (N, up positive) in the plane of symmetry at the angle of attack `alpha`.
 
-    Positive upwards, in the aircraft's plane of symmetry.
-
-    L = F_X sin(alpha) - F_Z cos(alpha); `other_force_b` is the non-aerodynamic force, mainly thrust, N.
+    L = F_X sin(alpha) - F_Z cos(alpha). Air data other than alpha (rad) are those of `condition`; `surfaces` are the
+    deflections (rad); `other_force_b` is the non-aerodynamic force, mainly thrust, N.
     """
     data = eqx.tree_at(lambda d: d.alpha, condition.air_data, jnp.asarray(alpha))
     force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + other_force_b
@@ -89,7 +89,8 @@ def lift_at_alpha(
 def side_force(model: OnboardModel) -> Scalar:
     """Compute the side force (N, right positive) in straight flight without sideslip; 0 for a symmetric aircraft.
 
-    The surfaces are at rest: small deflections against the rolling and yawing moments are neglected.
+    The body rates and the deflections of commanded surfaces are 0: small deflections against the rolling and yawing
+    moments are neglected.
     """
     airframe, condition = model.airframe, model.slow_condition
     data = eqx.tree_at(lambda d: d.beta, condition.air_data, jnp.zeros_like(condition.air_data.beta))
@@ -103,12 +104,12 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
 
     mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, with the
     resultant acceleration a and the side force Y of an asymmetric aircraft. Alpha follows from the balance of forces
-    normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with
-    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If
-    the bank error exceeds 60 deg (an upset), the aircraft unloads first.
+    normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with L = F_X
+    sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If the bank
+    error exceeds 60 deg (an upset), the aircraft unloads first.
 
-    A demand beyond the lift at alpha_max or the load factor reduces the turn of the path and the turn of the course by
-    the same share: gravity is carried first.
+    A demand beyond nine tenths of the lift at alpha_max, or beyond the load factor, reduces the turn of the path and
+    the turn of the course by the same share: gravity is carried first.
     """
     limits, condition, motion, gravity = model.limits, model.slow_condition, model.motion, model.gravity
     mass = model.airframe.mass_properties.mass
@@ -173,10 +174,10 @@ def limit_bank_rate(
     limits: FlightLimits,
     step: ScalarLike,
 ) -> tuple[AttitudeDemand, Scalar | None]:
-    """Limit the rate of the commanded bank angle; return the limited demand and the bank angle for the next step.
+    """Limit the rate of the commanded bank angle; return the demand, and the bank angle (rad) for the next step.
 
     A previous bank angle beyond the bank limit, as at a start in an upset, is first set to the limit, so the attitude
-    loop rolls back at once. Without a rate limit the demand is unchanged.
+    loop rolls back at once. Without a rate limit, demand and `previous_bank` are returned unchanged.
     """
     if previous_bank is None or limits.bank_rate_max is None:
         return demand, previous_bank
@@ -190,7 +191,7 @@ def limit_bank_rate(
 
 
 def _feasible_share(gravity_normal: Scalar, normal: Scalar, lateral: Scalar, magnitude_max: Scalar) -> Scalar:
-    """Return the largest share s in 0..1 with |(gravity_normal + s normal, s lateral)| <= magnitude_max."""
+    """Return the largest share s in 0..1 with |(gravity_normal + s normal, s lateral)| <= magnitude_max; m/s^2."""
     square = normal**2 + lateral**2 + 1e-12
     root = jnp.sqrt(
         jnp.maximum((gravity_normal * normal) ** 2 + square * (magnitude_max**2 - gravity_normal**2), 1e-12)

@@ -31,7 +31,10 @@ class AbstractGuidance(AbstractPart):
 
 
 class AbstractController(AbstractPart):
-    """Interface of controllers, which turn commands into controls. Subclass this class directly, not a concrete one."""
+    """Interface of controllers, which turn commands into surfaces and throttle.
+
+    Subclass this class directly, not a concrete controller.
+    """
 
     def init(self, state: AircraftState, attitude: Vector3) -> Any:
         """Return the controller's state after a long time in steady flight; by default None, for a law without state.
@@ -44,9 +47,9 @@ class AbstractController(AbstractPart):
     def control(
         self, controller_state: Any, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, Any, Any]:
-        """Return the controls for the coming sampling period, the signals to record, and the new controller state.
+        """Return surfaces and throttle for the coming sampling period, signals to record, and the new controller state.
 
-        `step` is the sampling period, s.
+        `step` is the sampling period, s; `command` has the type that the aircraft's guidance gives.
 
         The signals are None, or an object with a method `variables()` that returns a dictionary from keys of
         `anser.variables.CATALOGUE` to values.
@@ -54,5 +57,5 @@ class AbstractController(AbstractPart):
 
 
 def signal_variables(signals: Any) -> dict[str, Array]:
-    """Return the recorded variables of a controller's signals by key; empty for a controller without signals."""
+    """Return the recorded variables of a controller's signals by key; an empty dictionary for signals None."""
     return {} if signals is None else signals.variables()

@@ -1,7 +1,7 @@
 """Excitation of a flight in the closed loop: test inputs added to controls and commands, as in a flight test.
 
-A signal is added to the commanded deflections and the throttle after the control law (before the limits of the
-actuators), or to a command before it.
+A signal is added to the commanded deflections or the throttle after the control law (before the limits of the
+actuators), to a command of the guidance before the control law, or to a command between two loops of the autopilot.
 """
 
 from collections.abc import Sequence
@@ -20,38 +20,39 @@ from anser.shapes import ScalarLike, Vector
 from anser.units import DEG_RAD
 
 PATH_INPUTS = ("airspeed", "path_angle", "course")
-"""Commands to the velocity loop, by their keys without unit; m/s and deg."""
+"""Commands to the velocity loop, by their keys without unit; in user input m/s and deg."""
 LOOP_INPUTS = ("bank", "alpha", "beta", "roll_rate", "pitch_rate", "yaw_rate")
-"""Commands from the velocity loop to the attitude loop (deg), and on to the rate loop (deg/s)."""
+"""Commands from the velocity loop to the attitude loop (in user input deg), and on to the rate loop (deg/s)."""
 
 
 class Excitation(eqx.Module):
     """Test inputs of one aircraft: signals in SI units and rad, each added to the input named in `targets`.
 
-    Targets are surfaces, "throttle", `PATH_INPUTS` and `LOOP_INPUTS`; an input may have several signals.
+    Targets are names of surfaces, "throttle", `PATH_INPUTS` and `LOOP_INPUTS`; signals of the same target are summed.
     """
 
     signals: tuple[AbstractSignal, ...]
     targets: tuple[str, ...] = eqx.field(static=True)
 
     def _sums(self, names: Sequence[str], time: ScalarLike) -> Vector:
-        """Return the sum of the signals of each named input at a time, s."""
+        """Return the sum of the signals of each input in `names` at a time (s); 0 for an input without a signal."""
         zero = jnp.zeros((), jnp.result_type(time))
         values = [(target, signal.at(time)) for target, signal in zip(self.targets, self.signals, strict=True)]
         return jnp.stack([sum((value for target, value in values if target == name), start=zero) for name in names])
 
     def excite_controls(self, controls: Controls, surfaces: Sequence[str], time: ScalarLike) -> Controls:
-        """Return controls plus the signals; `surfaces`: the names of the deflections of `controls`, in order."""
+        """Return controls plus the signals at a time (s).
+
+        `surfaces` are the names of the deflections in `controls`, in order; no limits are applied.
+        """
         added = self._sums((*surfaces, "throttle"), time)
         return Controls(controls.surfaces + added[:-1], controls.throttle + added[-1])
 
     def excite_command(self, command: Any, time: ScalarLike) -> Any:
-        """Return a command with the signals of the path, attitude and rate loops added.
+        """Return a command plus the signals at a time (s) for path commands and for commands inside the autopilot.
 
-        Raises
-        ------
-        ValueError
-            The command is no `PathCommand`.
+        The inputs are `PATH_INPUTS` and `LOOP_INPUTS`. Without a signal for these, the command is returned unchanged.
+        Raises ValueError if there is a signal and the command is no `PathCommand`.
         """
         targets = set(self.targets)
         if targets.isdisjoint((*PATH_INPUTS, *LOOP_INPUTS)):
@@ -71,7 +72,7 @@ class Excitation(eqx.Module):
 
 
 def build_excitation(terms: Sequence[tuple[str, InputSignal]]) -> Excitation | None:
-    """Build the excitation of one aircraft from pairs of an input's name and a signal; None if there are no pairs.
+    """Build the excitation of one aircraft from pairs (name of an input, signal); None if there are no pairs.
 
     The signals are in m/s for the airspeed, in 0..1 for the throttle, and in deg or deg/s for all other inputs.
     """

@@ -18,50 +18,50 @@ TimeHistory = Float[np.ndarray, " time"]
 
 
 class AbstractSignal(eqx.Module):
-    """Signal as a function of time, for compiled flights: of numbers alone, in any unit."""
+    """Signal as a function of time, in any unit, whose parameters are numbers; for use in compiled flights."""
 
     @abc.abstractmethod
     def at(self, time: Any) -> Any:
-        """Return the values at times (s), one or an array; NumPy for concrete times."""
+        """Return the values at times (s), a number or an array; as NumPy if times and signal are concrete."""
 
     @abc.abstractmethod
     def scaled(self, factor: float) -> Self:
-        """Return the signal times a factor."""
+        """Return the signal multiplied by a factor."""
 
     def highest_frequency(self) -> float:
-        """Return the highest frequency of its sines, Hz; 0 for pulses."""
+        """Return the highest frequency of the signal's sines, Hz; 0 for a signal without sines."""
         return 0.0
 
 
 class PulseSignal(AbstractSignal):
-    """Piecewise constant signal: the value is 0 at first and changes by `jumps` at the times `edges` (s)."""
+    """Piecewise constant signal, 0 at first, with changes by `jumps` at the times `edges` (s)."""
 
     edges: Vector | np.ndarray
     jumps: Vector | np.ndarray
 
     def at(self, time: Any) -> Any:
-        """Return the values at times, s; a time within rounding of an edge counts as after the edge."""
+        """Return the values at times (s); a time within rounding of an edge counts as after the edge."""
         xp = namespace(time, self)
         t = xp.asarray(time)[..., None]
         tolerance = xp.maximum(_EDGE_TOLERANCE_S, _ROUNDINGS * np.finfo(t.dtype).eps * xp.abs(t))
         return xp.sum(xp.where(t + tolerance >= self.edges, self.jumps, 0.0), axis=-1)
 
     def scaled(self, factor: float) -> "PulseSignal":
-        """Return the signal times a factor."""
+        """Return the signal multiplied by a factor."""
         return PulseSignal(self.edges, self.jumps * factor)
 
 
 class SweepSignal(AbstractSignal):
-    """Sine whose frequency rises exponentially by `rate` (1/s) from `frequency` (Hz) on, for a `duration` (s)."""
+    """Sine from `start` (s) on for `duration` (s) with a frequency that rises exponentially; 0 at other times."""
 
     amplitude: ScalarLike
-    frequency: ScalarLike
-    rate: ScalarLike
+    frequency: ScalarLike  # at the start, Hz
+    rate: ScalarLike  # exponential growth of the frequency, 1/s
     start: ScalarLike
     duration: ScalarLike
 
     def at(self, time: Any) -> Any:
-        """Return the values at times, s."""
+        """Return the values at times (s)."""
         xp = namespace(time, self)
         since = xp.asarray(time) - self.start
         t = xp.clip(since, 0.0, self.duration)
@@ -71,7 +71,7 @@ class SweepSignal(AbstractSignal):
         return xp.where((since >= 0.0) & (since <= self.duration), values, 0.0)
 
     def scaled(self, factor: float) -> "SweepSignal":
-        """Return the signal times a factor."""
+        """Return the signal multiplied by a factor."""
         return eqx.tree_at(lambda s: s.amplitude, self, self.amplitude * factor)
 
     def highest_frequency(self) -> float:
@@ -80,16 +80,16 @@ class SweepSignal(AbstractSignal):
 
 
 class SineSumSignal(AbstractSignal):
-    """Sum of cosines with amplitudes, frequencies (Hz) and phases (rad), from `start` on, for a `duration` (s)."""
+    """Sum of cosines from the time `start` (s) on for `duration` (s); 0 at other times."""
 
     amplitudes: Vector | np.ndarray
-    frequencies: Vector | np.ndarray
-    phases: Vector | np.ndarray
+    frequencies: Vector | np.ndarray  # Hz
+    phases: Vector | np.ndarray  # at `start`, rad
     start: ScalarLike
     duration: ScalarLike
 
     def at(self, time: Any) -> Any:
-        """Return the values at times, s."""
+        """Return the values at times (s)."""
         xp = namespace(time, self)
         since = xp.asarray(time) - self.start
         angles = 2.0 * np.pi * since[..., None] * self.frequencies + self.phases
@@ -97,7 +97,7 @@ class SineSumSignal(AbstractSignal):
         return xp.where(is_active, xp.sum(self.amplitudes * xp.cos(angles), axis=-1), 0.0)
 
     def scaled(self, factor: float) -> "SineSumSignal":
-        """Return the signal times a factor."""
+        """Return the signal multiplied by a factor."""
         return eqx.tree_at(lambda s: s.amplitudes, self, self.amplitudes * factor)
 
     def highest_frequency(self) -> float:
@@ -111,15 +111,15 @@ class SignalSum(AbstractSignal):
     terms: tuple[AbstractSignal, ...]
 
     def at(self, time: Any) -> Any:
-        """Return the values at times, s."""
+        """Return the values at times (s)."""
         return functools.reduce(lambda total, term: total + term.at(time), self.terms[1:], self.terms[0].at(time))
 
     def scaled(self, factor: float) -> "SignalSum":
-        """Return the sum times a factor."""
+        """Return the sum multiplied by a factor."""
         return SignalSum(tuple(term.scaled(factor) for term in self.terms))
 
     def highest_frequency(self) -> float:
-        """Return the highest frequency of its terms, Hz."""
+        """Return the highest frequency of the terms' sines, Hz."""
         return max(term.highest_frequency() for term in self.terms)
 
 
@@ -129,18 +129,24 @@ _ROUNDINGS = 16
 
 @dataclass(frozen=True)
 class InputSignal:
-    """Increment of one control input over time; signals can be added, and multiplied by a number."""
+    """Increment of one control input or command over time.
 
-    #: The increment as a function of time, in the unit of the input: degrees for a surface, 0..1 for the throttle.
+    Signals can be added, subtracted, and multiplied by a number.
+    """
+
+    #: The increment as a function of time, in the unit of the input: deg for a surface, a fraction for the throttle.
     signal: AbstractSignal
     description: str  #: Text for labels and provenance.
 
     def __call__(self, time_s: Sequence[float] | TimeHistory) -> TimeHistory:
-        """Return the increments at times, s."""
+        """Return the increments at times (s)."""
         return self.signal.at(np.asarray(time_s, dtype=float))
 
     def require_sampling(self, step_s: float, place: str) -> None:
-        """Raise ValueError, with the name of the input, for sines faster than half the rate of samples."""
+        """Raise ValueError if a sine of the signal is faster than half the sampling rate, 0.5 / `step_s`.
+
+        `place` names the input in the message.
+        """
         highest_hz = self.signal.highest_frequency()
         if highest_hz > 0.5 / step_s * (1.0 + 1e-9):
             raise ValueError(
@@ -168,22 +174,30 @@ class InputSignal:
 
 
 def step_input(amplitude: float, start_s: float = 1.0) -> InputSignal:
-    """Return a step by `amplitude` at `start_s`."""
+    """Return a step by `amplitude` (in the unit of the input) at the time `start_s`.
+
+    Raises ValueError if a number is not finite or the start is negative.
+    """
     _require_numbers(amplitude=amplitude, start_s=start_s)
     return _pulses((amplitude,), (np.inf,), start_s, f"step of {amplitude:g} at {start_s:g} s")
 
 
 def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> InputSignal:
-    """Return a doublet: a pulse by `amplitude`, then by minus `amplitude`, each `width_s` long."""
+    """Return a doublet: from `start_s` on, a pulse of `amplitude`, then of minus `amplitude`, each `width_s` long.
+
+    The amplitude is in the unit of the input. Raises ValueError if a number is not finite, the start is negative, or
+    the width is not positive.
+    """
     _require_numbers(amplitude=amplitude, start_s=start_s, width_s=width_s)
     description = f"doublet of {amplitude:g} at {start_s:g} s, pulses of {width_s:g} s"
     return _pulses((amplitude, -amplitude), (width_s, width_s), start_s, description)
 
 
 def three_two_one_one(amplitude: float, start_s: float = 1.0, width_s: float = 0.7) -> InputSignal:
-    """Return a 3-2-1-1: pulses of alternating sign with lengths of 3, 2, 1 and 1 times `width_s`.
+    """Return a 3-2-1-1: four pulses of alternating sign from `start_s` on, 3, 2, 1 and 1 times `width_s` long.
 
-    Source: Klein and Morelli, Aircraft System Identification (2006), chapter 9.
+    The amplitude is in the unit of the input. Source: Klein and Morelli, Aircraft System Identification (2006), chapter
+    9. Raises ValueError if a number is not finite, the start is negative, or the width is not positive.
     """
     _require_numbers(amplitude=amplitude, start_s=start_s, width_s=width_s)
     description = f"3-2-1-1 of {amplitude:g} at {start_s:g} s, unit of {width_s:g} s"
@@ -234,18 +248,20 @@ def multisine(
     Parameters
     ----------
     amplitude
-        Greatest magnitude, to 0.1 percent.
+        Greatest magnitude of the signal in the unit of the input, met to 0.1 percent.
     frequencies_hz
-        Least and greatest frequency.
+        Least and greatest frequency, Hz.
     duration_s
-        Period of the signal, after which it is zero.
+        Duration of the signal, and its period, s; the signal is zero before and after.
     start_s
-        Start of the signal.
+        Start of the signal, s.
     channel, channels
         Index of this input, from 0, and number of inputs that share the harmonics.
     power_exponent
-        The power of a harmonic is proportional to this power of its frequency; 0: equal powers, -1: about equal power
-        in each octave.
+        The power of a harmonic is proportional to its frequency to this exponent; 0: equal powers, -1: about equal
+        power in each octave.
+
+    Raises ValueError if an argument is out of range, or a channel gets no harmonic.
     """
     low, high = _frequencies(frequencies_hz)
     _require_numbers(amplitude=amplitude, power_exponent=power_exponent, duration_s=duration_s, start_s=start_s)
@@ -277,13 +293,14 @@ def multisine(
 
 
 def multisine_harmonics(frequencies_hz: tuple[float, float], duration_s: float) -> np.ndarray:
-    """Return the numbers of the harmonics of 1 / `duration_s` between two frequencies."""
+    """Return the numbers k >= 1 of all harmonics, k / `duration_s`, between two frequencies (Hz), ascending."""
     first, last = (np.ceil(frequencies_hz[0] * duration_s - 1e-9), np.floor(frequencies_hz[1] * duration_s + 1e-9))
     return np.arange(max(int(first), 1), int(last) + 1)
 
 
 _SAMPLES_PER_PERIOD = 64
-"""Samples per period of the highest harmonic, from which greatest magnitude and zero crossing are taken."""
+"""Samples per period of the highest harmonic at which greatest magnitude and zero crossings of a multisine are
+sought."""
 
 
 def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
@@ -296,9 +313,9 @@ def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
 
 
 def _require_numbers(**numbers: float) -> None:
-    """Raise ValueError, with the argument, for a number that is not finite, or a time that does not fit a flight.
+    """Raise ValueError, with the argument's name, for a number that is not finite or a time that does not fit.
 
-    Durations and widths are positive; no signal starts before the flight.
+    Durations and widths must be positive, starts 0 or later.
     """
     for name, value in numbers.items():
         low, kind = (0.0, "positive") if name in ("duration_s", "width_s") else (-np.inf, "finite")
@@ -310,9 +327,10 @@ def _require_numbers(**numbers: float) -> None:
 
 
 def parse_signal(text: str) -> InputSignal:
-    """Return the signal of a text SIGNAL:AMPLITUDE[:START_S[:WIDTH_S]], such as `doublet:1:2`.
+    """Return the signal that a text SIGNAL:AMPLITUDE[:START_S[:WIDTH_S]] describes, such as `doublet:1:2`.
 
-    Raises ValueError if the signal is unknown, or a number is missing or wrong.
+    SIGNAL is step (without WIDTH_S), doublet or 3211. Raises ValueError if the signal is unknown, or a number is
+    missing or wrong.
     """
     signals: dict[str, tuple[Callable[..., InputSignal], int]]  # function and greatest number of arguments
     signals = {"step": (step_input, 2), "doublet": (doublet, 3), "3211": (three_two_one_one, 3)}

@@ -7,7 +7,11 @@ import equinox as eqx
 
 
 class AbstractPart(eqx.Module):
-    """Base of every interface: refuses a field with the name of a method, which would hide the method."""
+    """Base of the interfaces of user-defined parts.
+
+    Defining a class with a field that has the name of a base class's method raises TypeError, because the field would
+    hide the method.
+    """
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

@@ -17,17 +17,17 @@ _ROUNDINGS = 1e4
 
 
 def time_rounding(time: ScalarLike) -> float:
-    """Return the greatest difference that rounding makes between two equal times, s: 0 in float64, 1.2 ms in float32.
+    """Return the tolerance, s, within which two times count as equal: 0 in float64, 1.2 ms in float32.
 
-    The start of a path must not count as earlier than the path, where nothing accelerates: float32 rounds a time of ten
-    minutes by 0.03 ms, and a time of four hours by 0.5 ms.
+    Without the tolerance, rounding could put a path's start before the path, where nothing accelerates: float32 rounds
+    a time of ten minutes by 0.03 ms, and a time of four hours by 0.5 ms.
     """
     dtype = jnp.result_type(time)
     return 0.0 if dtype == jnp.float64 else _ROUNDINGS * float(jnp.finfo(dtype).eps)
 
 
 class PathPoint(eqx.Module):
-    """Motion along a path at one instant, over the ground in the Earth's chart, NED: m, m/s, m/s^2."""
+    """Position (m), velocity (m/s), acceleration (m/s^2) over the ground at one instant, NED in the Earth's chart."""
 
     position_n: Vector3
     velocity_n: Vector3
@@ -35,11 +35,11 @@ class PathPoint(eqx.Module):
 
 
 class AbstractReference(AbstractPart):
-    """Interface of a reference motion: position, velocity and acceleration as functions of time, for guidance."""
+    """Interface of a reference motion for guidance: position, velocity and acceleration as functions of time."""
 
     @abc.abstractmethod
     def at(self, time: ScalarLike) -> PathPoint:
-        """Return position, velocity and acceleration at a time, s."""
+        """Return position, velocity and acceleration over the ground at a time (s)."""
 
     def position_n(self, time: ScalarLike) -> Vector3:
         """Return the position in the Earth's chart at a time (s), NED, m."""
@@ -55,7 +55,7 @@ class AbstractReference(AbstractPart):
 
 
 class StraightPath(AbstractReference):
-    """Straight line over the ground at constant speed; times in s, positions in the Earth's chart, NED, m.
+    """Straight line over the ground at constant speed; positions NED in the Earth's chart, m, times in s.
 
     The end must be later than the start: without a duration there is no velocity.
     """
@@ -66,13 +66,13 @@ class StraightPath(AbstractReference):
     end_time: ScalarLike
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Return position, velocity and acceleration at a time, s; the line continues beyond its ends."""
+        """Return position, velocity and acceleration at a time (s); the line continues beyond both of its ends."""
         velocity_n = (self.end_n - self.start_n) / (self.end_time - self.start_time)
         return PathPoint(self.start_n + (time - self.start_time) * velocity_n, velocity_n, jnp.zeros_like(velocity_n))
 
 
 class LoopExcitation(eqx.Module):
-    """Test input that is added to the commands from the velocity loop to the attitude loop and on to the rate loop.
+    """Test input added to the commands from the velocity loop to the attitude loop, and from there to the rate loop.
 
     Flight tests excite a loop with test inputs to measure the loop's margins; `anser.analysis` does the same.
     """
@@ -121,9 +121,9 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
 
 
 def rescale_command(command: PathCommand, scale: Vector3) -> PathCommand:
-    """Multiply the velocity of a command by `scale` (3,), a constant factor for each NED component.
+    """Return a command whose velocity is multiplied by `scale`, a constant factor for each NED component.
 
-    Converts a command between the coordinates of a chart and velocities over the ground.
+    The function converts a command between rates of chart coordinates and velocities. Test inputs are dropped.
     """
 
     def cartesian(V: Scalar, gamma: Scalar, chi: Scalar) -> Vector3:

@@ -1,7 +1,7 @@
 """Interfaces of an aircraft's sensors and estimator, and the signals between sensors, estimator and guidance.
 
 The signals are the instant, the truth, the readings, and the belief (the aircraft's own estimate of its state and its
-goal's). `Reading` lists all measurements: a new kind of measurement needs a new field there, and an estimator that uses
+goal's). `Reading` lists all measurements: a new type of measurement needs a new field there, and an estimator that uses
 the field. Implementations are in `anser.sensing`.
 """
 
@@ -28,11 +28,11 @@ _VERTICAL = 1e-12
 
 
 class LineOfSight(eqx.Module):
-    """Line of sight to a goal and its rates, in axes North, East, up."""
+    """Line of sight from an aircraft to its goal, and its rates, in axes North, East, up."""
 
-    range: Scalar  #: Range, m.
-    azimuth: Scalar  #: Clockwise from North, rad.
-    elevation: Scalar  #: Up positive, rad; -pi/2 with the goal straight below.
+    range: Scalar  #: Distance from the aircraft to the goal, m.
+    azimuth: Scalar  #: Azimuth, clockwise from North, rad.
+    elevation: Scalar  #: Elevation, up positive, rad; -pi/2 with the goal straight below.
     range_rate: Scalar  #: Rate of the range, m/s.
     #: Rate of the azimuth, rad/s; unbounded near the vertical, where range * cos(elevation) * rate stays bounded.
     azimuth_rate: Scalar
@@ -42,7 +42,7 @@ class LineOfSight(eqx.Module):
 def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3]:
     """Return three unit vectors (NED): along the line of sight, towards rising azimuth, towards rising elevation.
 
-    They are the rows of the matrix M of the theory.
+    The vectors are the rows of the matrix M of theory section 7; azimuth and elevation in rad.
     """
     ca, sa, ce, se = jnp.cos(azimuth), jnp.sin(azimuth), jnp.cos(elevation), jnp.sin(elevation)
     return (
@@ -55,7 +55,7 @@ def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3
 def measure_line_of_sight(
     vehicle_position_n: Vector3, vehicle_velocity_n: Vector3, goal_position_n: Vector3, goal_velocity_n: Vector3
 ) -> LineOfSight:
-    """Compute the line of sight from an aircraft to its goal, without errors; NED, m and m/s over the ground.
+    """Compute the exact line of sight from an aircraft to its goal; inputs NED, m, and m/s over the ground.
 
     At zero range all angles and rates are 0. Theory section 7. On the exact vertical the azimuth is undefined; the
     direction of the horizontal relative velocity is used, so the azimuth rate is zero and the elevation rate contains
@@ -91,8 +91,9 @@ def goal_from_line_of_sight(
 ) -> tuple[Vector3, Vector3]:
     """Compute a goal's position (NED, m) and velocity over the ground (NED, m/s) from the line of sight to the goal.
 
-    The result is exact if the line of sight has no error (theory section 7): the matrix M of the axes of the line of
-    sight is orthonormal, so the inverse of M is the transpose.
+    Position and velocity of the aircraft are NED, m and m/s over the ground. The result is exact if the line of sight
+    has no error (theory section 7): the matrix M of the axes of the line of sight is orthonormal, so the inverse of M
+    is the transpose.
     """
     along, across, above = _axes(sight.azimuth, sight.elevation)
     relative_rate = (
@@ -104,10 +105,10 @@ def goal_from_line_of_sight(
 
 
 class Instant(eqx.Module):
-    """Time, step (s) and random numbers of one sample of a flight, common to every part of the closed loop.
+    """Time, step and random numbers of one sample of a flight, the same for every part of the closed loop.
 
-    `number` counts the samples from 0; `randomness` is this aircraft's source in this flight, None if random numbers
-    are not allowed.
+    `number` counts the samples from 0, `step` is the sampling period (s); `randomness` is the source of this aircraft's
+    random numbers, None in a flight without a seed.
     """
 
     environment: Environment
@@ -121,7 +122,7 @@ class Instant(eqx.Module):
         return self.number * self.step
 
     def normals(self, part: int, count: int, *, once: bool = False) -> Array:
-        """Standard normal random numbers for a part of one aircraft, shape (count,).
+        """Return standard normal random numbers for a part of one aircraft at this sample, shape (count,).
 
         The numbers depend only on (seed, flight, aircraft, part, sample). `part` is a constant of
         `anser.numerics.randomness`, or a user's number from 100 on; `once` draws the numbers of the initialization
@@ -131,7 +132,10 @@ class Instant(eqx.Module):
         return numbers.astype(self.step.dtype)
 
     def uniforms(self, part: int, count: int, *, once: bool = False) -> Array:
-        """Uniform random numbers between 0 and 1 for a part, shape (count,); parameters and errors as for `normals`."""
+        """Return random numbers uniform in (0, 1) for a part of one aircraft at this sample, shape (count,).
+
+        Arguments and errors are those of `normals`.
+        """
         numbers = self._source().uniforms(part, INITIAL_SAMPLE if once else self.number, count)
         return numbers.astype(self.step.dtype)
 
@@ -142,7 +146,7 @@ class Instant(eqx.Module):
 
 
 class GoalState(eqx.Module):
-    """Position (NED, m) and velocity (NED, m/s) of a goal in the Earth's chart."""
+    """Position (m) and velocity (m/s) of a goal, NED in the Earth's chart."""
 
     position_n: Vector3
     velocity_n: Vector3
@@ -153,21 +157,21 @@ class Truth(eqx.Module):
 
     airframe: AbstractAirframe
     state: AircraftState
-    condition: AirDataAndForces  #: Air data, forces and moments in the true state.
+    condition: AirDataAndForces  #: Air data, forces and moments in the true state, gusts included.
     goal: GoalState | None  #: Motion of the goal; None for an aircraft without a goal.
-    #: False after the loss of the goal sensor.
+    #: Whether the goal sensor works; false after its loss.
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
     #: Gusts in addition to the mean wind, and loss of thrust.
     disturbance: Disturbance = eqx.field(default_factory=no_disturbance)
 
 
 class GoalReading(eqx.Module):
-    """One measurement of a goal by a sensor with errors, or an empty reading."""
+    """Measurement of a goal by a sensor with errors at one sample, or an empty reading."""
 
     #: Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three; or the
     #: goal's report: position (NED, m) and velocity (NED, m/s) in the Earth's chart.
     values: Float[Array, "6"]
-    sigmas: Float[Array, "6"]  #: Standard deviations of the errors, same units.
+    sigmas: Float[Array, "6"]  #: Standard deviations of the errors, in the units of `values`.
     measured: Bool[Array, "6"]  #: Flags of the measured components; all false at a sample without a measurement.
     #: Number of the sample at which the measurement was made; the reading may arrive at a later sample.
     number: Integer
@@ -178,7 +182,7 @@ class GoalReading(eqx.Module):
 class Fix(eqx.Module):
     """Position (m, in the Earth's chart) and velocity over the ground (m/s), NED, from satellite navigation.
 
-    Between two fixes, where `is_new` is false, those of the earlier fix.
+    Between two fixes, `is_new` is false, and position and velocity are those of the earlier fix.
     """
 
     position_n: Vector3
@@ -201,7 +205,7 @@ class Reading(eqx.Module):
     fix: Fix | None = None  #: Fix of satellite navigation; None if the position in `state` is measured at every sample.
     #: Velocity through the air as measured by pitot tube and vanes, body axes, m/s; None: the velocity in `condition`.
     velocity_air_b: Vector3 | None = None
-    #: False after the loss of the goal sensor: the aircraft detects this failure.
+    #: Whether the goal sensor works; false after its loss, which the aircraft detects.
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
 
     def air_data(self, environment: Environment) -> AirData:
@@ -216,13 +220,13 @@ class Reading(eqx.Module):
 
 
 class Belief(eqx.Module):
-    """The aircraft's own estimate of its state and its goal's: the only input of guidance and controller."""
+    """An aircraft's own estimate of its state and its goal's: the only input of guidance and controller."""
 
-    #: Nominal airframe, and its air data, forces and moments at the estimated state.
+    #: The airframe as the aircraft knows it, and its air data, forces and moments at the estimated state.
     airframe: AbstractAirframe
     state: AircraftState
     condition: AirDataAndForces
-    specific_force_b: Vector3  #: Measured specific force, m/s^2.
+    specific_force_b: Vector3  #: Measured specific force, body axes, m/s^2.
     #: Line of sight to the goal, measured or estimated, and estimated motion of the goal; None without a goal.
     sight: LineOfSight | None
     goal: GoalState | None
@@ -232,20 +236,20 @@ class Belief(eqx.Module):
 
 
 class AbstractEstimates(eqx.Module):
-    """Interface of what an adaptive estimator has learnt; recorded variables are computed where they are recorded."""
+    """Interface of the results of an adaptive estimator, such as the estimated control effectiveness."""
 
     @property
     @abc.abstractmethod
     def effectiveness_uncertainty(self) -> Scalar:
-        """Greatest relative standard deviation of the control effectiveness among roll, pitch and yaw."""
+        """Relative standard deviation of the control effectiveness: the greatest among roll, pitch and yaw."""
 
     @abc.abstractmethod
     def variables(self) -> dict[str, Array]:
-        """Return the estimates and their standard deviations by recorded variable (`anser.variables`)."""
+        """Return the estimates and their standard deviations by the keys of `anser.variables`."""
 
 
 class Uncertainty(eqx.Module):
-    """Uncertainty of an aircraft's position and of its goal."""
+    """Uncertainty of an aircraft's estimated position and of the estimated motion of its goal."""
 
     position_covariance: Matrix33  # covariance of the aircraft's position, NED, m^2
     # covariance of the goal's position and velocity, NED, m and m/s; for lines of sight it includes the uncertainty of
@@ -260,7 +264,7 @@ GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)
 
 
 class AbstractSensors(AbstractPart):
-    """Interface of the complete set of sensors of one aircraft. Subclass this class directly, not a concrete one.
+    """Interface of the complete set of sensors of one aircraft. Subclass this class directly, not a concrete set.
 
     A single sensor has no interface: the sensors in `anser.sensing` are parts of `NoisySensors`, the set of sensors
     with errors.
@@ -275,7 +279,7 @@ class AbstractSensors(AbstractPart):
 
     @abc.abstractmethod
     def read(self, sensor_state: Any, truth: Truth, instant: Instant) -> tuple[Reading, Any]:
-        """Return the readings of this sample, and the sensors' new state."""
+        """Return the readings of this sample, and the sensors' new state, from the truth at this sample."""
 
 
 class AbstractEstimator(AbstractPart):
@@ -289,9 +293,12 @@ class AbstractEstimator(AbstractPart):
     def estimate(
         self, estimator_state: Any, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, Any]:
-        """Return the belief at this sample, and the estimator's new state; `airframe` is the true airframe."""
+        """Return the belief at this sample from its reading, and the estimator's new state.
+
+        `airframe` is the true airframe at the start; an estimator may use another model in its place.
+        """
 
 
 def velocity_over_ground_n(condition: AirDataAndForces, state: AircraftState) -> Vector3:
-    """Compute the velocity over the ground, NED, m/s."""
+    """Compute an aircraft's velocity over the ground, NED, m/s, from its attitude in `condition` and its state."""
     return rotate_back(condition.R_bn, state.velocity_b)

@@ -1,7 +1,7 @@
 """Interface of planners, and their inputs and outputs.
 
-Inputs are a report of every aircraft (with its rendezvous) and its performance; the output is a plan for every
-aircraft.
+Inputs are a report of every aircraft, which contains its rendezvous, and the aircraft's performance; the output is a
+plan for every aircraft.
 """
 
 import abc
@@ -30,17 +30,20 @@ class Rendezvous(eqx.Module):
     All values are arrays, so a change of the numbers needs no new compilation.
     """
 
-    stand_off_n: Vector3  #: Position relative to the goal, NED, m (300 m above the goal is (0, 0, -300)).
+    stand_off_n: Vector3  #: Position of the point relative to the goal, NED, m; (0, 0, -300) is 300 m above the goal.
     course: Scalar  #: Prescribed course over the ground at arrival, rad.
-    course_prescribed: Flag
+    course_prescribed: Flag  #: Whether `course` is prescribed; otherwise free.
     path_angle: Scalar  #: Prescribed path angle over the ground at arrival, up positive, rad.
-    path_angle_prescribed: Flag
+    path_angle_prescribed: Flag  #: Whether `path_angle` is prescribed; otherwise free.
 
 
 def make_rendezvous(
     stand_off_n: Vector3, course: ScalarLike | None = None, path_angle: ScalarLike | None = None
 ) -> Rendezvous:
-    """Build a rendezvous; course and path angle over the ground at arrival (rad) are prescribed unless None."""
+    """Build a rendezvous at `stand_off_n` (NED, m) from the goal.
+
+    Course and path angle over the ground at arrival (rad) are prescribed unless None.
+    """
     return Rendezvous(
         stand_off_n,
         as_array(0.0 if course is None else course),
@@ -60,13 +63,13 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
 
     Returns
     -------
-    Time to go, and whether an interception exists. If the goal outruns the aircraft, the time is a finite placeholder:
-    the range divided by the sum of both speeds.
+    Time to go (s), and whether the aircraft can meet the point. Without a meeting, because the point outruns the
+    aircraft, the time is a finite placeholder: the range divided by the sum of both speeds.
 
     Notes
     -----
-    Theory section 7: (W^2 - V^2) t^2 + 2 (R.W) t + R^2 = 0, smallest positive root, in a form without cancellation
-    (section 9, item 5 for the sign of R.W).
+    Theory section 7: (W^2 - V^2) t^2 + 2 (R.W) t + R^2 = 0 with relative position R, relative velocity W and airspeed
+    V; smallest positive root, in a form without cancellation (section 9, item 5 for the sign of R.W).
     """
     a = jnp.sum(relative_velocity * relative_velocity) - speed**2
     b = jnp.sum(relative_position * relative_velocity)
@@ -98,9 +101,9 @@ def final_air_velocity(
 
     Returns
     -------
-    Velocity with the given airspeed, and whether the prescribed direction over the ground can be flown: with the unit
-    vector d of this direction, a ground speed g > 0 solves |g d - wind| = speed. Without a solution, or without a
-    prescribed direction, the velocity is along `line_n`.
+    Velocity relative to the air, and whether the prescribed direction over the ground can be flown (true without a
+    prescribed direction): with the unit vector d of the direction, a ground speed g > 0 solves |g d - wind| = `speed`.
+    Without a solution, or without a prescribed direction, the velocity is along `line_n`.
     """
     straight_velocity = jnp.asarray(speed) * unit_vector(line_n, jnp.array([1.0, 0.0, 0.0]))
     straight_path = polar(straight_velocity + wind_n, jnp.zeros(3))
@@ -120,31 +123,29 @@ _LEAST = 0.05  # relative to the deceleration at the start: a minimum that is al
 
 
 class IdleDeceleration(eqx.Module):
-    """Deceleration with idle thrust in level flight, relative to a reference deceleration; stacked for a fleet.
+    """Deceleration (drag minus idle thrust) / mass in level flight, as a table over airspeed; stacked for a fleet.
 
-    The deceleration is (drag minus idle thrust) / mass.
-
-    The table is linear in airspeed between its entries and constant beyond the first and the last. Drag due to lift is
-    proportional to the square of the load factor. Each method takes one airspeed (m/s) and load factor, or arrays of
-    equal length.
+    The values are relative to a reference deceleration. The table is linear in airspeed between its entries and
+    constant beyond the first and the last. Drag due to lift is proportional to the square of the load factor. Each
+    method takes one airspeed (m/s) and load factor, or arrays of equal length.
     """
 
-    speeds: Float[Array, "*aircraft entries"]  # airspeeds, rising, m/s
+    speeds: Float[Array, "*aircraft entries"]  # airspeeds of the table, rising, m/s
     level: Float[Array, "*aircraft entries"]  # relative deceleration in level flight (load factor 1) at each airspeed
     by_lift: Float[Array, "*aircraft entries"]  # part of `level` that is due to lift, at each airspeed; not negative
 
     def share(self, speed: Any, load_factor: Any) -> Any:
-        """Return the relative deceleration that is guaranteed: a load factor above 1 counts as 1."""
+        """Return the relative deceleration at an airspeed (m/s), without the extra drag of a load factor above 1."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._unloaded_entries(array_module, load_factor), speed)
 
     def least_share(self, slow: Any, fast: Any, load_factor: Any) -> Any:
-        """Return the minimum of `share` between two airspeeds (m/s), for load factors from `load_factor` up."""
+        """Return the minimum of `share` between two airspeeds (m/s), for load factors of at least `load_factor`."""
         array_module = namespace(self, slow, fast, load_factor)
         return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """Return the increase of the relative deceleration due to a load factor above 1; up to 1 the increase is 0."""
+        """Return the additional relative deceleration by a load factor above 1; 0 for a load factor up to 1."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
 
@@ -154,16 +155,19 @@ class IdleDeceleration(eqx.Module):
         return self._maximum(array_module, self._load_increases(array_module, load_factor), slow, fast)
 
     def _unloaded_entries(self, array_module: ModuleType, load_factor: Any) -> Any:
-        """Return the relative deceleration of every table entry, reduced for a load factor below 1.
+        """Return the relative deceleration at every airspeed of the table, reduced for a load factor below 1.
 
-        The last axis is the entries; the least value is `_LEAST`.
+        The last axis of the result is the airspeeds of the table; no value is below `_LEAST`.
         """
         level, by_lift = (_expand_entries(load_factor, entries) for entries in (self.level, self.by_lift))
         unloaded = 1.0 - array_module.clip(load_factor, 0.0, 1.0) ** 2
         return array_module.maximum(level - array_module.expand_dims(unloaded, -1) * by_lift, _LEAST)
 
     def _load_increases(self, array_module: ModuleType, load_factor: Any) -> Any:
-        """Return the increase of every table entry due to a load factor above 1; the last axis is the entries."""
+        """Return the increase of the relative deceleration at every airspeed of the table by a load factor above 1.
+
+        The last axis of the result is the airspeeds of the table.
+        """
         loaded = array_module.maximum(load_factor, 1.0) ** 2 - 1.0
         return array_module.expand_dims(loaded, -1) * _expand_entries(load_factor, self.by_lift)
 
@@ -174,7 +178,7 @@ class IdleDeceleration(eqx.Module):
         return entries[..., 0] + array_module.sum(parts * (entries[..., 1:] - entries[..., :-1]), axis=-1)
 
     def _maximum(self, array_module: ModuleType, entries: Any, slow: Any, fast: Any) -> Any:
-        """Return the maximum of a table between two airspeeds: at either bound, or at an entry between them."""
+        """Return the maximum of tabulated values between two airspeeds (m/s), both bounds included."""
         speeds = _expand_entries(slow, self.speeds)
         inside = (speeds > array_module.expand_dims(slow, -1)) & (speeds < array_module.expand_dims(fast, -1))
         endpoint_maximum = array_module.maximum(
@@ -186,42 +190,42 @@ class IdleDeceleration(eqx.Module):
 
 
 def _expand_entries(values: Any, entries: Any) -> Any:
-    """Shape table entries so that they broadcast along a new last axis of `values`."""
+    """Give table entries leading axes of length 1, so that they broadcast along a new last axis of `values`."""
     return entries.reshape((1,) * np.ndim(values) + entries.shape)
 
 
 class AircraftReport(eqx.Module):
-    """Report of one aircraft to the planner: its state, its goal's and its rendezvous; stacked for a fleet.
+    """Report of one aircraft to the planner: its motion, its goal's motion and its rendezvous; stacked for a fleet.
 
     All vectors are NED in the Earth's chart, m and m/s; the motion of the goal and its covariance are estimates.
     """
 
     position_n: Vector3
-    #: Measured velocity relative to the air, and measured wind.
+    #: Measured velocity relative to the air, measured wind, and true airspeed (m/s, not scaled to the chart).
     air_velocity_n: Vector3
     wind_n: Vector3
     airspeed: Scalar
     goal_position_n: Vector3
     goal_velocity_n: Vector3
     rendezvous: Rendezvous
-    #: Whether the aircraft flies to its goal by its plan; planning ignores aircraft that have stopped or broken off.
+    #: Whether the aircraft flies to its goal by its plan; planning ignores aircraft that stopped, broke away or left.
     active: Flag
-    #: Whether the aircraft, not active, flies its exit path after leaving the fleet; the others should avoid it.
+    #: Whether the aircraft has left the fleet and flies its exit path, which the other aircraft should avoid.
     has_left: Flag
-    #: Covariance of the goal's position and velocity; None if both are exact.
+    #: Covariance of the goal's position and velocity, NED, m and m/s; None if both are exact.
     goal_covariance: Float[Array, "*aircraft 6 6"] | None = None
 
     def rendezvous_n(self, duration: ScalarLike) -> Vector3:
-        """Return the position of one aircraft's rendezvous after a duration (s), its goal in steady motion; NED, m."""
+        """Return the position of the rendezvous after a duration (s), NED, m; the goal moves at constant velocity."""
         return self.goal_position_n + duration * self.goal_velocity_n + self.rendezvous.stand_off_n
 
 
 class Performance(eqx.Module):
-    """Acceleration and deceleration that one aircraft can reach along its path; stacked for a fleet.
+    """Greatest acceleration and deceleration along the path of one aircraft; stacked for a fleet.
 
-    `acceleration` (full thrust) and `deceleration` (idle thrust) are for level flight at the start airspeed, m/s^2.
-    `idle` is the deceleration with idle thrust at other airspeeds and load factors, relative to `deceleration` (or to
-    a least value: `anser.steady.performance`).
+    `acceleration` (full thrust) and `deceleration` (idle thrust), m/s^2, are those in level flight at the airspeed of
+    the start. `idle` is the deceleration with idle thrust at other airspeeds and load factors, relative to
+    `deceleration` (or to a least value: `anser.steady.performance`).
     """
 
     deceleration: Float[Array, "..."]
@@ -230,48 +234,46 @@ class Performance(eqx.Module):
 
 
 class NetworkView(eqx.Module):
-    """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet.
+    """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet."""
 
-    Delay of its clock (s) and rate (1: that of true time), flags of the aircraft whose messages arrived at the last
-    exchange, and whether it offers the fleet another path (see `anser.planning.decentralised`).
-    """
-
-    lag: Scalar
-    rate: Scalar
-    hears: Bool[Array, " aircraft"]
-    offers: Flag
+    lag: Scalar  # true time minus the time on the aircraft's path clock, s
+    rate: Scalar  # rate of the path clock over the rate of true time
+    hears: Bool[Array, " aircraft"]  # whether a message of each aircraft arrived at the last exchange
+    offers: Flag  # whether the aircraft offers the fleet a new path of its own (`anser.planning.decentralised`)
 
 
 class AircraftPlan(eqx.Module):
-    """Plan of one aircraft, as used by the closed loop; stacked for a fleet."""
+    """Plan of one aircraft for the closed loop: path, arrival time, hold and status; stacked for a fleet."""
 
-    trajectory: AbstractReference  #: Motion up to the arrival, which the guidance follows.
+    trajectory: AbstractReference  #: Planned motion up to the arrival, which the guidance follows.
     arrival_time: Scalar  #: Time of arrival at the rendezvous, s.
     #: Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
     status: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     length: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))  #: Length of the path, m.
-    #: Parameter of the published paths, m; NaN for other paths.
+    #: Lateral bend of a path of the published planner, m; NaN for paths of other planners.
     lateral_bend: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))
-    #: Origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`.
+    #: Origin of the plan (first plan, corrected, new plan, ...): a code of `anser.planning.certified.replanning`, from
+    #: `FIRST_PLAN` on.
     replanning: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
-    hold: Any = None  #: Motion after the arrival; None: the hold of the aircraft's mission.
-    #: Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:
-    #: the hold is not moved (see `hold_reference`).
+    hold: Any = None  #: Planned motion after the arrival; None: the hold of the aircraft's mission.
+    #: Greatest distance by which the hold moves with a goal that deviates from its prediction, m; None: a hold follows
+    #: small deviations without limit, and is not flown after larger ones (see `hold_reference`).
     hold_reach: Scalar | None = None
-    network: NetworkView | None = None  #: Data of a fleet without a centre; otherwise None.
+    network: NetworkView | None = None  #: Clock and message data in a decentralised fleet; otherwise None.
 
     @classmethod
     def straight(
         cls, reports: AircraftReport, time: ScalarLike, arrival_time: ScalarLike | None = None
     ) -> "AircraftPlan":
-        """Return the stacked plans of straight paths from the present positions to the rendezvous.
+        """Return stacked plans of straight paths at constant speed from the reported positions to the rendezvous.
 
         Parameters
         ----------
         reports
             Stacked reports at `time` (s).
         arrival_time
-            Common time of arrival, s; None: the earliest at which every active aircraft arrives at its airspeed.
+            Common time of arrival, s; None: the earliest time at which every active aircraft can arrive at its airspeed
+            (a placeholder, see `time_to_go`, for an aircraft that its goal outruns).
         """
 
         def arrival(report: AircraftReport) -> Scalar:
@@ -292,36 +294,37 @@ class AbstractPlanner(AbstractPart):
     """Interface of the planner of a fleet. Subclass this class directly, not a concrete planner.
 
     The planner state (`planner_state`) is a pytree of arrays. `anser.simulation.flight` calls `plans` and `observe` at
-    every step and `replan` when a replanning is due, in compiled code: these methods must return the same structure,
-    shapes and dtypes each time. A new plan that is too large a computation for the loop is requested by `replan_needed`
-    and made by `replan_between_steps`.
+    every step and `replan` at the replanning times, in compiled code: these methods must return the same structure,
+    shapes and dtypes each time. For a new plan that needs too much computation for compiled steps, `replan_needed`
+    returns true, and `replan_between_steps` makes the plan.
 
     Inactive aircraft are masked: they get no plan and do not constrain the others.
     """
 
-    #: Whether most flights in an uncertain world need a new plan from `replan_between_steps`.
+    #: Whether most flights with random numbers (sensor errors, gusts) need a new plan from `replan_between_steps`.
     searches_often: ClassVar[bool] = False
     #: Whether arrival times may be postponed in flight.
     arrival_is_free: Flag = eqx.field(default_factory=lambda: as_array(True, bool), kw_only=True)
 
     @abc.abstractmethod
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> Any:
-        """Make the first plan from the stacked reports at `time` (s); return the planner state that contains it.
+        """Make the first plan from the stacked reports at `time` (s); return the planner state that contains the plan.
 
-        Called by `anser.simulation.start.start_flight` only.
+        `anser.simulation.start.start_flight` calls this method before the first step.
         """
 
     def initial_state(self, plan_state: Any, randomness: AbstractRandomness | None) -> Any:
-        """Return the planner state at time 0 for a first plan `plan_state` made before the flight.
+        """Return the planner state at time 0 for a first plan `plan_state` that was made before the flight.
 
         By default, `plan_state` is the planner state.
         """
         return plan_state
 
     def replan_needed(self, planner_state: Any) -> Flag:
-        """Whether the plan requires a new one that `replan` cannot make; stays true after the first need.
+        """Whether the fleet needs a new plan that `replan` cannot make; must stay true until the plan is made.
 
-        The flight then returns to this sample, and `replan_between_steps` makes the plan. By default never.
+        The flight then returns to the sample at which the need arose, and `replan_between_steps` makes the plan. By
+        default never.
         """
         return as_array(False, bool)
 
@@ -333,20 +336,20 @@ class AbstractPlanner(AbstractPart):
     ) -> Any:
         """Make the plan that `replan_needed` asks for, by any Python code; return the new planner state.
 
-        `anser.simulation.fly` alone never calls this method: flights of `anser.missions` do, before the step at which
-        the plan is needed.
+        Flights of `anser.missions` call this method before the step at which the plan is needed; `anser.simulation.fly`
+        alone never does. By default raises NotImplementedError.
         """
         raise NotImplementedError(f"{type(self).__name__}.replan_needed asks for a plan: define replan_between_steps")
 
     def prepare_replanning(self, planner_state: Any, reports: AircraftReport) -> Iterator[PreparedProgram]:
-        """Yield the programs of `replan_between_steps`, for the shapes of its arguments; by default none.
+        """Yield the compiled programs of `replan_between_steps`, for the shapes of its arguments; by default none.
 
-        With `searches_often` the programs are compiled while the steps of a flight in an uncertain world are.
+        With `searches_often`, the programs are compiled at the same time as the steps of a flight with random numbers.
         """
         return iter(())
 
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
-        """Correct the plan from the stacked reports at `time` (s), or make a new one; return the new planner state.
+        """Correct the plan from the stacked reports at `time` (s), or make a new plan; return the new planner state.
 
         By default the plan stays as it is.
         """
@@ -360,17 +363,17 @@ class AbstractPlanner(AbstractPart):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> Any:
-        """Update the planner state after one step of flight, whether a plan was made or not; by default unchanged.
+        """Return the planner state after one step of flight, whether or not a plan was made; by default unchanged.
 
-        Reports and sample number are those at the start of the step (s); `randomness` is None if random numbers are not
-        allowed.
+        Reports and sample number are those at the start of the step; `step` is the sampling period, s; `randomness` is
+        None in a flight without a seed.
         """
         return planner_state
 
     def plans(self, planner_state: Any) -> AircraftPlan:
         """Return the plan in force of every aircraft, stacked; leading axis aircraft.
 
-        By default the planner state is the stacked plan; numbers that are common to the aircraft are repeated.
+        By default the planner state is an `AircraftPlan`; numbers that are common to the aircraft are repeated.
         """
         count = planner_state.arrival_time.shape[:1]
         return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, count) if jnp.ndim(leaf) == 0 else leaf, planner_state)

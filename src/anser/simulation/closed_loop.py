@@ -1,4 +1,4 @@
-"""Closed loop of one aircraft over one step: sense, estimate, guide, control, move; and the status codes.
+"""Closed loop of one aircraft over one step (sense, estimate, guide, control, move), and the status codes.
 
 Single aircraft and fleets are flown by the same functions `perceive`, `guide`, `control` and `move`.
 """
@@ -50,7 +50,8 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "the filter of its goal diverged: it held at the last estimated position of the goal",
     "left the wind field of the file, in space or time; later samples repeat the last state",
 )
-"""Message of each status code; the first messages are the planner's."""
+"""Message of each status code: 0 without an event, then the codes of the planner (`PLAN_MESSAGES`), then those of the
+flight."""
 
 
 def is_breakaway(status: Any) -> Any:
@@ -62,13 +63,14 @@ def is_breakaway(status: Any) -> Any:
 def is_off_plan(status: Any) -> Any:
     """Whether a status (or array of statuses) means that the aircraft does not fly a path to the rendezvous.
 
-    A path that is shorter than the fleet's longest, or with a free arrival direction, still leads to the rendezvous.
+    A path that is shorter than the fleet's longest, or whose arrival direction could not be met, still leads to the
+    rendezvous.
     """
     return (status != FLYING) & (status != NO_BEND) & (status != DIRECTION_UNATTAINABLE)
 
 
 def plan_status(status: Any, planned: Any) -> Any:
-    """Return the plan's status code while the aircraft's own code is 0 (no event), otherwise the aircraft's code."""
+    """Return the plan's status code `planned` where the aircraft's own code `status` is 0, otherwise `status`."""
     return jnp.where(status == FLYING, planned.astype(status.dtype), status)
 
 
@@ -86,7 +88,7 @@ class Perception(eqx.Module):
 
 
 def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
-    """Return the truth that the sensors measure: aircraft, air data, forces, goal and disturbances at an instant."""
+    """Return the truth at an instant, which the sensors measure: aircraft, air data, forces, goal and disturbances."""
     time = instant.time
     airframe = vehicle.airframe_at(time)
     disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.thrust_ratio_at(time))
@@ -96,7 +98,10 @@ def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gus
 
 
 def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
-    """Return the quantities that determine the gusts at an aircraft: airspeed, height, attitude, wind; ground at 0."""
+    """Return the input of the gust model at an aircraft: airspeed, height, attitude, wind and time at an instant.
+
+    The airspeed (m/s) is relative to the mean wind; the height (m) is above a ground at altitude 0.
+    """
     wind_n = instant.environment.wind.at(state.position_n, instant.time)
     R_bn = rotation_from_quaternion(state.quaternion)
     airspeed = safe_norm(state.velocity_b - rotate(R_bn, wind_n))
@@ -104,21 +109,25 @@ def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
 
 
 def for_aircraft(instant: Instant, index: Integer) -> Instant:
-    """Return the instant with the random numbers of the aircraft with fleet index `index`."""
+    """Return the instant with the random numbers of the aircraft with fleet index `index`; unchanged without a seed."""
     if instant.randomness is None:
         return instant
     return eqx.tree_at(lambda i: i.randomness, instant, instant.randomness.for_aircraft(index))
 
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
-    """Return the initial state of an aircraft in the steady flight `trim`; each part's state is settled."""
+    """Return the initial state of an aircraft in the steady flight `trim`.
+
+    The sensors, filters and autopilot start as after a long time in this flight. `index` is the aircraft's fleet index,
+    which selects its random numbers.
+    """
     return start_vehicle(vehicle, instant, trim, index)[0]
 
 
 def start_vehicle(
     vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0
 ) -> tuple[VehicleState, Perception]:
-    """Return the state from `trimmed_vehicle`, and the result of `perceive` in this state at the same instant."""
+    """Return the state from `trimmed_vehicle`, and the result of `perceive` for this state at the same instant."""
     index = jnp.asarray(index, dtype=jnp.int32)
     instant = for_aircraft(instant, index)
     flow = air_flow(trim.state, instant)
@@ -162,22 +171,22 @@ def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> 
 
 
 class GuidedCommand(eqx.Module):
-    """Result of `guide` for one aircraft at one sample: command, reference, approach, status, new guidance state."""
+    """Result of `guide` for one aircraft at one sample: command, reference position, approach to the goal, status."""
 
     command: Any
     reference_n: Vector3 | None  # position that the guidance follows, NED, m
-    guidance: Any
+    guidance: Any  # new state of the guidance
     approach: GoalApproach | None  # None for an aircraft without a mission
-    status: Integer  # status code at the sample, the plan's included
-    next_status: Integer  # status code after the checks of this sample
+    status: Integer  # status code at the sample: the aircraft's, or the plan's if the aircraft's is 0
+    next_status: Integer  # status code after this sample's checks for leaving the fleet and breakaway
 
 
 class ControlAction(eqx.Module):
-    """Result of `control` for one aircraft at one sample: surfaces and throttle, signals, and new controller state."""
+    """Result of `control` for one aircraft at one sample: surfaces and throttle, recorded signals, controller state."""
 
-    controls: Controls
-    signals: Any
-    controller: Any
+    controls: Controls  # test inputs included
+    signals: Any  # signals of the controller, for the record
+    controller: Any  # new state of the controller
 
 
 def guide(
@@ -188,11 +197,15 @@ def guide(
     # the aircraft's plan; None without a planner. Required for an aircraft with a mission
     plan: AircraftPlan | None,
     instant: Instant,
-    # time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then breaks
-    # off; the recorded phase is `FROZEN`
+    # time before the arrival during which the plan no longer changes (recorded phase `FROZEN`), s. An aircraft that has
+    # not seen its goal by then breaks away
     freeze: ScalarLike = 0.0,
 ) -> GuidedCommand:
-    """Compute the command of a step: that of the guidance or, after arrival or breakaway, that of the hold."""
+    """Compute the command of a step by the guidance or, after arrival or breakaway, by the hold; and the new status.
+
+    Test inputs of the aircraft's excitation are added to the command. Raises ValueError if an aircraft with a mission
+    has no plan.
+    """
     instant = for_aircraft(instant, state.index)
     truth, belief = perception.truth, perception.belief
     command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
@@ -219,7 +232,7 @@ def guide(
 def control(
     vehicle: Vehicle, state: VehicleState, perception: Perception, guided: GuidedCommand, instant: Instant
 ) -> ControlAction:
-    """Compute surfaces and throttle of a step by the control law, with the excitation of the surfaces."""
+    """Compute surfaces and throttle of a step by the control law, plus the test inputs of the excitation."""
     controls, signals, controller = vehicle.controller.control(
         state.controller, perception.belief, guided.command, instant.step
     )
@@ -237,7 +250,11 @@ def move(
     action: ControlAction,
     instant: Instant,
 ) -> VehicleState:
-    """Return the state after one step with constant controls: motion and gusts integrated, part states stored."""
+    """Return the state after one step with constant controls: motion and gusts integrated, part states stored.
+
+    An aircraft with a mission stops at the ground, outside the wind field of a file, or if a value is not finite: all
+    later states repeat the last valid one. An aircraft without a mission never stops.
+    """
     instant = for_aircraft(instant, state.index)
     airframe = vehicle.airframe_at(instant.time)
     disturbance = perception.truth.disturbance
@@ -271,7 +288,7 @@ def move(
 def make_sample(
     vehicle: Vehicle, perception: Perception, plan: AircraftPlan | None, guided: GuidedCommand, action: ControlAction
 ) -> AircraftSample:
-    """Collect the signals of one sampling instant from the results of `perceive`, `guide` and `control`."""
+    """Collect one aircraft's signals of one sample, for recorders, from `perceive`, `guide` and `control`."""
     return AircraftSample(
         truth=perception.truth,
         belief=perception.belief,
@@ -294,7 +311,7 @@ def guide_and_move(
     plan: AircraftPlan | None = None,
     freeze: ScalarLike = 0.0,
 ) -> tuple[VehicleState, AircraftSample]:
-    """Guide, control and move over one step; return the next state, and the sample at the step's start."""
+    """Guide, control and move one aircraft over one step; return the next state, and the sample at the step's start."""
     guided = guide(vehicle, state, perception, plan, instant, freeze)
     action = control(vehicle, state, perception, guided, instant)
     next_state = move(vehicle, state, perception, guided, action, instant)
@@ -304,7 +321,10 @@ def guide_and_move(
 def _vehicle_status(
     vehicle: Vehicle, status: Integer, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
 ) -> Integer:
-    """Return the status code after a check for leaving the fleet and for a goal without usable estimate."""
+    """Return the status code after the checks for leaving the fleet and for a goal without usable estimate.
+
+    A goal that was never seen is reported only from `freeze` (s) before the arrival on. A status other than 0 stays.
+    """
     time = instant.time
     has_left = (status == FLYING) & vehicle.faults.has_left_fleet(time)
     status = jnp.where(has_left, LEFT_FLEET, status).astype(status.dtype)
@@ -327,10 +347,10 @@ def _approach_goal(
     instant: Instant,
     freeze: ScalarLike,
 ) -> tuple[GoalApproach, Integer]:
-    """Return the approach to the goal, and the status code, updated for a breakaway.
+    """Return the approach to the goal, and the status code after the checks for a breakaway.
 
-    Both guards overrule plan and guidance: the height needed to end the descent, and the least distance to the true
-    goal.
+    The aircraft breaks away from its plan if the height no longer suffices to end a descent, or if the true goal comes
+    too near (`must_break_away`); both checks overrule plan and guidance.
     """
     earth, time = instant.environment.earth, instant.time
     goal = mission.goal_at(time)
@@ -375,9 +395,9 @@ def fly_alone(
     recorder: AbstractRecorder,
     randomness: AbstractRandomness | None = None,
 ) -> tuple[VehicleState, Any, Any]:
-    """Fly one aircraft without a planner, from time 0.
+    """Fly one aircraft without a planner, from time 0 on, for `count` sampling periods.
 
-    Returns the final state, the final state of the recorder, and the recorder's rows, stacked.
+    Returns the final state, the final state of the recorder, and the recorder's rows, stacked along the time.
     """
     step = jnp.asarray(step, dtype=float)
 

@@ -1,4 +1,4 @@
-"""Running summary of a fleet's flight, for flights without recorded histories."""
+"""Running summary of a fleet's flight (closest pass, errors, separation, status), in place of a recorded history."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from anser.simulation.recorders import AbstractRecorder, AircraftSample, FleetSa
 from anser.spatial.rotations import safe_hypot, safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
-"""Time after the planned arrival during which a pass still counts as an arrival, s."""
+"""Time after the planned arrival until which a pass of the rendezvous counts as an arrival, s."""
 _SQUARE_MIN = 1e-30  # m^2: keeps derivatives finite for a constant offset
 
 
@@ -31,7 +31,7 @@ class AirspeedStatistics(eqx.Module):
     def over_interval(
         self, part: Array, length_s: ScalarLike, start_speed: Array, end_speed: Array
     ) -> "AirspeedStatistics":
-        """Return the statistics with the first `part` (fraction, 0..1) of an interval of `length_s` seconds added.
+        """Return the statistics extended by the first `part` (fraction, 0..1) of an interval of `length_s` seconds.
 
         The airspeed (m/s) changes linearly from `start_speed` to `end_speed` over the whole interval.
         """
@@ -44,57 +44,59 @@ class AirspeedStatistics(eqx.Module):
 
 
 class FleetSummary(eqx.Module):
-    """Results of a flight, updated at every sample; one value per aircraft, except the separations (one per fleet)."""
+    """Results of a fleet's flight up to the latest sample: one value per aircraft; for separations, one per fleet."""
 
-    #: Time (s) and `pass_distance` (m) of the closest pass of the moving rendezvous, until 10 s after the planned
-    #: arrival and while the plan is flown; the offset is linear between samples. `arrival_outcome` of the results
-    #: decides whether the pass is an arrival.
+    #: Time (s) and distance (m) of the closest pass of the moving rendezvous, while the plan is flown and until 10 s
+    #: after the planned arrival; NaN and infinite without a pass. Positions are interpolated linearly between samples.
+    #: `arrival_outcome` of the results decides whether the pass is an arrival.
     pass_time: Float[Array, " aircraft"]
     pass_distance: Float[Array, " aircraft"]
-    #: Airspeed statistics up to the pass, without gusts; the integral over the pass time is the mean airspeed.
+    #: Statistics of the airspeed without gusts up to the pass; integral divided by `pass_time` is the mean airspeed.
     speeds_until_pass: AirspeedStatistics
-    #: Greatest position error up to the pass, while the plan is flown, m (the hold has no planned position); -inf if
-    #: the plan was never flown.
+    #: Greatest distance from the planned position at the samples up to the pass, m; samples in the hold, which has no
+    #: planned position, do not count. -inf without a sample.
     position_error_until_pass: Float[Array, " aircraft"]
-    #: Airspeed statistics up to `off_plan_time`, or up to the latest sample while the plan is flown.
+    #: Statistics of the airspeed up to `off_plan_time`, or up to the latest sample while the plan is flown.
     speeds_on_plan: AirspeedStatistics
-    #: Greatest position error up to the same time, m.
+    #: Greatest distance from the planned position up to `off_plan_time` or the latest sample, m.
     position_error_on_plan: Float[Array, " aircraft"]
     #: Time of the first sample with an `is_off_plan` status, s; infinite before.
     off_plan_time: Float[Array, " aircraft"]
-    clearance_min: Float[Array, " aircraft"]  #: Least distance from the goal, m.
-    tables_left_time: Float[Array, " aircraft"]  #: Time outside the airframe's data, s.
-    first_status: Int[Array, " aircraft"]  #: First non-zero status; index into `STATUS_MESSAGES`.
-    last_status: Int[Array, " aircraft"]  #: Last status; index into `STATUS_MESSAGES`.
-    separation_min: Scalar  #: Least distance of any two aircraft, m; infinite for a single aircraft.
-    #: Least ratio of distance to required separation at the samples; infinite without a required separation.
+    clearance_min: Float[Array, " aircraft"]  #: Least distance from the goal at the samples, m.
+    tables_left_time: Float[Array, " aircraft"]  #: Total time outside the range of the airframe's data, s.
+    #: First non-zero status, index into `STATUS_MESSAGES`; 0 without an event.
+    first_status: Int[Array, " aircraft"]
+    last_status: Int[Array, " aircraft"]  #: Status of the latest sample, index into `STATUS_MESSAGES`.
+    #: Least distance between any two aircraft, also between the samples, m; infinite for a single aircraft.
+    separation_min: Scalar
+    #: Least ratio of distance to required separation at the samples; infinite if no separation is required.
     separation_ratio_min: Scalar
     #: Least distance outside the keep-outs at the samples, m; negative inside, infinite without keep-outs.
     keep_out_room_min: Float[Array, " aircraft"]
-    finite: Bool[Array, " aircraft"]  #: Whether all recorded numbers of the aircraft were finite.
+    finite: Bool[Array, " aircraft"]  #: Whether position and airspeed were finite at every sample.
 
 
 class _PreviousSample(NamedTuple):
-    """Signals of the previous sample that the summary needs; leading axis aircraft."""
+    """Signals of the previous sample, from which the interval to the present sample is computed."""
 
-    position_n: Float[Array, "aircraft 3"]
-    offset_n: Float[Array, "aircraft 3"]
-    airspeed: Float[Array, " aircraft"]
+    position_n: Float[Array, "aircraft 3"]  # NED, m
+    offset_n: Float[Array, "aircraft 3"]  # from the aircraft to the rendezvous, NED, m
+    airspeed: Float[Array, " aircraft"]  # without gusts, m/s
 
 
 class SummaryRecorder(AbstractRecorder):
-    """Recorder that keeps only a summary of the flight so far and stores no time history.
+    """Recorder that keeps a summary of the flight so far and stores no time history.
 
-    The recorder's state is the pair (summary, previous sample).
+    The recorder's state is the pair (summary, signals of the previous sample).
     """
 
     separation: Separation | None = None  #: Separation required of the fleet; None: no requirement.
-    last_sample: Integer | None = None  #: Number of the last sample in the summary; None: no limit.
-    keep_outs: KeepOuts | None = None  #: Keep-outs of the fleet; None: none.
+    last_sample: Integer | None = None  #: Number of the last sample that the summary includes; None: no limit.
+    keep_outs: KeepOuts | None = None  #: Keep-outs (cylinders that no path may enter); None: no keep-outs.
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
-        """Return the empty summary before the first sample; `aircraft` is the number of aircraft."""
+        """Return the recorder's state before the first sample, with an empty summary of `aircraft` aircraft."""
         zero, infinite = jnp.zeros(aircraft), jnp.full(aircraft, jnp.inf)
         code = jnp.zeros(aircraft, dtype=jnp.int32)
         speeds = AirspeedStatistics(zero, infinite, -infinite)
@@ -120,7 +122,10 @@ class SummaryRecorder(AbstractRecorder):
     def update(
         self, recorder_state: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _PreviousSample]:
-        """Add a sample, and the interval that ends with the sample, to the summary."""
+        """Return the recorder's state with one more sample, and the interval before the sample, in the summary.
+
+        After `last_sample` the state stays as it is.
+        """
 
         def extended() -> tuple[FleetSummary, _PreviousSample]:
             inputs = cast_to_precision(sample.rows(_summary_inputs), float)  # also for flights in float32
@@ -139,7 +144,10 @@ class SummaryRecorder(AbstractRecorder):
         number: Integer,
         step: ScalarLike,
     ) -> tuple[FleetSummary, _PreviousSample]:
-        """Add the inputs of one more sample (keys of `_summary_inputs`, leading axis aircraft) to the summary."""
+        """Return the recorder's state extended by sample `number` and the interval of `step` (s) before the sample.
+
+        `inputs` are the results of `_summary_inputs`, leading axis aircraft.
+        """
         past, previous = recorder_state
         time = number * step
         position_n, offset_n, airspeed = inputs["position_n"], inputs["offset_n"], inputs["airspeed"]
@@ -189,7 +197,10 @@ class SummaryRecorder(AbstractRecorder):
         return summary, current
 
     def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
-        """Return the least ratio of distance to required separation of any two aircraft at a sample."""
+        """Return the least ratio of distance to required separation of any two aircraft at one sample.
+
+        Infinite if no separation is required, or for a single aircraft. `position_n` are the positions, NED, m.
+        """
         count = position_n.shape[0]
         if self.separation is None or count < 2:
             return jnp.asarray(jnp.inf)
@@ -199,7 +210,10 @@ class SummaryRecorder(AbstractRecorder):
         return jnp.min(separation_ratio(horizontal, vertical, self.separation.horizontal, self.separation.vertical))
 
     def _keep_out_room(self, position_n: Float[Array, "aircraft 3"], time: Scalar) -> Float[Array, " aircraft"]:
-        """Return the least distance of each aircraft outside the keep-outs at a sample, m."""
+        """Return the distance of each aircraft outside the nearest keep-out cylinder at a time (s), m.
+
+        Negative inside, infinite without keep-outs. `position_n` are the positions, NED, m.
+        """
         if self.keep_outs is None or self.keep_outs.radius.shape[0] == 0:
             return jnp.full(position_n.shape[0], jnp.inf)
         volumes = self.keep_outs
@@ -238,7 +252,10 @@ def _offset_length(start_n: Array, end_n: Array, part: Array) -> Array:
 
 
 def _interval_separation(start_n: Array, end_n: Array) -> Scalar:
-    """Return the least distance (m) between any two aircraft during an interval in which all move straight."""
+    """Return the least distance (m) between any two aircraft during an interval in which all fly straight lines.
+
+    `start_n` and `end_n` are the positions (aircraft, 3) at its ends, NED, m. Infinite for a single aircraft.
+    """
     count = end_n.shape[0]
     if count < 2:
         return jnp.asarray(jnp.inf)

@@ -53,18 +53,18 @@ from anser.steady.trim import TrimTarget
 
 
 class Timing(eqx.Module):
-    """Sampling period and freeze time of a flight, s, and steps between plans."""
+    """Sampling period of a flight, number of steps between plans, and freeze time before the arrival."""
 
-    step: Scalar  # sampling period of the aircraft's parts and step of the integrator
+    step: Scalar  # sampling period of the aircraft's parts, and step of the integrator, s
     replan_steps: Integer  # number of steps between plans; 0: only the first plan
-    freeze: Scalar  # time before the arrival during which the plan is frozen
+    freeze: Scalar  # time before the arrival during which the plan no longer changes, s
 
 
 class AircraftGroup(eqx.Module):
-    """Aircraft of a fleet with the same pytree structure, shapes and dtypes of all parts, flown as one batch."""
+    """Aircraft of a fleet whose parts have the same pytree structure, shapes and dtypes, flown as one batch."""
 
     vehicles: Stacked[Vehicle]  # parts of the aircraft, stacked; leading axis members
-    starts: TrimTarget  # steady flight at the start (trim targets); leading axis members
+    starts: TrimTarget  # trim targets: steady flight of each aircraft at the start; leading axis members
     start_positions_n: Float[Array, "members 3"]  # positions at the start, NED, m
     is_real: Bool[Array, " members"]  # true for aircraft of the fleet; false for padding aircraft, which never fly
     members: tuple[int, ...] = eqx.field(static=True)  # fleet indices of the group's aircraft
@@ -83,7 +83,7 @@ class Flight(eqx.Module):
 
     @property
     def members(self) -> tuple[tuple[int, ...], ...]:
-        """Fleet indices of the aircraft, by group."""
+        """Fleet indices of the aircraft, by aircraft group."""
         return tuple(group.members for group in self.groups)
 
     @property
@@ -100,7 +100,7 @@ class Flight(eqx.Module):
         return tuple(names_by_index[index] for index in range(self.count))
 
     def aircraft(self, index: int) -> tuple[Vehicle, TrimTarget, Vector3]:
-        """Return one aircraft by fleet index, the trim target at its start, and its start position (NED, m).
+        """Return one aircraft by its fleet index, its trim target at the start, and its start position (NED, m).
 
         Raises
         ------
@@ -116,12 +116,12 @@ class Flight(eqx.Module):
 
 
 class FlightState(eqx.Module):
-    """State of a flight between two steps."""
+    """State of a flight between two steps: of the aircraft, by aircraft group, and of the planner."""
 
     vehicles: tuple[VehicleState, ...]  #: States of the aircraft by group; leading axis members.
     planner: PyTree  #: State of the planner, with the current plan.
-    #: Sample of the latest plan made between two steps, at which the loop makes none; or sample at which such a plan is
-    #: needed first, because the planner may not make it in the loop. -1: none.
+    #: Number of the sample of the latest plan made between two steps (`AbstractPlanner.replan_between_steps`), at which
+    #: `fly` makes no plan; or of the first sample that needs such a plan. -1: no such plan.
     replan_sample: Integer = eqx.field(default_factory=lambda: as_array(-1, np.int32))
 
 
@@ -140,16 +140,16 @@ def assemble(
     Parameters
     ----------
     aircraft
-        Parts, steady flight at the start, and start position (NED, m) of every aircraft.
+        Parts, trim target at the start, and start position (NED, m) of every aircraft, in fleet order.
     step
         Sampling period, s.
     replan_steps
         Number of steps between plans; 0: only the first plan.
     freeze
-        Time before the arrival during which the plan is frozen, s.
+        Time before the arrival during which the plan no longer changes, s.
     real_count
-        Number of real aircraft, first in order; the others pad the fleet to a size with a compiled program and never
-        fly. None: no padding.
+        Number of real aircraft, first in order; padding aircraft after them, which never fly, make up a fleet size with
+        a compiled program. None: no padding.
 
     Raises
     ------
@@ -204,9 +204,10 @@ _ROUNDING_M = 1e-3  # rounding tolerance of plans that end exactly at the least 
 
 
 def aircraft_report(vehicle: Vehicle, perception: Perception, is_flying: Flag, has_left: Flag) -> AircraftReport:
-    """Make an aircraft's report to the planner from its belief; the aircraft must have a mission.
+    """Make an aircraft's report to the planner from its belief, in coordinates of the chart.
 
-    `is_flying`: it has neither stopped nor broken off; `has_left`: it has left the fleet.
+    `is_flying` says that the aircraft has neither stopped nor broken away, `has_left` that it has left the fleet.
+    Raises ValueError if the aircraft has no goal.
     """
     belief, mission = perception.belief, vehicle.mission
     if belief.goal is None or mission is None:
@@ -229,7 +230,7 @@ def aircraft_report(vehicle: Vehicle, perception: Perception, is_flying: Flag, h
 
 
 def fleet_reports(flight: Flight, state: FlightState, instant: Instant) -> tuple[list[Perception], AircraftReport]:
-    """Read the sensors of every aircraft; return perceptions by group, and reports to the planner in fleet order."""
+    """Read the sensors of every aircraft; return perceptions by aircraft group, and the reports in fleet order."""
 
     def perceive_one(vehicle: Vehicle, vehicle_state: VehicleState) -> Perception:
         return perceive(vehicle, vehicle_state, instant)
@@ -250,9 +251,10 @@ def fleet_reports(flight: Flight, state: FlightState, instant: Instant) -> tuple
 def plans_too_near(
     flight: Flight, plans: AircraftPlan, reports: AircraftReport, time: ScalarLike
 ) -> Bool[Array, " aircraft"]:
-    """Flag the aircraft whose plan ends nearer to the goal than `Mission.distance_min`.
+    """Flag the aircraft whose plan ends nearer to the goal than `Mission.distance_min`, or is not finite.
 
-    The goal's position at the arrival is extrapolated from the report at constant velocity.
+    The goal's position at the arrival is extrapolated from the report at constant velocity. Aircraft that are inactive
+    or have arrived at `time` (s) are not flagged.
     """
     earth = flight.environment.earth
 
@@ -276,7 +278,11 @@ def plans_too_near(
 def _replan_if_due(
     flight: Flight, state: FlightState, sample: Integer, reports: AircraftReport
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
-    """Replan if the sample is due; return the planner state, and flags of new plans that end too near the goal."""
+    """Replan if the sample is a replanning time; return the planner state, and the flags of plans that end too near.
+
+    No plan changes if every aircraft is inactive or its plan frozen. The flags of the new plans are those of
+    `plans_too_near`; without replanning, all are false.
+    """
     timing, planner = cast_to_precision(flight.timing, float), flight.planner
     time = sample * timing.step
     plans = planner.plans(state.planner)
@@ -298,7 +304,11 @@ def _replan_if_due(
 def send_to_hold(
     flight: Flight, vehicles: Sequence[VehicleState], refused: Bool[Array, " aircraft"]
 ) -> tuple[VehicleState, ...]:
-    """Set the status of aircraft whose plan ends too near the goal (`refused`), so that they fly to the hold."""
+    """Return the states of the aircraft, those flagged by `refused` with the status `PLAN_TOO_NEAR`, by aircraft group.
+
+    `refused` flags, in fleet order, the aircraft whose plan ends too near the goal; with this status they fly to their
+    hold. Aircraft that have stopped or broken away keep their status.
+    """
 
     def updated_state(state: VehicleState, no_plan: Array) -> VehicleState:
         is_sent = no_plan & ~state.stopped & ~is_breakaway(state.status)
@@ -313,7 +323,10 @@ def send_to_hold(
 def step_fleet(
     flight: Flight, state: FlightState, sample: Integer, *, one_kernel: bool = False
 ) -> tuple[FlightState, FleetSample, Instant]:
-    """Fly the fleet over one step; returns the next state, and the sample at the step's start (see `fly`)."""
+    """Fly the fleet over one step; return the next state, the sample at the step's start, and its instant.
+
+    `sample` is the number of the sample, `one_kernel` that of `fly`.
+    """
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     perceptions, reports = fleet_reports(flight, state, instant)
     reports = cast_to_precision(reports, float)
@@ -357,8 +370,8 @@ def fly(
 ) -> tuple[FlightState, Any, Any]:
     """Fly a fleet for `count` steps and record it.
 
-    Pure: can be compiled, batched over flights and states with `vmap`, differentiated, or run on a GPU. Do not batch
-    `first_step` or `timing`, because planning would then run at every step.
+    A pure function, which can be compiled, batched over flights and states with `vmap`, differentiated, or run on a
+    GPU. Do not batch `first_step` or the flight's `timing`, because planning would then run at every step.
 
     Parameters
     ----------
@@ -399,8 +412,8 @@ PRECISIONS: tuple[Precision, ...] = ("float64", "float32")
 def cast_flight(flight: Flight, precision: Precision) -> Flight:
     """Convert aircraft, environment and periods of a flight to a precision.
 
-    `fly` takes the precision of the steps from the flight. The planner is unchanged and works in float64; reports and
-    plans are converted in each step.
+    `fly` computes the steps in the precision of the flight's arrays. The planner is unchanged and works in float64;
+    reports and plans are converted in each step.
     """
     parts = cast_to_precision((flight.environment, flight.groups, flight.timing), precision)
     environment, groups, timing = parts

@@ -1,4 +1,4 @@
-"""Flight of one aircraft under prescribed controls or commands: open loop, or with a controller, without a mission."""
+"""Flight of one aircraft without a mission, under prescribed controls or with prescribed commands to a controller."""
 
 import traceback
 from collections.abc import Callable, Mapping
@@ -26,22 +26,23 @@ from anser.variables import catalogue
 CONTROLLER_KEYS = frozenset(
     {"airspeed_command", "path_angle_command", "course_command", *CONTROLLER_COMMANDS, *CONTROLLER_FLAGS}
 )
-"""Keys of the recorded variables that only a controller defines."""
+"""Keys of the recorded variables that are defined only with a controller: its commands and limit flags."""
 
 StateFeedback = Callable[[Any, Mapping[str, Any]], Mapping[str, Any]]
-"""Function from the time, s, and the variables by dataset name, to controls by name: deg, and throttle 0..1."""
+"""Function from the time (s) and the variables by dataset name to controls by name, in deg for surfaces and 0..1 for
+the throttle."""
 
 
 class _SampledControls(AbstractController):
-    """Controller in open loop; its state is the number of the sample."""
+    """Base of open-loop controllers; the state is the number of the present sample."""
 
     def init(self, state: AircraftState, attitude: Vector3) -> Integer:
-        """Return the number of the first sample."""
+        """Return the number of the first sample: 0."""
         return jnp.asarray(0, dtype=jnp.int32)
 
 
 class PrescribedControls(_SampledControls):
-    """Controls from a table, a row per sample."""
+    """Open-loop controller that plays controls from a table with a row per sample."""
 
     surfaces: Float[Array, "sample surface"]  #: Commanded deflections, rad.
     throttle: Float[Array, " sample"]  #: Throttle, 0..1.
@@ -55,16 +56,22 @@ class PrescribedControls(_SampledControls):
 
 
 class FeedbackControls(_SampledControls):
-    """Controls from a function of time and state; controls that the function leaves out keep their reference values."""
+    """Open-loop controller that computes controls by a function of time and state.
 
-    reference: Controls  #: Controls at the start.
-    #: The function; it is traced, so that its arithmetic must be that of `jax.numpy`.
+    A control that the function leaves out keeps its value at the start.
+    """
+
+    reference: Controls  #: Controls at the start: surfaces (rad) and throttle (0..1).
+    #: The function; JAX traces it, so that its arithmetic must be that of `jax.numpy`.
     law: StateFeedback = eqx.field(static=True)
 
     def control(
         self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, None, Integer]:
-        """Return the controls that `law` computes from time and state, no signals, and the next sample's number."""
+        """Return the controls that `law` computes from time and state, no signals, and the next sample's number.
+
+        Raises ValueError if `law` raises, names a control that the aircraft lacks, or returns an array for a control.
+        """
         time, names = controller_state * step, belief.airframe.actuators.names
         values = _named_variables(belief, self.reference)
         try:
@@ -90,14 +97,14 @@ class FeedbackControls(_SampledControls):
 
 
 class PrescribedCommand(AbstractGuidance):
-    """Guidance that commands airspeed, path angle and course from a table, a row per sample."""
+    """Guidance that commands airspeed, path angle and course from a table with a row per sample; their rates are 0."""
 
     values: Float[Array, "sample 3"]  #: Airspeed (m/s), path angle and course (rad); NaN in open loop.
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the command in the table's row of the present sample; the reference position is the aircraft's own."""
+        """Return the command of the present sample, the aircraft's own position as the reference (NED, m), and None."""
         command = PathCommand(*self.values[instant.number], *[jnp.zeros(())] * 3)
         return command, belief.state.position_n, None
 
@@ -105,7 +112,7 @@ class PrescribedCommand(AbstractGuidance):
 def start_point(
     airframe: AbstractAirframe, environment: Environment, state: AircraftState, controls: Controls
 ) -> TrimPoint:
-    """Return a trim point with the given state and controls, as the start of a flight.
+    """Return a trim point that holds the state and controls of any flight condition, as the start of a flight.
 
     No trim is solved: the trim point is marked as not converged, with an infinite residual.
     """
@@ -119,7 +126,10 @@ def start_point(
 def dataset_variables(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: MotionState, controls: Controls
 ) -> dict[str, Array]:
-    """Compute the variables of a state in still or steadily moving air by dataset name, in degrees, in open loop."""
+    """Compute the variables of a state in air without gusts, such as `alpha_deg`, by dataset name and in its unit.
+
+    Variables that only a controller defines (`CONTROLLER_KEYS`) are left out.
+    """
     local_state = to_local_state(environment, state)
     condition = air_data_and_forces(airframe, environment, time, local_state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
@@ -129,7 +139,7 @@ def dataset_variables(
 def believed_variables(belief: Belief) -> dict[str, Array]:
     """Return an aircraft's own estimate of its motion by dataset name, such as `alpha_deg`, for user-defined parts.
 
-    The throttle is not part of an estimate, and is NaN.
+    The surfaces are the estimated deflections. The throttle is not part of an estimate, and is NaN.
     """
     return _named_variables(belief, Controls(belief.state.surfaces, jnp.asarray(jnp.nan)))
 

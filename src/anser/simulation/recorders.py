@@ -1,4 +1,4 @@
-"""Recorders: samples of an aircraft or a fleet, the variables recorded from them, and the loop that stores rows."""
+"""Recorders: samples of an aircraft or a fleet, the variables computed from them, and the loop that records rows."""
 
 import abc
 import math
@@ -28,11 +28,14 @@ from anser.spatial.wind_axes import bank_about_velocity, path_angles
 from anser.variables import ADAPTATION_KEYS, all_surface_names, surface_variables
 
 Members = tuple[int, ...]
-"""Fleet indices of the aircraft of one group."""
+"""Fleet indices of the aircraft of one aircraft group, in the group's order."""
 
 
 def to_fleet_order(group_rows: Sequence[Any], members: tuple[Members, ...]) -> Any:
-    """Concatenate the groups' stacked rows in fleet order."""
+    """Concatenate arrays of several aircraft groups, one row per aircraft, and sort the rows into fleet order.
+
+    `members` holds the fleet indices of each group's rows.
+    """
     if len(members) == 1 and _is_identity(members[0]):
         return group_rows[0]
     indices = [index for group_members in members for index in group_members]
@@ -41,7 +44,7 @@ def to_fleet_order(group_rows: Sequence[Any], members: tuple[Members, ...]) -> A
 
 
 def to_group_order(fleet_rows: Any, members: Members, count: int) -> Any:
-    """Select the members' rows from arrays in fleet order; `count` is the size of the fleet."""
+    """Select the rows of the aircraft with fleet indices `members` from arrays of a fleet of `count` aircraft."""
     if len(members) == count and _is_identity(members):
         return fleet_rows
     indices = jnp.asarray(members)
@@ -74,8 +77,9 @@ CONTROLLER_FLAGS = (
 def record(sample: "AircraftSample") -> dict[str, Array]:
     """Return one aircraft's variables at one sample, keyed as in `anser.variables.catalogue`; SI units and radians.
 
-    The control surfaces are those of the airframe. Where the controller gives no signals, commands are NaN and limit
-    flags are false.
+    The keys of the control surfaces are those of the airframe. Without signals of the controller, its commands are NaN
+    and its limit flags false. Variables of approach, gusts, estimation, network and adaptation are present only if the
+    sample has them.
     """
     truth, state, condition = sample.truth, sample.truth.state, sample.truth.condition
     data, uncertainty = condition.air_data, sample.belief.uncertainty
@@ -202,14 +206,14 @@ def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
 
 
 class GoalApproach(eqx.Module):
-    """Approach of one aircraft to its goal at one instant: true goal, rendezvous, distances, clearance and phase."""
+    """Approach of one aircraft to its goal at one instant: goal, rendezvous, distances, ground clearance and phase."""
 
     goal: GoalState  # true state of the goal
     rendezvous_n: Vector3  # rendezvous position, NED, m
     # vectors from the aircraft to the goal and to the rendezvous, straight through space, NED, m
     to_goal_n: Vector3
     to_rendezvous_n: Vector3
-    clearance: GroundClearance  # ground clearance of the present motion
+    clearance: GroundClearance  # ground clearance in the present motion
     # `APPROACH`: flies the plan; `FROZEN`: flies the plan, which no longer changes; `HOLD`: after the arrival or a
     # breakaway
     phase: Integer
@@ -221,17 +225,17 @@ class AircraftSample(eqx.Module):
     truth: Truth  #: True state.
     belief: Belief  #: Estimated state.
     controls: Controls  #: Surfaces and throttle from the controller.
-    signals: Any  #: Signals of the controller.
+    signals: Any  #: Signals of the controller to record; None without signals.
     command: Any  #: Command of the guidance.
     reference_n: Vector3 | None  #: Position that the guidance follows, NED, m.
     plan: AircraftPlan | None  #: The aircraft's plan; None without a planner.
     approach: GoalApproach | None  #: Approach to the goal; None for an aircraft without a mission.
-    status: Integer  #: Index into `STATUS_MESSAGES`.
-    flow: AirFlow | None = None  #: Air flow at the aircraft, without gusts; None in air without gusts.
+    status: Integer  #: Status code: index into `STATUS_MESSAGES`.
+    flow: AirFlow | None = None  #: Input of the gust model: flow in the mean wind; None if no gusts are simulated.
 
 
 class FleetSample(eqx.Module):
-    """Signals of a fleet at one instant.
+    """Signals of a fleet at one instant, by aircraft group.
 
     `groups` holds one stacked sample per aircraft group (leading axis: aircraft of the group); `members` holds the
     fleet indices of these aircraft.
@@ -241,11 +245,11 @@ class FleetSample(eqx.Module):
     members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     def rows(self, aircraft_variables: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
-        """Apply `aircraft_variables` to every aircraft's sample; return its variables in fleet order.
+        """Apply `aircraft_variables` to every aircraft's sample; return the variables by key, in fleet order.
 
-        If there are several groups, the result has the variables that all groups have, every control surface and the
-        estimates of an adaptive estimator of any group; what an aircraft lacks is NaN, and a fault that it cannot find
-        is 0 (none).
+        If there are several groups, the result has the variables that all groups have, every control surface of any
+        group, and the estimates of any group's adaptive estimator. In these, an aircraft without the variable has NaN,
+        or 0 (no fault) for the code of an identified fault.
         """
         group_rows = [jax.vmap(aircraft_variables)(samples) for samples in self.groups]
         surfaces = all_surface_names(samples.truth.airframe.actuators.names for samples in self.groups)
@@ -270,9 +274,8 @@ def _missing_values(count: int, dtype: Any) -> Array:
 class AbstractRecorder(eqx.Module):
     """Interface of recorders, which select and store the data of a flight.
 
-    Subclass this class directly, not a concrete recorder.
-
-    A sample is the `AircraftSample` of an aircraft flown alone, or the `FleetSample` of a fleet.
+    Subclass this class directly, not a concrete recorder. A sample is the `AircraftSample` of an aircraft flown alone,
+    or the `FleetSample` of a fleet.
     """
 
     stride: eqx.AbstractVar[int]  #: Number of samples between two rows.
@@ -280,12 +283,12 @@ class AbstractRecorder(eqx.Module):
     def init(self, aircraft: int) -> Any:
         """Return the recorder's state before the first sample; `aircraft` is the number of aircraft.
 
-        The recorder has no state unless a subclass defines one.
+        By default None, for a recorder without state.
         """
         return None
 
     def update(self, recorder_state: Any, sample: Any, instant: Instant) -> Any:
-        """Return the recorder's state after one more sample; the same state unless a subclass defines the change."""
+        """Return the recorder's state after one more sample; by default unchanged."""
         return recorder_state
 
     @abc.abstractmethod
@@ -294,19 +297,16 @@ class AbstractRecorder(eqx.Module):
 
 
 class History(AbstractRecorder):
-    """Recorder of variables of a fleet, or of one aircraft, over time; one row every `stride` samples."""
+    """Recorder of the variables of a fleet, or of one aircraft, over time; one row every `stride` samples."""
 
     stride: int = eqx.field(static=True, default=1)  #: Number of samples between two rows.
     #: Keys of `anser.variables.catalogue`; None: every recorded variable.
     keys: tuple[str, ...] | None = eqx.field(static=True, default=None)
 
     def output(self, sample: FleetSample | AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return the selected variables by name, leading axis aircraft, SI units and radians.
+        """Return the selected variables by key, SI units and radians; for a fleet with a leading axis of aircraft.
 
-        Raises
-        ------
-        ValueError
-            If a selected variable is not recorded.
+        Raises ValueError if a selected variable is not recorded.
         """
         variables = sample.rows(record) if isinstance(sample, FleetSample) else record(sample)
         if self.keys is None:
@@ -318,14 +318,14 @@ class History(AbstractRecorder):
 
 
 class PackedRows(eqx.Module):
-    """Rows of a recorder in one array: a compiled program with one result in place of one for each variable."""
+    """Rows of a recorder in one array: a compiled program then returns one array in place of one per variable."""
 
     values: Float[Array, "*batch rows numbers"]
     #: Key, shape of one row, and type of each variable, in the order of the numbers.
     layout: tuple[tuple[str, tuple[int, ...], str], ...] = eqx.field(static=True)
 
     def unpacked(self) -> dict[str, np.ndarray]:
-        """Return the variables by key, each of shape (*batch, rows, *shape of one row); on the host."""
+        """Return the variables by key as NumPy arrays of shape (*batch, rows, *shape of one row)."""
         values, variables, begin = np.asarray(self.values), {}, 0
         for key, shape, dtype in self.layout:
             end = begin + math.prod(shape)

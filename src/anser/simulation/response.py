@@ -28,7 +28,7 @@ from anser.steady.trim import TrimPoint
 
 
 class LoopCase(eqx.Module):
-    """Input of a step response: aircraft, autopilot gains and limits, and the trim point at the start."""
+    """Aircraft, autopilot gains and limits, and trim point, for step responses and linear models of the loops."""
 
     # airframe, environment, and gains and limits of the autopilot
     airframe: AbstractAirframe
@@ -37,18 +37,20 @@ class LoopCase(eqx.Module):
     limits: FlightLimits
     trim: TrimPoint  # steady flight at the start
     step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))  # sampling period, s
-    model: AbstractAirframe | None = None  # onboard model of the autopilot; None: the airframe itself
+    # onboard model of the autopilot, used by `modelled_belief`; None: the airframe itself. In `loop_flight` and
+    # `step_response` the autopilot knows the airframe exactly, whatever the model
+    model: AbstractAirframe | None = None
 
 
 class ConstantCommand(AbstractGuidance):
-    """Guidance that always gives the same command, `value`."""
+    """Guidance that always gives the same command, `value`, of the type that the controller expects."""
 
     value: Any
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, None]:
-        """Return `value` as the command, and the aircraft's own position as reference position."""
+        """Return `value`, the aircraft's own position as the reference position (NED, m), and None."""
         return self.value, belief.state.position_n, None
 
 
@@ -69,7 +71,7 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
     Parameters
     ----------
     case
-        Aircraft and steady flight at the start.
+        Aircraft, autopilot and steady flight at the start; `case.model` is not used.
     size
         Step of the loop's three channels: (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad. The
         command jumps at time 0 and has no rate (no feed-forward). The throttle stays at trim unless the velocity loop
@@ -84,7 +86,7 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
 
 
 def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder: AbstractRecorder) -> Any:
-    """Fly from trim with a constant command to one loop; returns the recorder's rows, one per sampling period."""
+    """Fly from trim with a constant command `value` to one loop, for `count` periods; return the recorder's rows."""
     command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     vehicle = Vehicle(case.airframe, IdealSensors(), TrackingEstimator(), ConstantCommand(command), autopilot)
@@ -100,7 +102,7 @@ class ResponseRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)
 
     def output(self, sample: AircraftSample, instant: Instant) -> Response:
-        """Return the outputs, surfaces, throttle and power at one sample."""
+        """Return the loop's outputs, deflections, throttle and engine power at one sample."""
         state = sample.truth.state
         measured = loop_outputs(sample.belief, self.loop)
         return Response(instant.time, measured, state.surfaces, sample.controls.throttle, state.power)
@@ -115,14 +117,14 @@ def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike
 
 
 def exact_belief(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
-    """Return the belief that equals the truth, at time 0, of an aircraft without a goal."""
+    """Return a belief that equals the truth at time 0, for an aircraft without a goal, in air without gusts."""
     condition = air_data_and_forces(airframe, environment, 0.0, state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
     return Belief(airframe, state, condition, specific_force_b, sight=None, goal=None)
 
 
 def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
-    """Return the belief with the true state and specific force, and the forces and moments of the onboard model.
+    """Return a belief with the true state and specific force, but the forces and moments of `case.model`.
 
     If the case has no onboard model, the forces and moments are those of the airframe itself.
     """
@@ -134,7 +136,7 @@ def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
 
 
 def settled_residual(belief: Belief) -> ModelResidual:
-    """Return the residual of an onboard model after a long time in a flight with constant body rates."""
+    """Return the residual, measured minus modelled, after a long flight with the constant body rates in `belief`."""
     mass_properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
     force_b = mass_properties.mass * belief.specific_force_b - condition.wrench.force_b
     acceleration_b = angular_acceleration(mass_properties, rates_b, condition.wrench.moment_b)
@@ -142,13 +144,13 @@ def settled_residual(belief: Belief) -> ModelResidual:
 
 
 def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
-    """Return the autopilot's state after a long time in steady flight at a trim point."""
+    """Return the autopilot's state after a long time in the steady flight `trim`, without a limit on the bank rate."""
     attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
 
 def believed_motion(belief: Belief) -> PathMotion:
-    """Compute path and attitude angles (rad) from the estimated state in a belief."""
+    """Compute path and attitude angles (rad), airspeed (m/s) and their rates from the estimated state in a belief."""
     condition, mass = belief.condition, belief.airframe.mass_properties.mass
     return path_motion(condition, condition.wrench.force_b, belief.state.velocity_b, mass, condition.earth.gravity)
 
@@ -169,7 +171,7 @@ _END = 0.1
 
 
 class StepMetrics(eqx.Module):
-    """Metrics of a step response, one value for each of the loop's three channels."""
+    """Metrics of a step response, one value for each of the loop's three channels and for each surface."""
 
     stepped: Bool[Array, "3"]  # channels with a step. The next four metrics apply to these channels and are 0 otherwise
     rise_time: Vector3  # time from 10 to 90 percent of the step, s; infinite if 90 percent is not reached
@@ -190,7 +192,7 @@ def step_metrics(
     surface_limits: tuple[Vector, Vector],  # lower and upper stops, rad
     band: ScalarLike = 0.05,  # half width of the settling band, fraction of the step
 ) -> StepMetrics:
-    """Compute rise time, overshoot and the other `StepMetrics` of a response to a step at the first sample."""
+    """Compute the `StepMetrics`, such as rise time and overshoot, of a response to a step at the first sample."""
     stepped = size != 0.0
     deviation = measured - measured[:1]
     progress = deviation / jnp.where(stepped, size, 1.0)[None, :]

@@ -1,4 +1,4 @@
-"""Stand-off guard: whether an aircraft is, or will soon be, nearer to its goal than the least distance allowed."""
+"""Check whether an aircraft is, or will soon be, nearer to its goal than the least distance allowed."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +10,8 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot, safe_norm
 
 DISTANCE_ERROR_ALLOWED_M = 10.0
-"""Allowance below the least distance for a straight pass of the goal, m: covers tracking errors."""
-_RESERVE_M = 25.0  # margin to the least distance in the latest turn away
+"""Depth below the least distance, m, that a straight pass of the goal may reach: covers tracking errors."""
+_RESERVE_M = 25.0  # margin to the least distance in a turn away from the goal
 _ONSET_S = 2.5  # straight flight until the turn acts
 _ACCELERATION_SHARE = 0.6  # of the available lateral acceleration
 _ANGLES = np.linspace(0.0, np.pi, 24)  # of the turn away, rad
@@ -22,15 +22,15 @@ def must_break_away(
     # velocities over the ground, NED, m/s
     velocity_n: Vector3,
     goal_velocity_n: Vector3,
-    distance_min: ScalarLike,  # least distance, m
+    distance_min: ScalarLike,  # least distance allowed, m
     acceleration: ScalarLike,  # lateral acceleration available for the turn, m/s^2
     turn: ScalarLike,  # turn direction of the hold: +1 right, -1 left
 ) -> Flag:
     """Whether an aircraft must abandon its plan for the hold at once, because it comes too near its goal.
 
-    An aircraft must break off if it is nearer than the least distance. It must also break off if straight flight would
-    lead well inside the least distance and the turn into the hold, flown later, would pass the goal with less than the
-    reserve.
+    True inside the least distance. Also true if straight flight would pass the goal more than 10 m inside the least
+    distance, and the 180 deg turn into the hold, started 2.5 s from now, would pass at less than the least distance
+    plus 25 m.
     """
     distance = safe_norm(to_goal_n)
     inside = distance < distance_min
@@ -57,9 +57,10 @@ def _turn_distances(
     ground_speed: Scalar,
     turn: ScalarLike,
 ) -> Float[Array, " legs"]:
-    """Return the least distance (m) to the goal on each leg of a turn away: a straight leg, then a 180 deg turn.
+    """Return the least distance (m) to the goal on each leg of a turn away from the goal, shape (legs,).
 
-    The legs of the turn, at the turn rate `rate` (rad/s), are chords of equal angles.
+    The first leg is straight flight for 2.5 s; the others are chords of equal angles of a 180 deg turn with the rate
+    `rate` (rad/s), to the right for `turn` = 1, to the left for -1. Vectors are NED, m and m/s over the ground.
     """
     ahead_n = velocity_n.at[2].set(0.0) / ground_speed
     right_n = turn * jnp.stack([-ahead_n[1], ahead_n[0], jnp.zeros_like(ground_speed)])

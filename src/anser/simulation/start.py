@@ -27,11 +27,15 @@ class TrimmedFleet(eqx.Module):
     is_trimmed: Bool[Array, " aircraft"]  # whether a steady flight within the limits exists; leading axis aircraft
     vehicles: tuple[VehicleState, ...]  # initial states by aircraft group
     reports: AircraftReport  # reports to the planner; leading axis aircraft
-    performance: Performance  # acceleration and deceleration along the path; leading axis aircraft
+    performance: Performance  # greatest acceleration and deceleration along the path; leading axis aircraft
 
 
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:
-    """Trim every aircraft at the start, read the sensors, and compute first report and performance, at time 0."""
+    """Trim every aircraft at its start, read the sensors, and compute the first reports and the performance, at time 0.
+
+    An aircraft without a steady flight within its limits has the status `NO_TRIM` and is stopped; padding aircraft are
+    stopped too.
+    """
     environment, timing = flight.environment, flight.timing
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.randomness)
 
@@ -60,10 +64,10 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
 
 
 def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
-    """Trim every aircraft at its start and compute the first plan, at time 0.
+    """Trim every aircraft at its start and compute the first plan, at time 0; return flight state and trimmed fleet.
 
-    The first plan is `flight.planner.first_plan`, in one compiled program. `anser.missions` does not use it for the
-    certified planner, whose search also gives the reason of a refusal.
+    The first plan is `flight.planner.first_plan`, in one compiled program. `anser.missions` does not use this function
+    for the certified planner, whose search also gives the reason of a refusal.
     """
     fleet = trimmed_fleet(flight)
     return initialize_flight(
@@ -72,7 +76,7 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
 
 
 def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> FlightState:
-    """Return the state of a flight at time 0 from the trimmed fleet and the planner's state, which has the first plan.
+    """Return the state of a flight at time 0 from the trimmed fleet and the planner's state with the first plan.
 
     An aircraft with a plan that ends nearer to its goal than allowed goes to its hold instead (`PLAN_TOO_NEAR`).
     """

@@ -1,4 +1,4 @@
-"""Survey flights: a step command to one aircraft in trim, of which only extremes and metrics are kept."""
+"""Survey flights: response of one aircraft in trim to a step command, of which only extremes and metrics are kept."""
 
 import dataclasses
 
@@ -41,17 +41,21 @@ AUTOPILOT_LIMITS = (
     "surfaces",
     "surface_rates",
 )
-"""Limits of an autopilot command; `unloading` is the lift withheld while the bank error exceeds 60 deg, `surfaces` and
-`surface_rates` are the stops and the rate limits of the actuators."""
+"""Limits at which an autopilot's command may be, in the order of `SurveySummary.limited_time`. `unloading` is the lift
+withheld while the bank error exceeds 60 deg; `surfaces` and `surface_rates` are the stops and the rate limits of the
+actuators."""
 TABLE_AXES = ("alpha", "beta", "altitude", "mach")
-"""Axes of the airframe's data tables, in the order of `left_time`."""
+"""Axes of the airframe's data, in the order of `SurveySummary.left_time`."""
 
 BETA_BOUND = 2.0 * DEG_RAD
 """Acceptable sideslip, rad."""
 
 
 class SurveySummary(eqx.Module):
-    """Metrics of one survey flight. Channels are (V, gamma, chi) in m/s and rad; surfaces are the airframe's."""
+    """Metrics of one survey flight, the response of one aircraft to a step of the velocity command.
+
+    Channels are (V, gamma, chi) in m/s and rad; surfaces are in the airframe's order.
+    """
 
     # command minus output over the last tenth of the flight: mean, and largest magnitude
     final_error: Vector3
@@ -68,7 +72,7 @@ class SurveySummary(eqx.Module):
     load_factor_min: Scalar
     load_factor_max: Scalar
     surface_share: Vector  # largest deflection of each surface, as a fraction of the travel from the middle to the stop
-    # largest rate of each surface over the actuator's limit; largest (P, Q, R) over the autopilot's limit
+    # largest rate of each surface over the actuator's rate limit; largest (P, Q, R) over the autopilot's limits
     surface_rate_share: Vector
     body_rate_share: Vector3
     # time at each of the limits `AUTOPILOT_LIMITS`, s: in the whole flight, and in its last tenth
@@ -81,7 +85,7 @@ class SurveySummary(eqx.Module):
 
 
 def empty_summary(surface_count: int) -> SurveySummary:
-    """Return the summary before the first sample."""
+    """Return the summary before the first sample, for an aircraft with `surface_count` surfaces."""
     zero, minimum, maximum = jnp.zeros(3), jnp.asarray(jnp.inf), jnp.asarray(-jnp.inf)
     return SurveySummary(
         final_error=zero,
@@ -111,7 +115,7 @@ _COS_UNLOADING = 0.5
 
 
 def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCommand:
-    """Return the path command at `time` (s): the steady flight `target`, its turn continued, plus the step `size`."""
+    """Return the path command at `time` (s): steady flight `target`, its turn continued, plus `size` (m/s and rad)."""
     zero = jnp.zeros(())
     return PathCommand(
         target.speed + size[0],
@@ -129,7 +133,11 @@ def final_part_start(count: int) -> int:
 
 
 def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike, count: int) -> SurveySummary:
-    """Convert the running summary into the final one: mean of the late errors, and settling time."""
+    """Convert the running summary of a flight of `count` samples into the final summary.
+
+    The sum of the late errors becomes their mean; the settling time becomes infinite if the last sample is outside the
+    tolerance; `finite` tells whether the final `state` is finite.
+    """
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]))
     end_time = (count - 1) * step
     return dataclasses.replace(
@@ -141,10 +149,10 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
 
 
 def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside: AirDataAndForces) -> Bool[Array, "4"]:
-    """Flag the `TABLE_AXES` along which the air data of `condition` are outside the airframe's data.
+    """Flag each of `TABLE_AXES` along which the air data of `condition` are outside the airframe's data.
 
-    The airframe reports only "outside". Altitude and Mach number are distinguished by replacing one of them by the
-    value of `inside`, a condition within the data.
+    The airframe has no ranges of altitude and Mach number, but tells whether air data are outside its tables. Therefore
+    altitude or Mach number of `condition` is combined with the rest of `inside`, a condition within the data.
     """
     data, inside_data = condition.air_data, inside.air_data
 
@@ -164,7 +172,7 @@ def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside
 
 
 def _active_limits(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
-    """Return flags of the active `AUTOPILOT_LIMITS`, in order, without the last limit (surface rates)."""
+    """Return flags of the active limits, in the order of `AUTOPILOT_LIMITS` without the last, the surface rates."""
     data, thrust, attitude = belief.condition.air_data, signals.thrust, signals.attitude
     thrust_max = belief.airframe.engine.propulsion(100.0, data).force_b[0]
     bank, alpha, _ = attitude.angles
@@ -185,23 +193,23 @@ def _active_limits(belief: Belief, limits: FlightLimits, signals: AutopilotSigna
 
 
 class SteppedPath(AbstractGuidance):
-    """Guidance of a survey flight: the steady flight, its turn continued, plus a step of (V, gamma, chi) at time 0."""
+    """Guidance of a survey flight: at time 0, a step of (V, gamma, chi) from the steady flight `target`."""
 
     target: TrimTarget
-    size: Vector3
+    size: Vector3  # step of (V, gamma, chi), m/s and rad
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the velocity command after the step; a turn continues at its rate before the step.
+        """Return the velocity command after the step, the aircraft's own position (NED, m), and None.
 
-        The reference position is the aircraft's own.
+        A turn continues at its rate before the step.
         """
         return step_command(self.target, self.size, instant.time), belief.state.position_n, None
 
 
 class SurveyRecorder(AbstractRecorder):
-    """Recorder that keeps only the running summary of a survey flight; it stores no rows."""
+    """Recorder of a survey flight that keeps the running summary and stores no rows."""
 
     limits: FlightLimits  # limits of the autopilot
     start: AirDataAndForces  # flight condition at the start, within the range of the airframe's data
@@ -219,7 +227,8 @@ class SurveyRecorder(AbstractRecorder):
     def update(self, recorder_state: SurveySummary, sample: AircraftSample, instant: Instant) -> SurveySummary:
         """Return the summary with one more sample of an aircraft under an autopilot's commanded velocity loop.
 
-        Until `finish_summary`, `final_error` is a sum and `settling_time` is the last time outside the tolerance.
+        In a running summary, `final_error` is a sum over the last tenth of the flight, and `settling_time` the time of
+        the last sample outside the tolerance; `finish_summary` converts both.
         """
         summary, truth, command, step = recorder_state, sample.truth, sample.command, instant.step
         airframe, state, condition = truth.airframe, truth.state, truth.condition
@@ -274,12 +283,12 @@ def survey_flight(
     tolerance: Vector3,  # tolerance of the settled error, m/s and rad
     step: ScalarLike,  # sampling period, s
     count: int,  # number of periods
-    # none: ideal. With an estimator with a different model, the autopilot inverts another airframe than the one that
-    # flies; the summary describes the true motion
+    # None: ideal sensors and an estimator that knows the airframe. With another model in the estimator, the autopilot
+    # inverts an airframe that differs from the flying one; the summary describes the true motion
     sensors: AbstractSensors | None = None,
     estimator: AbstractEstimator | None = None,
 ) -> SurveySummary:
-    """Simulate the step response of the velocity loop from steady flight, and return the metrics of the flight.
+    """Simulate the response of the velocity loop to a step command in steady flight, and return metrics of the flight.
 
     At time 0 the command (V, gamma, chi) jumps by `size` from the steady flight `target`; in a steady turn the
     commanded course continues to change at the turn rate. The memory needed does not depend on the duration.

@@ -27,7 +27,7 @@ from anser.spatial.rotations import normalize
 
 
 class Faults(eqx.Module):
-    """Thrust loss, sensor failure and leaving the fleet of one aircraft, each by its time; infinite: never.
+    """Faults of one aircraft: times of thrust loss, goal sensor failure and departure from the fleet; infinite: never.
 
     The scenario's events set the times when the flight is built (`anser.scenario.build.build_faults`).
 
@@ -47,20 +47,20 @@ class Faults(eqx.Module):
     leaving_time: Scalar
 
     def thrust_ratio_at(self, time: ScalarLike) -> Scalar:
-        """Return the fraction of the nominal thrust that is left at a time (s): 1 before a loss."""
+        """Return the fraction of the nominal thrust that a thrust loss leaves at a time (s): 1 before the loss."""
         return jnp.where(time >= self.thrust_loss_time, self.thrust_ratio, 1.0)
 
     def goal_sensor_works(self, time: ScalarLike) -> Flag:
-        """Whether the goal sensor works at a time, s."""
+        """Whether the goal sensor works at a time (s)."""
         return jnp.asarray(time < self.goal_sensor_loss_time)
 
     def has_left_fleet(self, time: ScalarLike) -> Flag:
-        """Whether the aircraft has left the fleet by a time, s."""
+        """Whether the aircraft has left the fleet by a time (s)."""
         return jnp.asarray(time >= self.leaving_time)
 
 
 def no_faults() -> Faults:
-    """Return faults that never occur."""
+    """Return faults that never occur: infinite times."""
     never = as_array(jnp.inf)
     return Faults(never, as_array(1.0), never, never)
 
@@ -74,11 +74,10 @@ def advance(
     step: ScalarLike,
     disturbance: Disturbance | None = None,
 ) -> AnyMotionState:
-    """Integrate the equations of motion over one step (s) by the classical Runge-Kutta method.
+    """Integrate the equations of motion from `time` over one step (s) by the classical Runge-Kutta method.
 
-    The quaternion is normalized after the step.
-
-    Controls and disturbance (None: no disturbance) are constant over the step.
+    Controls and disturbance (None: no gusts, full thrust) are constant over the step. The quaternion is normalized
+    after the step. Parts without lag take their commanded value at the start of the step.
     """
 
     def derivative(t: ScalarLike, y: AnyMotionState) -> AnyMotionState:
@@ -100,7 +99,7 @@ class Mission(eqx.Module):
     Attributes
     ----------
     goal
-        True motion of the goal, for the sensors and the stand-off guard, never for the planner.
+        True motion of the goal, for the sensors and the check of the least distance, never for the planner.
     airborne
         Whether the goal is in the air; otherwise the goal is on the surface.
     rendezvous
@@ -116,7 +115,7 @@ class Mission(eqx.Module):
 
     @property
     def distance_min(self) -> Scalar:
-        """Return the least distance allowed to the goal, m; fixed by the kind of goal, no setting can lower it."""
+        """Least distance allowed to the goal, m; fixed for airborne and for surface goals, and not a setting."""
         return jnp.where(self.airborne, AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M)
 
     def goal_at(self, time: ScalarLike) -> GoalState:
@@ -140,7 +139,7 @@ class Vehicle(eqx.Module):
     mission
         Goal, rendezvous and hold; None: the aircraft has no goal and needs no planner.
     gusts
-        Gusts in addition to the mean wind.
+        Model of the gusts, in addition to the mean wind.
     faults
         Thrust loss, sensor failure and departure, by time.
     changes
@@ -161,7 +160,7 @@ class Vehicle(eqx.Module):
     excitation: Excitation | None = None
 
     def airframe_at(self, time: ScalarLike) -> AbstractAirframe:
-        """Return the true airframe at a time (s), with the changes that have occurred by then."""
+        """Return the true airframe at a time (s), with the changes that have occurred until then."""
         return self.airframe if self.changes is None else changed_airframe(self.airframe, self.changes.at(time))
 
     def thrust_ratio_at(self, time: ScalarLike) -> Scalar:
@@ -171,7 +170,7 @@ class Vehicle(eqx.Module):
 
 
 class VehicleState(eqx.Module):
-    """State of one aircraft between two steps."""
+    """State of one aircraft between two steps: motion, states of the parts, and status."""
 
     aircraft: MotionState  # motion state over the environment's Earth
     # states of the parts; opaque to the closed loop
@@ -181,5 +180,7 @@ class VehicleState(eqx.Module):
     controller: Any
     gusts: Any
     status: Integer  # index into `STATUS_MESSAGES`; 0 without an event
-    stopped: Flag  # whether the aircraft no longer moves: on the ground, not trimmed, or with a non-finite state
+    # whether the aircraft no longer moves: on the ground, outside the wind field of a file, not trimmed, after a
+    # non-finite state, or padding of the fleet
+    stopped: Flag
     index: Integer  # fleet index, which selects the aircraft's random numbers
