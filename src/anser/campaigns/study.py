@@ -491,34 +491,35 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
     """Read a CSV file with a heading row of key paths; return the columns by key path.
 
     Columns are numbers; truth values if every entry is `true` or `false`; otherwise texts. Raises ScenarioError if the
-    file is no table, a path is repeated or is "seed", or a number is not finite; a row is named by its line in the file.
+    file is no table, a path is repeated or is "seed", or a number is not finite; a row has the number of its line.
     """
     reader = csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines())
     try:
-        rows = {reader.line_num: [text.strip() for text in row] for row in reader if row}
+        numbered = [(reader.line_num, [text.strip() for text in row]) for row in reader if row]
     except csv.Error as error:
         raise ScenarioError(os.fspath(path), [Problem("", f"a table that is no CSV ({error})", "a CSV file")]) from None
-    if len(rows) < 2:
-        arrived = f"{len(rows)} rows"
+    if len(numbered) < 2:
+        arrived = f"{len(numbered)} rows"
         raise ScenarioError(os.fspath(path), [Problem("", arrived, "a row of paths and one row of values at least")])
-    (head_line, heads), problems = next(iter(rows.items())), []
+    (lines, rows), problems = zip(*numbered, strict=True), []
+    heads = rows[0]
     if len(set(heads)) < len(heads):
-        problems.append(Problem(f"row {head_line}", "a path twice", "each path once"))
+        problems.append(Problem(f"row {lines[0]}", "a path twice", "each path once"))
     if "seed" in heads:
-        problems.append(Problem(f"row {head_line}", '"seed"', _ANOTHER_PATH))
+        problems.append(Problem(f"row {lines[0]}", '"seed"', _ANOTHER_PATH))
     problems += [
         Problem(f"row {line}", f"{len(row)} values", f"{len(heads)}")
-        for line, row in rows.items()
+        for line, row in numbered
         if len(row) != len(heads)
     ]
     if problems:
         raise ScenarioError(os.fspath(path), problems[:1])
-    columns = {head: _parse_column(list(texts)) for head, *texts in zip(*rows.values(), strict=True)}
+    columns = {head: _parse_column(list(texts)) for head, *texts in zip(*rows, strict=True)}
     problems = [
         Problem(f"row {line}, column {head}", describe_value(float(number)), "a finite number")
         for head, values in columns.items()
         if values.dtype.kind == "f"
-        for line, number in zip(list(rows)[1:], values, strict=True)
+        for line, number in zip(lines[1:], values, strict=True)
         if not np.isfinite(number)
     ]
     if problems:
