@@ -159,6 +159,14 @@ def test_names_in_the_aircraft_file_replace_standard_names(folder):
         (('"F16_aero.dml"', '"F16_prop.dml"'), 'dave_ml.aerodynamics: arrived "F16_prop.dml", which has no aeroBody'),
         (('name = "elevator"', 'name = "flap"'), r'surface\[0\].input: arrived "flapDeflection"; expected an input of'),
         (('name = "elevator"', 'name = "elevator"\ninput = "mach"'), r'surface\[0\].input: arrived "mach"'),
+        (
+            ('name = "elevator"', 'name = "elevator"\ninput = "rdr"'),
+            r'surface\[2\].input: arrived "rudderDeflection"; expected an input of its own',
+        ),
+        (
+            ('name = "elevator"', 'name = "elevator"\ninput = "angleOfAttack"'),
+            r'surface\[0\].input: arrived "angleOfAttack"; expected an input of its own',
+        ),
         (("propulsion_lag_s = 1.0", ""), "dave_ml.propulsion_lag_s: arrived nothing; expected a time constant"),
         (("vrsPositionOfCM", "vrsPos"), 'dave_ml.given.vrsPos: arrived "vrsPos"; expected the varID or the name'),
         (('inertia = "F16_inertia.dml"', ""), "dave_ml.inertia: arrived nothing; expected either a file of inertia"),

@@ -6,7 +6,7 @@ import pytest
 
 from anser.aircraft import AbstractAirframe
 from anser.aircraft_files import AIRFRAMES, build, library, load_airframe
-from anser.aircraft_files.sources import VARIANTS, library_file
+from anser.aircraft_files.sources import VARIANTS, airframe_range, library_file
 
 every_airframe = pytest.mark.parametrize(
     ("name", "variant"), [(name, variant) for name in AIRFRAMES for variant in VARIANTS.get(name, ("textbook",))]
@@ -48,6 +48,12 @@ def test_variants_differ():
     for k, numbers in enumerate(leaves):
         for other_numbers in leaves[k + 1 :]:
             assert not np.array_equal(numbers, other_numbers)
+
+
+@pytest.mark.parametrize("variant", VARIANTS["f16"])
+def test_the_angles_of_attack_of_a_variant_are_those_of_its_data(variant):
+    stated = airframe_range("f16", None, variant).alpha_deg
+    np.testing.assert_allclose(np.degrees(load_airframe("f16", variant).alpha_range), stated, rtol=1e-12)
 
 
 def test_the_centre_of_gravity_can_be_set():

@@ -21,6 +21,7 @@ from anser.aircraft.dave_ml_aircraft import (
     ENGINE_POWER,
     INERTIA_OUTPUTS,
     STANDARD_INPUTS,
+    SURFACE_INPUT,
     DaveMlAircraft,
     dave_ml_airframe,
     dave_ml_body_faults,
@@ -248,7 +249,10 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """List surfaces whose input the aerodynamics lack or measure in no angle, and model inputs without a value."""
+    """List unsuitable inputs of surfaces, and model inputs without a value.
+
+    The input of a surface must be an angle, in the aerodynamics, and neither air data nor the input of another surface.
+    """
     problems = []
     surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():
@@ -259,14 +263,19 @@ def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Probl
         required = structure.required_variables(output_ids, constants.keys())
         surface_names = {*surface_inputs, *(name for name, key in input_ids.items() if key in surface_inputs)}
         if part == "aerodynamics":
+            surface_ids: set[str] = set()
             for k, key in enumerate(surface_inputs):
                 if key not in input_ids and key not in structure.inputs:
                     source = describe_value(file.dave_ml.aerodynamics.file)
                     expected = f"an input of {source}: {', '.join(sorted(input_ids))}"
                     problems.append(Problem(f"surface[{k}].input", describe_value(key), expected))
                     continue
+                variable_id = structure.find(key)
+                if variable_id in surface_ids or structure.by_id[variable_id].name in STANDARD_INPUTS:
+                    problems.append(Problem(f"surface[{k}].input", describe_value(key), SURFACE_INPUT))
+                surface_ids.add(variable_id)
                 try:
-                    refuse_other_units(model.definition.variables[structure.find(key)], ANGLE)
+                    refuse_other_units(model.definition.variables[variable_id], ANGLE)
                 except DaveMlError as error:
                     problems.append(_problem_of(f"surface[{k}].input", error))
             available += surface_names
