@@ -186,6 +186,13 @@ def test_an_invalid_dave_ml_file_is_refused_with_its_line(folder):
         read_airframe(folder / "my-f16.toml")
 
 
+def test_an_invalid_dave_ml_file_of_a_name_used_twice_is_refused_with_its_key(folder):
+    (folder / "inertia").mkdir()
+    (folder / "inertia" / "F16_aero.dml").write_text("<DAVEfunc>", encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"dave_ml.inertia \(F16_aero.dml, line 1"):
+        read_airframe(changed(folder, ('"F16_inertia.dml"', '"inertia/F16_aero.dml"')))
+
+
 def test_a_dave_ml_file_alone_is_refused_with_the_way_out(folder):
     with pytest.raises(ScenarioError, match=r"expected an aircraft file \(.toml\) that names it under \[dave_ml\]"):
         load_airframe(str(folder / "F16_aero.dml"))

@@ -65,3 +65,5 @@ def test_unknown_names_are_refused_with_the_known_ones():
         load_airframe("f61")
     with pytest.raises(ValueError, match=r"variant 's191': known are textbook, s119, founding, tp1538, global"):
         load_airframe("f16", "s191")
+    with pytest.raises(ValueError, match=r"variant: arrived 's119' with 'aerosonde'"):
+        load_airframe("aerosonde", "s119")

@@ -243,8 +243,8 @@ def dave_ml_airframe(
     ------
     ValueError
         A model lacks a required variable; the number of `inputs` differs from the number of surfaces; the input of a
-        surface is air data, a body rate or the input of another surface; an input of the aerodynamics is neither air data, body rate nor surface, and has no default value; or the mass properties are
-        physically impossible.
+        surface is air data, a body rate or the input of another surface; an input of the aerodynamics is neither air
+        data, body rate nor surface, and has no default value; or the mass properties are physically impossible.
     DaveMlError
         A reference length, the mass or the inertia is physically impossible, or the input of a surface is not an angle.
     """

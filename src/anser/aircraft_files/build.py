@@ -40,7 +40,7 @@ from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft.propellers import ElectricPropeller, PistonPropeller
 from anser.aircraft_files import schema_tables
 from anser.aircraft_files.deviations import PRIMARY_SURFACES, Deviation
-from anser.aircraft_files.schema import DAVE_ML_PARTS, AirframeFile, DaveMlFile, coefficient_index
+from anser.aircraft_files.schema import DAVE_ML_PARTS, AirframeFile, DaveMlFile, DaveMlText, coefficient_index
 from anser.airframe_data import (
     BODY_COEFFICIENTS,
     COEFFICIENTS,
@@ -152,11 +152,12 @@ def file_models(file: DaveMlFile) -> dict[str, Model]:
 
     The result has no entry for a part without DAVE-ML file. Variables keep their names in the DAVE-ML files.
     """
-    return {
-        part: _read_cached(text.text, text.file)
-        for part in DAVE_ML_PARTS
-        if (text := getattr(file.dave_ml, part)) is not None
-    }
+    return {part: _read_cached(text.text, text.file) for part, text in _file_texts(file)}
+
+
+def _file_texts(file: DaveMlFile) -> list[tuple[str, DaveMlText]]:
+    texts = [(part, getattr(file.dave_ml, part)) for part in DAVE_ML_PARTS]
+    return [(part, text) for part, text in texts if text is not None]
 
 
 @functools.lru_cache(maxsize=32)
@@ -199,12 +200,12 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
 
     An empty list means that `build_dave_ml` can build the airframe.
     """
-    try:
-        raw = file_models(file)
-    except DaveMlError as error:
-        part = next(part for part in DAVE_ML_PARTS if (text := getattr(file.dave_ml, part)) and text.file == error.name)
-        return [_problem_of(f"dave_ml.{part}", error)]
-    problems = []
+    for part, text in _file_texts(file):
+        try:
+            _read_cached(text.text, text.file)
+        except DaveMlError as error:
+            return [_problem_of(f"dave_ml.{part}", error)]
+    raw, problems = file_models(file), []
     references = [("names", name, variable) for name, variable in file.dave_ml.names.items()]
     for key, name, variable in (*references, *(("given", name, name) for name in file.dave_ml.given)):
         if not any(_has_variable(model, variable) for model in raw.values()):

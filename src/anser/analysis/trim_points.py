@@ -53,8 +53,8 @@ def resolve_airframe(
     """Return the airframe of a name, file or object, and its description for the attributes of datasets.
 
     Raises ValueError if `aircraft` is neither an airframe nor the name of one, the variant of the F-16 is unknown, a
-    centre of gravity is given for an airframe other than the library's F-16, or mass properties, wing area or lengths
-    are impossible; ScenarioError if the aircraft file is not valid.
+    variant or centre of gravity is given for an airframe other than the library's F-16, or mass properties, wing area
+    or lengths are impossible; ScenarioError if the aircraft file is not valid.
 
     Parameters
     ----------
@@ -75,6 +75,8 @@ def resolve_airframe(
             f"aircraft: arrived {type(aircraft).__name__}; expected the name of an airframe, the path of an aircraft "
             "file, or an object of a subclass of anser.aircraft.AbstractAirframe"
         )
+    if variant != "textbook":
+        raise ValueError(f"variant: arrived {variant!r} with an airframe of your own; expected none")
     if x_cg_over_c is not None:
         raise ValueError(
             f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
