@@ -179,7 +179,7 @@ class Limits(Table):
     """Flight envelope for plans and autopilot.
 
     The defaults are the F-16's. For other aircraft, the limits that the file leaves out follow from the aircraft:
-    airspeeds, bank and climb rate from its performance and data, angles of attack from its data.
+    airspeeds, bank and climb rate from its performance and data. Angles of attack keep to the data of every aircraft.
     """
 
     speed_min_m_s: float = number("minimum airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
