@@ -134,11 +134,19 @@ def test_slopes_are_finite_at_rest(f16):
         ({"inertia": model("F16_prop")}, "inertia: the file has no variable named bodyMomentOfInertia_Roll"),
         ({"propulsion": model("F16_aero")}, "propulsion: the file has no variable named thrustBodyForce_X"),
         ({"inputs": ("elevatorDeflection",)}, "inputs of the surfaces: arrived elevatorDeflection; expected one of"),
+        ({"inputs": (*INPUTS[:2], "el")}, "arrived el for rudder; expected an input of its own"),
+        ({"inputs": (*INPUTS[:2], "angleOfAttack")}, "arrived angleOfAttack for rudder; expected an input of its own"),
     ],
 )
 def test_files_of_another_kind_are_refused_by_name(other, words):
     with pytest.raises(ValueError, match=words):
         built(**other)
+
+
+def test_the_input_of_a_surface_may_be_a_var_id(f16):
+    by_id = built(inputs=("el", "ail", "rdr"))
+    x = jnp.asarray([[150.0, 0.1, 0.05, 0.1, -0.1, 0.2, 0.1, -0.2, 0.3]])
+    np.testing.assert_array_equal(wrench_of(by_id, x), wrench_of(f16, x))
 
 
 def test_body_rates_are_no_required_inputs(f16):

@@ -159,6 +159,14 @@ def test_names_in_the_aircraft_file_replace_standard_names(folder):
         (('"F16_aero.dml"', '"F16_prop.dml"'), 'dave_ml.aerodynamics: arrived "F16_prop.dml", which has no aeroBody'),
         (('name = "elevator"', 'name = "flap"'), r'surface\[0\].input: arrived "flapDeflection"; expected an input of'),
         (('name = "elevator"', 'name = "elevator"\ninput = "mach"'), r'surface\[0\].input: arrived "mach"'),
+        (
+            ('name = "elevator"', 'name = "elevator"\ninput = "rdr"'),
+            r'surface\[2\].input: arrived "rudderDeflection"; expected an input of its own',
+        ),
+        (
+            ('name = "elevator"', 'name = "elevator"\ninput = "angleOfAttack"'),
+            r'surface\[0\].input: arrived "angleOfAttack"; expected an input of its own',
+        ),
         (("propulsion_lag_s = 1.0", ""), "dave_ml.propulsion_lag_s: arrived nothing; expected a time constant"),
         (("vrsPositionOfCM", "vrsPos"), 'dave_ml.given.vrsPos: arrived "vrsPos"; expected the varID or the name'),
         (('inertia = "F16_inertia.dml"', ""), "dave_ml.inertia: arrived nothing; expected either a file of inertia"),
@@ -176,6 +184,13 @@ def test_an_invalid_dave_ml_file_is_refused_with_its_line(folder):
     (folder / "F16_aero.dml").write_text("<DAVEfunc>\n<variableDef>", encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"dave_ml.aerodynamics \(F16_aero.dml, line 2, column \d+\): arrived"):
         read_airframe(folder / "my-f16.toml")
+
+
+def test_an_invalid_dave_ml_file_of_a_name_used_twice_is_refused_with_its_key(folder):
+    (folder / "inertia").mkdir()
+    (folder / "inertia" / "F16_aero.dml").write_text("<DAVEfunc>", encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"dave_ml.inertia \(F16_aero.dml, line 1"):
+        read_airframe(changed(folder, ('"F16_inertia.dml"', '"inertia/F16_aero.dml"')))
 
 
 def test_a_dave_ml_file_alone_is_refused_with_the_way_out(folder):

@@ -6,7 +6,7 @@ import pytest
 
 from anser.aircraft import AbstractAirframe
 from anser.aircraft_files import AIRFRAMES, build, library, load_airframe
-from anser.aircraft_files.sources import VARIANTS, library_file
+from anser.aircraft_files.sources import VARIANTS, airframe_range, library_file
 
 every_airframe = pytest.mark.parametrize(
     ("name", "variant"), [(name, variant) for name in AIRFRAMES for variant in VARIANTS.get(name, ("textbook",))]
@@ -50,6 +50,12 @@ def test_variants_differ():
             assert not np.array_equal(numbers, other_numbers)
 
 
+@pytest.mark.parametrize("variant", VARIANTS["f16"])
+def test_the_angles_of_attack_of_a_variant_are_those_of_its_data(variant):
+    stated = airframe_range("f16", None, variant).alpha_deg
+    np.testing.assert_allclose(np.degrees(load_airframe("f16", variant).alpha_range), stated, rtol=1e-12)
+
+
 def test_the_centre_of_gravity_can_be_set():
     assert float(load_airframe("f16", "textbook", 0.38).x_cg) == 0.38
 
@@ -59,3 +65,5 @@ def test_unknown_names_are_refused_with_the_known_ones():
         load_airframe("f61")
     with pytest.raises(ValueError, match=r"variant 's191': known are textbook, s119, founding, tp1538, global"):
         load_airframe("f16", "s191")
+    with pytest.raises(ValueError, match=r"variant: arrived 's119' with 'aerosonde'"):
+        load_airframe("aerosonde", "s119")

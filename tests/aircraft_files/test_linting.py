@@ -24,6 +24,7 @@ def test_the_library_is_without_findings():
         (("Cl_r = 0.25\n", "Cl_r = 0.25\nCm_beta = 0.1\n"), "aerodynamics.Cm_beta", "mirror image"),
         (("CL_alpha = 5.61", "CL_alpha = 0.098"), "aerodynamics.CL_alpha", "is it given per deg, not per rad?"),
         (("limit_deg = 30.0", "limit_deg = 0.52"), "surface[0].limit_deg", "is it in rad?"),
+        (("limit_deg = 30.0", "lower_deg = -0.5\nupper_deg = 0.52"), "surface[0].upper_deg", "is it in rad?"),
         (("rate_limit_deg_s = 200.0", "rate_limit_deg_s = 3.5"), "surface[0].rate_limit_deg_s", "is it in rad/s?"),
         (("beta_deg = [-25.0, 25.0]", "beta_deg = [-0.4, 0.4]"), "validity.beta_deg", "are these rad?"),
         (("mass_kg = 11.0", "mass_kg = 1100.0"), "validity.airspeed_m_s", "at none of these airspeeds"),
@@ -44,6 +45,14 @@ def table_of(values, points=tuple(range(-30, 31, 5)), over="beta", name="Cl"):
 def with_rolling(values, **options):
     pairs = [("Cl_beta = -0.13\n", "")]
     return validate_airframe(changed(*pairs, text=AEROSONDE + table_of(values, **options)), "test")
+
+
+def test_negative_drag_of_a_table_is_located_in_the_table():
+    table = table_of([-0.1, -0.1], points=(-30, 30), over="alpha", name="CD")
+    text = AEROSONDE.replace("instead = { CD0 = 0.0 }\n", "") + table
+    file = validate_airframe(changed(("CD0 = 0.043\n", ""), text=text), "test")
+    findings = [finding for finding in collect_findings(file) if "a drag coefficient of" in finding.text]
+    assert [finding.location for finding in findings] == ["table[0] (CD)"]
 
 
 @given(index=st.integers(1, 11), size=st.floats(0.02, 0.2), sign=st.sampled_from([-1, 1]))

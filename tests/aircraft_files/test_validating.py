@@ -74,6 +74,37 @@ def test_a_derivative_beside_the_table_that_replaces_it_is_refused():
     }  # fmt: skip
 
 
+def test_a_check_of_a_derivative_that_a_table_replaces_is_refused():
+    table = TABLE.replace('"Cm"', '"Cm_q"')
+    pairs = ("Cm_q = -38.21\n", ""), ("{ CD0 = 0.0 }", "{ Cm_q = 0.0 }")
+    with pytest.raises(ScenarioError, match=r"instead.Cm_q: arrived 0; expected nothing: table\[0\] of Cm_q takes"):
+        validate_airframe(changed(*pairs, text=AEROSONDE + table), "test")
+
+
+JET = "[engine.jet]\nlag_s = 1.0\nidle_N = {}\nfull_N = {}\n"
+ELECTRIC = AEROSONDE[AEROSONDE.index("[engine.electric_propeller]") : AEROSONDE.index("[validity]")]
+AXES = "altitude_m = [0, 9000]\nmach = [0, 1]\n"
+
+
+@pytest.mark.parametrize(
+    ("jet", "arrived"),
+    [
+        (JET.format(500, 700), None),
+        (JET.format(500, -100), "-600 N more than idle_N"),
+        (JET.format(500, 500), "0 N more than idle_N"),
+        (JET.format("[[1, 2], [0, 0]]", "[[9, 1], [0, 0]]") + AXES, None),
+        (JET.format("[[1, 2], [0, 0]]", "[[0, 1], [-1, -1]]") + AXES, "-1 N more than idle_N"),
+    ],
+)
+def test_full_thrust_is_above_idle_thrust(jet, arrived):
+    values = changed((ELECTRIC, jet))
+    if arrived is None:
+        assert validate_airframe(values, "test").engine.jet is not None
+        return
+    with pytest.raises(ScenarioError, match=f"engine.jet.full_N: arrived {arrived}; expected more thrust than idle_N"):
+        validate_airframe(values, "test")
+
+
 @pytest.mark.parametrize(
     ("pair", "path"),
     [

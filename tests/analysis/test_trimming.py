@@ -29,5 +29,7 @@ def test_contradictory_conditions_are_refused():
         trim("f16", 153.0, 0.0, turn_rate_deg_s=3.0, pitch_rate_deg_s=10.0)
     with pytest.raises(ValueError, match=r"x_cg_over_c: arrived 0.35 with an airframe of your own; expected None"):
         trim(load_airframe(), 153.0, 0.0, x_cg_over_c=0.35)
+    with pytest.raises(ValueError, match=r"variant: arrived 'tp1538' with an airframe of your own; expected none"):
+        trim(load_airframe(), 153.0, 0.0, variant="tp1538")
     with pytest.raises(ValueError, match="known are"):
         trim("f16", 153.0, 0.0, variant="best")

@@ -84,6 +84,20 @@ def test_an_invalid_sampling_is_refused(sampling, said):
             },
             "sampling.levels: arrived a grid of 1000000000 flights",
         ),
+        (
+            {
+                "sampling": {"method": "grid", "levels": 1},
+                "vary": [
+                    {
+                        "path": "turbulence.intensity",
+                        "distribution": "choice",
+                        "values": ["none", "severe"],
+                        "weights": [99.0, 1.0],
+                    }
+                ],
+            },
+            "vary[0].weights: arrived a list of 2; expected none with the method grid, which flies each value equally",
+        ),
     ],
 )
 def test_inconsistent_tables_are_refused(changes, said):
@@ -170,8 +184,8 @@ def test_a_table_gives_the_values(tmp_path):
     (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5,1\n")
     with pytest.raises(ScenarioError, match="row 2: arrived 2 values; expected 1"):
         load_study(tmp_path / "study.toml")
-    (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5\nnan\n")
-    with pytest.raises(ScenarioError, match=r"row 3, column wind\.speed_m_s: arrived nan; expected a finite number"):
+    (tmp_path / "values.csv").write_text("wind.speed_m_s\n\n0.5\n\nnan\n")
+    with pytest.raises(ScenarioError, match=r"row 5, column wind\.speed_m_s: arrived nan; expected a finite number"):
         load_study(tmp_path / "study.toml")
     (tmp_path / "values.csv").write_text("seed\n1\n")
     with pytest.raises(ScenarioError, match="another path: the study's seed"):

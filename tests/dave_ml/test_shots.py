@@ -82,6 +82,13 @@ def test_a_shot_that_cannot_be_evaluated_says_why(old, new, says):
         read_dave_ml(text, "f").check()
 
 
+def test_shots_set_the_same_inputs():
+    features = model("features")
+    assert features.with_shots({}).definition.shots == ()
+    with pytest.raises(ValueError, match=r'shot "b": arrived x, y; expected x, as in the first shot'):
+        features.with_shots({"a": {"x": 1.0}, "b": {"x": 1.0, "y": 1.0}})
+
+
 def test_computed_shots_pass_and_detect_a_change():
     aero = model("F16_aero")
     inputs = {

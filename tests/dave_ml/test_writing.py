@@ -185,6 +185,18 @@ def test_a_model_made_in_python_is_written_and_read():
     np.testing.assert_allclose(reread.evaluate({"alpha": jnp.array(12.0)})["CD"], 0.02 + 0.05 * 1.18**2, rtol=1e-14)
 
 
+def test_shots_without_outputs_and_the_provenance_of_shots_are_written():
+    note = '<provenance><author name="A" org="B"/></provenance>'
+    text = FEATURES.decode().replace("<checkData>", f"<checkData>{note}").replace("<isOutput/>", "")
+    original = read_dave_ml(text, "f")
+    reread = read_dave_ml(write_dave_ml(original), "again")
+    assert original.definition.check_notes == reread.definition.check_notes
+    assert [child.get("name") for child in reread.definition.check_notes[0].children] == ["A"]
+    without_outputs = original.with_shots({"a": {"x": 0.5, "y": 0.25, "flap": 10.0}})
+    assert without_outputs.definition.check_notes == ()
+    assert read_dave_ml(write_dave_ml(without_outputs), "f").definition.shots == without_outputs.definition.shots
+
+
 def test_names_of_more_than_one_variable_are_written_by_varid():
     text = FEATURES.decode().replace('name="second"', 'name="first"').replace(
         "<signalName>first</signalName><signalUnits>nd</signalUnits>", "<varID>x</varID>"

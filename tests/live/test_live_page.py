@@ -639,6 +639,21 @@ def test_an_attempt_beyond_its_limits_is_not_drawn(page):
     answered(page)
 
 
+def test_the_closest_pair_is_shown_by_its_distances(page):
+    answered(page)
+    text = "[...document.querySelectorAll('#answer .fact')].map((line) => [line.textContent, line.className])[0]"
+    page.run(
+        "(() => { const answer = structuredClone(live.answer); Object.assign(answer.separation, { pair: ['a', 'b'],"
+        " time_s: 12, distances_m: [0, 120], required_m: [500, 150], is_met: false });"
+        " live._take(answer); live.shown = null; live.drawNow(); })()"
+    )
+    sentence = "Closest pair: a and b, 0 m in the plane and 120 m in altitude at 12.0 s, 500 m or 150 m required."
+    assert page.run(text) == [sentence, "fact over"]
+    assert "0 m / 120 m" in page.run("document.querySelector('#map').textContent")
+    page.run(f"live.opened({json.dumps(DOCUMENT)}, null)")
+    answered(page)
+
+
 def test_after_a_flight_the_header_has_two_rows_and_the_scene_moves(page):
     answered(page)
     page.run(

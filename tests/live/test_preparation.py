@@ -66,9 +66,9 @@ def test_the_process_stands_still_while_plans_are_asked_for(monkeypatch, tmp_pat
     ahead = preparation.Preparation(tmp_path)
     ahead.pause()  # without a process
     ahead.request(DOCUMENT, 80.0)
-    state = Path(f"/proc/{ahead._process.pid}/stat")
 
     def stands():
+        state = Path(f"/proc/{ahead._process.pid}/stat")
         return state.read_text(encoding="ascii").rpartition(")")[2].split()[0] == "T"
 
     begin = time.monotonic()
@@ -81,7 +81,11 @@ def test_the_process_stands_still_while_plans_are_asked_for(monkeypatch, tmp_pat
         time.sleep(0.01)
     assert time.monotonic() > begin + 0.45  # 0.3 s after the last plan
     ahead.pause()
-    ahead.close()  # a process that stands still ends too
+    ahead.request(with_aircraft(5), 80.0)  # a process that stands still ends too
+    assert not stands()
+    ahead.pause()
+    assert stands()
+    ahead.close()
     time.sleep(0.5)
 
 

@@ -140,6 +140,20 @@ def test_an_f16_still_starts_at_30_m_s_or_faster():
         loads(text)
 
 
+def test_limits_of_an_f16_keep_to_the_angles_of_attack_of_its_variant():
+    speed = ("speed_m_s = 25, c", "speed_m_s = 150, c"), ("fleet.speed_m_s = 25.0", "fleet.speed_m_s = 150.0")
+    changes = {"start": speed[0], "speed": speed[1], "hold": ("radius_m = 300", "radius_m = 4000")}
+    for variant, alpha_min_deg in (("textbook", -5.0), ("tp1538", -5.0), ("global", -4.0)):
+        limits = loads(fleet(f'variant = "{variant}"', **changes)).limits
+        assert (limits.alpha_min_deg, limits.alpha_max_deg) == (alpha_min_deg, 25.0)
+    changes["alpha"] = ("limits.climb", "limits.alpha_max_deg = 45\nlimits.climb")
+    assert loads(fleet('variant = "textbook"', **changes)).limits.alpha_max_deg == 45.0
+    with pytest.raises(
+        ScenarioError, match=r"arrived 45; expected at most 30 deg, where the data of f16 \(global\) hold"
+    ):
+        loads(fleet('variant = "global"', **changes))
+
+
 def test_limits_left_out_follow_from_the_aircraft():
     scenario = loads(fleet('type = "aerosonde"'))
     assert (scenario.limits.speed_min_m_s, scenario.limits.speed_max_m_s) == (13.0, 40.0)

@@ -123,6 +123,7 @@ AERO_OUTPUTS = (*_FORCES, *_MOMENTS)
 AERO_LENGTHS = ("referenceWingArea", "referenceWingSpan", "referenceWingChord")
 STANDARD_INPUTS = (*AIR_INPUTS, *_RATES)
 """Inputs available for any aircraft; other inputs must be surfaces or have a default value."""
+SURFACE_INPUT = "an input of its own, neither air data nor a body rate nor the input of another surface"
 _INERTIAS = (
     *(f"bodyMomentOfInertia_{axis}" for axis in ("Roll", "Pitch", "Yaw")),
     *(f"bodyProductOfInertia_{axes}" for axes in ("XY", "YZ", "ZX")),
@@ -241,9 +242,9 @@ def dave_ml_airframe(
     Raises
     ------
     ValueError
-        A model lacks a required variable; the number of `inputs` differs from the number of surfaces; an input of the
-        aerodynamics is neither air data, body rate nor surface, and has no default value; or the mass properties are
-        physically impossible.
+        A model lacks a required variable; the number of `inputs` differs from the number of surfaces; the input of a
+        surface is air data, a body rate or the input of another surface; an input of the aerodynamics is neither air
+        data, body rate nor surface, and has no default value; or the mass properties are physically impossible.
     DaveMlError
         A reference length, the mass or the inertia is physically impossible, or the input of a surface is not an angle.
     """
@@ -256,14 +257,18 @@ def dave_ml_airframe(
             f"inputs of the surfaces: arrived {', '.join(inputs)}; expected one of {', '.join(ids_by_name)} "
             f"for each of {', '.join(actuators.names)}"
         )
-    for name in inputs:
-        refuse_other_units(aerodynamics.definition.variables[structure.find(name)], ANGLE)
+    surface_ids = [structure.find(name) for name in inputs]
+    for k, variable_id in enumerate(surface_ids):
+        refuse_other_units(aerodynamics.definition.variables[variable_id], ANGLE)
+        if variable_id in surface_ids[:k] or structure.by_id[variable_id].name in STANDARD_INPUTS:
+            arrived = f"{inputs[k]} for {actuators.names[k]}"
+            raise ValueError(f"inputs of the surfaces: arrived {arrived}; expected {SURFACE_INPUT}")
     constants = aerodynamics.evaluator.constants
     required_ids = structure.required_variables({structure.find(name) for name in AERO_OUTPUTS}, constants.keys())
     missing = [
         n
         for n, variable_id in ids_by_name.items()
-        if variable_id in required_ids - constants.keys() and n not in (*STANDARD_INPUTS, *inputs)
+        if variable_id in required_ids - constants.keys() - {*surface_ids} and n not in STANDARD_INPUTS
     ]
     if missing:
         raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {STANDARD_INPUTS}")

@@ -21,6 +21,7 @@ from anser.aircraft.dave_ml_aircraft import (
     ENGINE_POWER,
     INERTIA_OUTPUTS,
     STANDARD_INPUTS,
+    SURFACE_INPUT,
     DaveMlAircraft,
     dave_ml_airframe,
     dave_ml_body_faults,
@@ -39,7 +40,7 @@ from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft.propellers import ElectricPropeller, PistonPropeller
 from anser.aircraft_files import schema_tables
 from anser.aircraft_files.deviations import PRIMARY_SURFACES, Deviation
-from anser.aircraft_files.schema import DAVE_ML_PARTS, AirframeFile, DaveMlFile, coefficient_index
+from anser.aircraft_files.schema import DAVE_ML_PARTS, AirframeFile, DaveMlFile, DaveMlText, coefficient_index
 from anser.airframe_data import (
     BODY_COEFFICIENTS,
     COEFFICIENTS,
@@ -151,11 +152,12 @@ def file_models(file: DaveMlFile) -> dict[str, Model]:
 
     The result has no entry for a part without DAVE-ML file. Variables keep their names in the DAVE-ML files.
     """
-    return {
-        part: _read_cached(text.text, text.file)
-        for part in DAVE_ML_PARTS
-        if (text := getattr(file.dave_ml, part)) is not None
-    }
+    return {part: _read_cached(text.text, text.file) for part, text in _file_texts(file)}
+
+
+def _file_texts(file: DaveMlFile) -> list[tuple[str, DaveMlText]]:
+    texts = [(part, getattr(file.dave_ml, part)) for part in DAVE_ML_PARTS]
+    return [(part, text) for part, text in texts if text is not None]
 
 
 @functools.lru_cache(maxsize=32)
@@ -198,12 +200,12 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
 
     An empty list means that `build_dave_ml` can build the airframe.
     """
-    try:
-        raw = file_models(file)
-    except DaveMlError as error:
-        part = next(part for part in DAVE_ML_PARTS if (text := getattr(file.dave_ml, part)) and text.file == error.name)
-        return [_problem_of(f"dave_ml.{part}", error)]
-    problems = []
+    for part, text in _file_texts(file):
+        try:
+            _read_cached(text.text, text.file)
+        except DaveMlError as error:
+            return [_problem_of(f"dave_ml.{part}", error)]
+    raw, problems = file_models(file), []
     references = [("names", name, variable) for name, variable in file.dave_ml.names.items()]
     for key, name, variable in (*references, *(("given", name, name) for name in file.dave_ml.given)):
         if not any(_has_variable(model, variable) for model in raw.values()):
@@ -248,7 +250,10 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """List surfaces whose input the aerodynamics lack or measure in no angle, and model inputs without a value."""
+    """List unsuitable inputs of surfaces, and model inputs without a value.
+
+    The input of a surface must be an angle, in the aerodynamics, and neither air data nor the input of another surface.
+    """
     problems = []
     surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():
@@ -259,14 +264,19 @@ def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Probl
         required = structure.required_variables(output_ids, constants.keys())
         surface_names = {*surface_inputs, *(name for name, key in input_ids.items() if key in surface_inputs)}
         if part == "aerodynamics":
+            surface_ids: set[str] = set()
             for k, key in enumerate(surface_inputs):
                 if key not in input_ids and key not in structure.inputs:
                     source = describe_value(file.dave_ml.aerodynamics.file)
                     expected = f"an input of {source}: {', '.join(sorted(input_ids))}"
                     problems.append(Problem(f"surface[{k}].input", describe_value(key), expected))
                     continue
+                variable_id = structure.find(key)
+                if variable_id in surface_ids or structure.by_id[variable_id].name in STANDARD_INPUTS:
+                    problems.append(Problem(f"surface[{k}].input", describe_value(key), SURFACE_INPUT))
+                surface_ids.add(variable_id)
                 try:
-                    refuse_other_units(model.definition.variables[structure.find(key)], ANGLE)
+                    refuse_other_units(model.definition.variables[variable_id], ANGLE)
                 except DaveMlError as error:
                     problems.append(_problem_of(f"surface[{k}].input", error))
             available += surface_names

@@ -298,9 +298,9 @@ def _derivative_key(file: _File, name: str) -> str:
     """Return the key of a derivative in the file, or of the table that replaces the derivative."""
     if isinstance(file, DaveMlFile):
         return f"dave_ml.aerodynamics ({name})"
-    coefficient, _, ending = name.partition("_")
+    coefficient, ending = name[:2], name[2:].removeprefix("_")
     for k, table in enumerate(file.table):
-        if table.replaces == name or (table.replaces == coefficient and ending in table.over):
+        if table.replaces == name or (table.replaces == coefficient and ending in ("0", *table.over)):
             return f"table[{k}] ({table.replaces})"
     return f"aerodynamics.{name}"
 
@@ -326,7 +326,8 @@ def _angle_unit_findings(file: _File) -> Iterator[Finding]:
     for k, surface in enumerate(file.surface):
         if max(map(abs, surface.stops_deg)) < 1.6:
             text = f"{surface.stops_deg[1]:g} deg ({surface.name}): small; is it in rad?"
-            yield Finding(f"surface[{k}].limit_deg", text)
+            key = "upper_deg" if surface.limit_deg is None else "limit_deg"
+            yield Finding(f"surface[{k}].{key}", text)
         if surface.rate_limit_deg_s < 10.0:
             text = f"{surface.rate_limit_deg_s:g} deg/s ({surface.name}): slow; is it in rad/s?"
             yield Finding(f"surface[{k}].rate_limit_deg_s", text)

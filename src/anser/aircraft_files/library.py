@@ -79,15 +79,15 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     name
         Element of `sources.AIRFRAMES`, name of an entry point, or path of an aircraft file.
     variant
-        Element of `VARIANTS["f16"]` if `name` is "f16"; otherwise ignored.
+        Element of `VARIANTS["f16"]` if `name` is "f16"; otherwise "textbook".
     x_cg_over_c
         Centre of gravity of the F-16 as a fraction of the mean chord; None: value of the variant.
 
     Raises
     ------
     ValueError
-        If the name or variant is unknown (the message lists the known names), `x_cg_over_c` is given for another
-        aircraft than the F-16, or an entry point returns no airframe or an impossible mass or inertia.
+        If the name or variant is unknown (the message lists the known names), a variant or `x_cg_over_c` is given for
+        another aircraft than the F-16, or an entry point returns no airframe or an impossible mass or inertia.
     ScenarioError
         If an aircraft file cannot be read or is invalid.
     """
@@ -96,6 +96,8 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
             raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(VARIANTS[name])}")
         loaders = {"tp1538": load_tp1538, "global": load_global_f16}
         return loaders[variant](x_cg_over_c) if variant in loaders else load_f16(variant, x_cg_over_c)
+    if variant != "textbook":
+        raise ValueError(f"variant: arrived {variant!r} with {name!r}; expected none: the F-16 alone has variants")
     if x_cg_over_c is not None:
         raise ValueError(f"x_cg_over_c: arrived {x_cg_over_c} with {name!r}; expected None: the F-16 alone has it")
     if is_aircraft_path(name):

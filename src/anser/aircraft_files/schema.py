@@ -108,8 +108,24 @@ class AirframeFile(AnyAirframeFile):
 
     def consistency_problems(self) -> list[Problem]:
         """List contradictions between surfaces, coefficient tables, derivatives and check data."""
-        problems = [*surface_problems(self.surface), *self._table_problems()]
+        problems = [*surface_problems(self.surface), *self._table_problems(), *self._replacement_problems()]
         return [*problems, *check_problems(self.check, self.surfaces)]
+
+    def _replacement_problems(self) -> list[Problem]:
+        """List replacement values, in check data, of derivatives that a table replaces."""
+        replaced: dict[str, str] = {}
+        for j, table in enumerate(self.table):
+            index = coefficient_index(table.replaces, self.surfaces)
+            for column in () if index is None else replaced_columns(table, index):
+                if index is not None and column < len(DERIVATIVE_ARGUMENTS):
+                    name = COEFFICIENTS[index[0]] + DERIVATIVE_ARGUMENTS[column]
+                    replaced[name] = f"nothing: table[{j}] of {table.replaces} takes its place"
+        return [
+            Problem(f"check.forces[{k}].instead.{name}", format_number(value), replaced[name])
+            for k, force_check in enumerate(self.check.forces)
+            for name, value in force_check.instead.items()
+            if name in replaced
+        ]
 
     def _table_problems(self) -> list[Problem]:
         problems = []

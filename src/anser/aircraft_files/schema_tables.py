@@ -365,6 +365,10 @@ def shape_problems(values: object, shape: tuple[int, ...], path: str) -> list[Pr
     return [problem for k, item in enumerate(values) for problem in shape_problems(item, shape[1:], f"{path}[{k}]")]
 
 
+def _flat(values: Any) -> list[float]:
+    return [x for item in values for x in _flat(item)] if isinstance(values, list | tuple) else [values]
+
+
 Polynomial = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
@@ -400,7 +404,10 @@ class Jet(Table):
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """List a missing axis, breakpoints that do not rise, and thrust values whose shape does not fit the axes."""
+        """List a missing axis, breakpoints that do not rise, values whose shape does not fit the axes, and no thrust.
+
+        Full thrust must exceed idle thrust; in tables, somewhere.
+        """
         if bool(self.altitude_m) != bool(self.mach):
             missing_key = "mach" if self.altitude_m else "altitude_m"
             return [Problem(missing_key, "nothing", "both altitude_m and mach, or none of them")]
@@ -410,9 +417,14 @@ class Jet(Table):
             if len(points) == 1 or any(not previous < point for previous, point in pairwise(points))
         ]
         shape = (len(self.altitude_m), len(self.mach)) if self.mach else ()
-        return problems or [
+        problems = problems or [
             problem for key in ("idle_N", "full_N") for problem in shape_problems(getattr(self, key), shape, key)
         ]
+        if not problems:
+            gains_N = [full_N - idle_N for idle_N, full_N in zip(*map(_flat, (self.idle_N, self.full_N)), strict=True)]
+            if max(gains_N) <= 0.0:
+                problems.append(Problem("full_N", f"{max(gains_N):g} N more than idle_N", "more thrust than idle_N"))
+        return problems
 
 
 class ElectricPropeller(Table):

@@ -188,15 +188,17 @@ def unknown_type_hint(name: str) -> str:
 ALTITUDE_MAX_M = 15240.0  # end of the F-16's thrust tables (50,000 ft), [SL] appendix A
 SPEED_MAX_M_S = 340.0  # Mach 1, end of the thrust tables
 _F16_SPEED_MIN_M_S = 30.0
-_F16_ALPHA_DEG = (-10.0, 45.0)
+_F16_ALPHA_DEG = (-10.0, 45.0)  # textbook's tables
+_VARIANTS_ALPHA_DEG = {"tp1538": (-20.0, 90.0), "global": (-4.0, 30.0)}
 
 
 @dataclass(frozen=True)
 class AirframeRange:
     """Ranges (minimum, maximum) of true airspeed, altitude and angle of attack of an airframe's data.
 
-    A range is None if unknown without construction of the airframe; the altitude also if a file states no range. If
-    the ranges come from an aircraft file (`is_from_file`), the default limits of a scenario follow the ranges.
+    A range is None if unknown without construction of the airframe; the altitude also if a file states no range. The
+    default limits of a scenario keep to the angles of attack; if the ranges come from an aircraft file
+    (`is_from_file`), they follow the airspeeds too.
     """
 
     name: str
@@ -206,11 +208,11 @@ class AirframeRange:
     is_from_file: bool
 
 
-def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> AirframeRange:
+def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None, variant: str = "textbook") -> AirframeRange:
     """Return the data ranges of an airframe: from `file`, or by the airframe type `kind` if `file` is None.
 
-    For "f16" the ranges are those of the textbook's tables, for every variant. The ranges are None for a type without
-    file that is neither "f16" nor a key of `LIBRARY_FILES`.
+    For "f16" the angles of attack are those of the data of `variant`. The ranges are None for a type without file that
+    is neither "f16" nor a key of `LIBRARY_FILES`.
     """
     if file is None and kind in LIBRARY_FILES:
         file = library_file(kind)
@@ -219,7 +221,9 @@ def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> Airfram
         return AirframeRange(file.name, valid.airspeed_m_s, valid.altitude_m, valid.alpha_deg, is_from_file=True)
     if kind == "f16":
         speeds, altitudes = (_F16_SPEED_MIN_M_S, SPEED_MAX_M_S), (0.0, ALTITUDE_MAX_M)
-        return AirframeRange(kind, speeds, altitudes, _F16_ALPHA_DEG, is_from_file=False)
+        alphas = _VARIANTS_ALPHA_DEG.get(variant, _F16_ALPHA_DEG)
+        name = f"{kind} ({variant})" if variant in _VARIANTS_ALPHA_DEG else kind
+        return AirframeRange(name, speeds, altitudes, alphas, is_from_file=False)
     return AirframeRange(kind, None, None, None, is_from_file=False)
 
 

@@ -54,8 +54,8 @@ def resolve_airframe(
 
     The description has `aircraft` (name, path or "custom") and, for the F-16 by name, `variant` and `x_cg_over_c` if
     given. Raises ValueError if `aircraft` is neither an airframe nor the name of one, the variant of the F-16 is
-    unknown, a centre of gravity is given for an airframe other than the library's F-16, or mass properties, wing area
-    or lengths are impossible; ScenarioError if the aircraft file is not valid.
+    unknown, a variant or centre of gravity is given for an airframe other than the library's F-16, or mass properties,
+    wing area or lengths are impossible; ScenarioError if the aircraft file is not valid.
 
     Parameters
     ----------
@@ -76,6 +76,8 @@ def resolve_airframe(
             f"aircraft: arrived {type(aircraft).__name__}; expected the name of an airframe, the path of an aircraft "
             "file, or an object of a subclass of anser.aircraft.AbstractAirframe"
         )
+    if variant != "textbook":
+        raise ValueError(f"variant: arrived {variant!r} with an airframe of your own; expected none")
     if x_cg_over_c is not None:
         raise ValueError(
             f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "

@@ -61,7 +61,7 @@ class Dispersion(Table):
     weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = Field(
         None,
         strict=False,
-        description="relative frequencies of the values; default: equal",
+        description="relative frequencies of the values; default: equal; not with a grid",
         json_schema_extra=expects("a list of numbers above 0, as many as there are values"),
     )
 

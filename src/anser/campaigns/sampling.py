@@ -92,8 +92,8 @@ def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
 def _grid(study: Study) -> dict[str, np.ndarray]:
     """Return every combination of the parameters' grid values, by key path; the last path varies fastest.
 
-    A parameter with listed values takes each of the values, whatever their weights; a parameter with a continuous
-    distribution takes the midpoints of intervals of equal probability.
+    A parameter with listed values takes each of the values; a parameter with a continuous distribution takes the
+    midpoints of intervals of equal probability.
     """
     levels = study.sampled.levels or 1
     middles = (np.arange(levels) + 0.5) / levels

@@ -402,6 +402,13 @@ class Study(Table):
         if sampling.method == "grid" and count > FLIGHTS_MAX:
             arrived = f"a grid of {count} flights"
             problems.append(Problem("sampling.levels", arrived, f"a grid of {FLIGHTS_MAX} flights at most"))
+        if sampling.method == "grid":
+            expected = "none with the method grid, which flies each value equally often"
+            problems += [
+                Problem(f"vary[{k}].weights", f"a list of {len(dispersion.weights)}", expected)
+                for k, dispersion in enumerate(self.vary)
+                if dispersion.weights is not None
+            ]
         if self.until is not None and sampling.method != "monte-carlo":
             expected = "none: only of plain Monte Carlo are the first flights a sample of their own"
             problems.append(Problem("until", "a table", expected))
@@ -484,34 +491,35 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
     """Read a CSV file with a heading row of key paths; return the columns by key path.
 
     Columns are numbers; truth values if every entry is `true` or `false`; otherwise texts. Raises ScenarioError if the
-    file is no table, a path is repeated or is "seed", or a number is not finite.
+    file is no table, a path is repeated or is "seed", or a number is not finite; a row has the number of its line.
     """
+    reader = csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines())
     try:
-        lines = list(csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines()))
+        numbered = [(reader.line_num, [text.strip() for text in row]) for row in reader if row]
     except csv.Error as error:
         raise ScenarioError(os.fspath(path), [Problem("", f"a table that is no CSV ({error})", "a CSV file")]) from None
-    lines = [[text.strip() for text in line] for line in lines if line]
-    if len(lines) < 2:
-        arrived = f"{len(lines)} rows"
+    if len(numbered) < 2:
+        arrived = f"{len(numbered)} rows"
         raise ScenarioError(os.fspath(path), [Problem("", arrived, "a row of paths and one row of values at least")])
-    heads, problems = lines[0], []
+    (lines, rows), problems = zip(*numbered, strict=True), []
+    heads = rows[0]
     if len(set(heads)) < len(heads):
-        problems.append(Problem("row 1", "a path twice", "each path once"))
+        problems.append(Problem(f"row {lines[0]}", "a path twice", "each path once"))
     if "seed" in heads:
-        problems.append(Problem("row 1", '"seed"', _ANOTHER_PATH))
+        problems.append(Problem(f"row {lines[0]}", '"seed"', _ANOTHER_PATH))
     problems += [
-        Problem(f"row {k}", f"{len(line)} values", f"{len(heads)}")
-        for k, line in enumerate(lines, 1)
-        if len(line) != len(heads)
+        Problem(f"row {line}", f"{len(row)} values", f"{len(heads)}")
+        for line, row in numbered
+        if len(row) != len(heads)
     ]
     if problems:
         raise ScenarioError(os.fspath(path), problems[:1])
-    columns = {head: _parse_column(list(texts)) for head, *texts in zip(*lines, strict=True)}
+    columns = {head: _parse_column(list(texts)) for head, *texts in zip(*rows, strict=True)}
     problems = [
-        Problem(f"row {k}, column {head}", describe_value(float(number)), "a finite number")
+        Problem(f"row {line}, column {head}", describe_value(float(number)), "a finite number")
         for head, values in columns.items()
         if values.dtype.kind == "f"
-        for k, number in enumerate(values, 2)
+        for line, number in zip(lines[1:], values, strict=True)
         if not np.isfinite(number)
     ]
     if problems:

@@ -181,3 +181,4 @@ class Definition:
     ungridded: Mapping[str, UngriddedTable] = field(default_factory=dict)
     functions: tuple[Function, ...] = ()
     shots: tuple[Shot, ...] = ()
+    check_notes: tuple[Note, ...] = ()  #: Provenance of the check shots.

@@ -130,10 +130,19 @@ def make_shots(
         For each shot, by its name: input values by varID or name, in the file's units. Every shot sets the same inputs.
     tolerance
         Tolerance of the outputs, relative to max(1, |value|); internal values get no tolerance.
+
+    Raises ValueError if a variable does not exist, is no input or needs a value, or a shot sets other inputs than the
+    first one.
     """
+    if not inputs:
+        return ()
     structure = evaluator.structure
     inputs_by_id = [{structure.find(name): value for name, value in values.items()} for values in inputs.values()]
-    input_ids = tuple(dict.fromkeys(identifier for values in inputs_by_id for identifier in values))
+    input_ids = tuple(inputs_by_id[0])
+    for name, values in zip(inputs, inputs_by_id, strict=True):
+        if values.keys() != inputs_by_id[0].keys():
+            arrived, expected = ", ".join(values) or "no inputs", ", ".join(input_ids) or "none"
+            raise ValueError(f"shot {quote(name)}: arrived {arrived}; expected {expected}, as in the first shot")
     input_values = np.array([[values[identifier] for identifier in input_ids] for values in inputs_by_id])
     internal_ids = [v for v in definition.variables if v not in structure.outputs and v not in structure.inputs]
     columns = _evaluate_rows(evaluator, as_array(input_values), input_ids, (*structure.outputs, *internal_ids))
@@ -190,7 +199,7 @@ class Model:
     def with_shots(self, inputs: Mapping[str, Mapping[str, float]], tolerance: float = 1e-9) -> "Model":
         """Return a copy whose check shots are computed at `inputs` and replace those of the file; see `make_shots`."""
         shots = make_shots(self.definition, self.evaluator, inputs, tolerance)
-        return replace(self, definition=replace(self.definition, shots=shots))
+        return replace(self, definition=replace(self.definition, shots=shots, check_notes=()))
 
 
 def make_model(definition: Definition) -> Model:

@@ -238,7 +238,7 @@ def _argument(element: Element) -> Argument:
 
 
 def parse_shots(checks: Element, variables: Mapping[str, Variable]) -> tuple[Shot, ...]:
-    """Return the check shots in a ``<checkData>`` element, in file order; provenance of the element is not stored.
+    """Return the check shots in a ``<checkData>`` element, in file order.
 
     Raises DaveMlError if a signal is repeated, or its variable, value, units or tolerance is wrong.
     """
@@ -341,6 +341,7 @@ def parse_definition(content: str | bytes, name: str) -> Definition:
         ungridded=tables.ungridded,
         functions=functions,
         shots=() if checks is None else parse_shots(checks, variables),
+        check_notes=() if checks is None else tuple(map(_note, checks.all("provenance", "provenanceRef"))),
     )
 
 

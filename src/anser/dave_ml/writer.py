@@ -33,7 +33,7 @@ def write_dave_ml(model: Model) -> str:
     """Return a model as the text of a DAVE-ML 2 file, from which `read_dave_ml` builds a model with the same values.
 
     Numbers keep full precision. Points inside a function become separate breakpoints and tables. Notes with the tag
-    `confidenceBound` are not written.
+    `confidenceBound` are not written: separate tables have no place for them.
     """
     definition = model.definition
     parts = [
@@ -42,8 +42,9 @@ def write_dave_ml(model: Model) -> str:
         *_tables(definition),
         *(line for function in definition.functions for line in _function(function, definition)),
     ]
-    if definition.shots:
-        parts += _element("checkData", {}, [line for s in definition.shots for line in _shot(s, definition)])
+    shots = [line for s in definition.shots for line in _shot(s, definition)]
+    if shots or definition.check_notes:
+        parts += _element("checkData", {}, [*_notes(definition.check_notes, "provenance", "provenanceRef"), *shots])
     lines = _element("DAVEfunc", {"xmlns": "http://daveml.org/2010/DAVEML"}, parts)
     return _HEAD + "\n".join(lines) + "\n"
 
@@ -171,7 +172,7 @@ def _shot(shot: Shot, definition: Definition) -> list[str]:
 
     def signals(tag: str, shot_signals: tuple[Signal, ...], by_name: bool) -> list[str]:
         lines = [line for signal in shot_signals for line in _signal(signal, definition, by_name, single)]
-        return _element(tag, {}, lines) if lines else []
+        return _element(tag, {}, lines) if lines or tag == "checkOutputs" else []
 
     inside = [
         *_description(shot.description),

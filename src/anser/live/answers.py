@@ -263,22 +263,21 @@ def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: in
 def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None:
     """Return the closest pair by required separation, without a requirement by distance; None for a single aircraft.
 
-    With a vertical separation, `least_m` is the greater of horizontal distance and altitude difference, the latter
-    scaled by the ratio of horizontal to vertical requirement. `utilization` is the required horizontal distance over
-    `least_m`.
+    `distances_m` and `required_m` are horizontal and vertical if a vertical separation is required; otherwise
+    horizontal only or, if no separation is required, the distance in space only.
     """
-    required_m = None if scenario.separation.required_m is None else scenario.separation.required_m[0]
-    closest = _closest_approach(samples)
-    least_m, time_s = closest.minimum_m, closest.minimum_time_s
-    if not np.isfinite(least_m):
+    closest, separation_m = _closest_approach(samples), scenario.separation.required_m
+    if not np.isfinite(closest.minimum_m):
         return None
+    required_m = [] if separation_m is None else [distance_m for distance_m in separation_m if distance_m > 0.0]
+    time_s = closest.minimum_time_s
     return {
         "required_m": required_m,
-        "least_m": least_m,
+        "distances_m": [closest.horizontal_m, closest.vertical_m] if len(required_m) > 1 else [closest.minimum_m],
         "time_s": time_s,
         "pair": [scenario.aircraft[k].name for k in closest.minimum_pair],
         "positions": [_position_at(samples, k, time_s) for k in closest.minimum_pair],
-        "utilization": required_m / least_m if required_m and least_m else None,
+        "is_met": separation_m is None or closest.minimum_m >= separation_m[0],
     }
 
 

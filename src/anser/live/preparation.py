@@ -44,17 +44,17 @@ class Preparation:
     _finished: set[str] = field(default_factory=set)
     _process: "subprocess.Popen[str] | None" = None
     _resume_s: float = 0.0  # reading of `time.monotonic` until which the process is suspended, s
-    _is_paused: bool = False
+    _paused: "subprocess.Popen[str] | None" = None  # the process that is suspended
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def pause(self) -> None:
         """Suspend the process for one second (not on Windows), so that it takes no computing time from plans."""
         with self._lock:
             self._resume_s, process = time.monotonic() + _PAUSE_S, self._process
-            if self._is_paused or process is None or not hasattr(signal, "SIGSTOP"):
+            if process is None or process is self._paused or not hasattr(signal, "SIGSTOP"):
                 return
             process.send_signal(signal.SIGSTOP)
-            self._is_paused = True
+            self._paused = process
         threading.Thread(target=self._resume_later, args=(process,), daemon=True).start()
 
     def _resume_later(self, process: "subprocess.Popen[str]") -> None:
@@ -63,7 +63,8 @@ class Preparation:
             with self._lock:
                 if time.monotonic() >= self._resume_s:
                     process.send_signal(signal.SIGCONT)
-                    self._is_paused = False
+                    if self._paused is process:
+                        self._paused = None
                     return
 
     def request(self, document: dict[str, Any], last_s: float | None) -> None:

@@ -375,7 +375,7 @@ class Aircraft(AirspeedTable):
     @property
     def range(self) -> AirframeRange:
         """Ranges of airspeed (m/s), altitude (m) and angle of attack (deg) that the aircraft's data cover."""
-        return airframe_range(self.type, self.airframe)
+        return airframe_range(self.type, self.airframe, self.variant)
 
     @property
     def is_library_f16(self) -> bool:

@@ -179,7 +179,7 @@ class Limits(Table):
     """Flight envelope for plans and autopilot.
 
     The defaults are the F-16's. For other aircraft, the limits that the file leaves out follow from the aircraft:
-    airspeeds, bank and climb rate from its performance and data, angles of attack from its data.
+    airspeeds, bank and climb rate from its performance and data. Angles of attack keep to the data of every aircraft.
     """
 
     speed_min_m_s: float = number("minimum airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
@@ -218,13 +218,13 @@ class Limits(Table):
     def within(self, data_range: AirframeRange) -> Self:
         """Return the limits of an aircraft whose data have the ranges `data_range`.
 
-        Limits of airspeed and angle of attack that the scenario leaves out follow from the ranges in an aircraft file;
-        angles of attack stay within the defaults. For an aircraft without a file, the limits are unchanged.
+        Limits of airspeed that the scenario leaves out follow from the range in an aircraft file; angles of attack stay
+        within the defaults and the range of the data, if known.
         """
-        if not data_range.is_from_file:
-            return self
         speeds, alphas = data_range.airspeed_m_s, data_range.alpha_deg
-        values = {} if speeds is None else {"speed_min_m_s": speeds[0], "speed_max_m_s": speeds[1]}
+        values: dict[str, float] = {}
+        if data_range.is_from_file and speeds is not None:
+            values = {"speed_min_m_s": speeds[0], "speed_max_m_s": speeds[1]}
         if alphas is not None:
             values["alpha_min_deg"] = max(alphas[0], self.alpha_min_deg)
             values["alpha_max_deg"] = min(alphas[1], self.alpha_max_deg)

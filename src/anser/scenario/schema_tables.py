@@ -110,8 +110,8 @@ class ScenarioTables(Table):
     def limits_for(self, aircraft: Aircraft) -> Limits:
         """Return the limits of one aircraft, in the units of the file.
 
-        Limits of airspeed and angle of attack that the scenario leaves out follow from the range of the data in the
-        aircraft file; an aircraft without a file has the defaults.
+        Limits of airspeed that the scenario leaves out follow from the range in the aircraft file, if there is a file;
+        limits of angle of attack are the defaults, within the range of the aircraft's data.
         """
         return self.limits.within(aircraft.range)
 

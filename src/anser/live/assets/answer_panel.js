@@ -72,8 +72,10 @@ class AnswerPanel {
   _closest({ separation, keep_outs: keepOuts }) {
     const lines = [];
     if (separation?.pair) {
-      const needed = separation.required_m > 0 ? `, ${printed(separation.required_m, 0)} m required` : "";
-      lines.push(element("p", separation.utilization > 1 ? "fact over" : "fact", `Closest pair: ${separation.pair.join(" and ")}, ${printed(separation.least_m, 0)} m at ${printed(separation.time_s, 1)} s${needed}.`));
+      const { pair, distances_m, required_m } = separation, [lengths, required] = [distances_m, required_m].map((list) => list.map((length) => `${printed(length, 0)} m`));
+      const distance = required.length ? lengths.map((length, k) => `${length} in ${["the plane", "altitude"][k]}`).join(" and ") : lengths[0];
+      const needed = required.length ? `, ${required.join(" or ")} required` : "";
+      lines.push(element("p", separation.is_met ? "fact" : "fact over", `Closest pair: ${pair.join(" and ")}, ${distance} at ${printed(separation.time_s, 1)} s${needed}.`));
     }
     for (const one of keepOuts || []) lines.push(element("p", one.clearance_m < 0 ? "fact over" : "fact", `Keep-out ${one.name}: ${printed(one.clearance_m, 0)} m clear of ${one.aircraft ?? "all"}.`));
     return lines.length ? [element("h2", "", "Clearance"), ...lines] : [];

@@ -186,7 +186,7 @@ class LiveMap {
     if (pair?.positions?.length === 2 && page.playedTime === null) {
       const [a, b] = pair.positions, x = [a, b].map((one) => this.x(one.east_m)), y = [a, b].map((one) => this.y(one.north_m));
       plan.part("pair", "path", { class: "pair", d: linePath(x, y) });
-      this.texts.push({ key: "pair text", text: `${printed(pair.least_m, 0)} m`, points: [0.5, 0.3, 0.7, 0, 1].map((part) => [x[0] + part * (x[1] - x[0]), y[0] + part * (y[1] - y[0])]), className: "sign" });
+      this.texts.push({ key: "pair text", text: pair.distances_m.map((length) => `${printed(length, 0)} m`).join(" / "), points: [0.5, 0.3, 0.7, 0, 1].map((part) => [x[0] + part * (x[1] - x[0]), y[0] + part * (y[1] - y[0])]), className: "sign" });
     }
     page.problems.flatMap((problem) => problem.positions).forEach(({ north_m, east_m }, k) => {
       plan.part(`ring ${k}`, "circle", { class: "ring", cx: pixel(this.x(east_m)), cy: pixel(this.y(north_m)), r: 17 });
