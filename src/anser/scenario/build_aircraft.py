@@ -33,6 +33,7 @@ from anser.control.gains import (
 )
 from anser.control.guidance import GuidanceSettings
 from anser.control.limits import NORMAL_TURNING_G, FlightLimits
+from anser.control.loop_separations import LoopSeparation, loop_separations
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.planning.limits import PathLimits
@@ -301,6 +302,17 @@ def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
         if aircraft.capability is not None
         for message in _exceeds_capability(scenario, scenario.limits_for(aircraft.table), index, aircraft.capability)
     )
+
+
+def resolved_loop_separations(scenario: Scenario, index: int) -> tuple[LoopSeparation, ...]:
+    """Return the nested loops of aircraft number `index` with the bandwidths that are flown."""
+    enable_compilation_cache()
+    gains = resolve_fleet(scenario)[index].gains
+    bandwidths = (
+        np.asarray(loop.proportional / (1.0 + loop.derivative)).tolist()
+        for loop in (gains.rates, gains.attitude, gains.velocity)
+    )
+    return loop_separations(*bandwidths, float(gains.actuator_bandwidth), float(gains.engine_bandwidth))
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:
