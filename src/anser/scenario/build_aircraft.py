@@ -244,10 +244,13 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
     if math.isnan(capability.speed_min):
         return (f"{subject}: no airspeed of level flight was found at {aircraft.start.altitude_m:g} m",)
     messages, keys = [], scenario.limits.model_fields_set
+    climb, vertical = capability.climb_rate_max, "climbs"
+    if capability.sink_rate_max < climb:
+        climb, vertical = capability.sink_rate_max, "descends"
     for key, greatest, phrase, unit in (
         ("bank_max_deg", math.degrees(capability.bank_max), "banks in level turns at most", "deg"),
         ("speed_max_m_s", capability.speed_max, "flies level at most at", "m/s"),
-        ("climb_rate_max_m_s", capability.climb_rate_max, "climbs steadily at most at", "m/s"),
+        ("climb_rate_max_m_s", climb, f"{vertical} steadily at most at", "m/s"),
     ):
         required = getattr(limits, key)
         if key in keys and required > greatest * 1.02:
