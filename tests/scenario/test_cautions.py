@@ -88,6 +88,8 @@ def test_a_seed_that_changes_nothing_says_so():
     assert said[0].startswith("seed: 7 is recorded and changes nothing: nothing in this flight is random")
     rough = TEXT.replace("format = 2", "format = 2\nseed = 7", 1) + '\n[turbulence]\nintensity = "light"\n'
     assert find_cautions(loads(rough)) == ()
+    own = TEXT.replace("format = 2", "format = 2\nseed = 7", 1) + '\n[parts]\nsensors = "my_package:Sensors"\n'
+    assert find_cautions(loads(own)) == ()
 
 
 SHEARED = """

@@ -70,6 +70,14 @@ def test_an_origin_where_north_turns_too_fast_is_refused():
     assert _at(87.0, "flat")
 
 
+def test_the_fastest_aircraft_counts_for_the_turn_of_north():
+    fleet = TEXT.replace("speed_m_s = 150.0", "speed_m_s = 112.0").replace('planner = "published"', "")
+    fast = re.sub(r'(\[\[aircraft\]\]\nname = "aircraft-2")', r"\1\nspeed_m_s = 150.0", fleet)
+    problem = _refusal(87.0, text=fast)
+    assert "north turns by 0.026 deg/s under a flight east at 150 m/s" in problem.arrived
+    assert problem.expected.endswith('or a slower aircraft "aircraft-2": plans bear 0.02 deg/s')
+
+
 @pytest.mark.parametrize("model", ["flat", "wgs84"])
 def test_a_flight_that_can_reach_the_pole_is_refused(model):
     """Two hours at 240 m/s with return are 864 km; both Earth models need a latitude."""

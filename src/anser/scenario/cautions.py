@@ -41,8 +41,12 @@ def _format_cautions(scenario: Scenario) -> list[str]:
 
 
 def _seed_cautions(scenario: Scenario) -> list[str]:
-    """Return a caution for a seed other than the default in a scenario without random numbers."""
-    if scenario.seed == type(scenario).model_fields["seed"].default or scenario.is_random:
+    """Return a caution for a seed other than the default in a scenario without random numbers.
+
+    User-defined parts may draw random numbers.
+    """
+    is_random = scenario.is_random or scenario.parts is not None
+    if scenario.seed == type(scenario).model_fields["seed"].default or is_random:
         return []
     random_tables = "[turbulence], [navigation] and [goal_sensor] are what is"
     return [f"seed: {scenario.seed} is recorded and changes nothing: nothing in this flight is random; {random_tables}"]

@@ -450,7 +450,12 @@ def _network_number_problems(network: Network, scenario: ScenarioTables) -> list
     if timing.replan_period_s <= 0.0:
         expected = "a period above 0: what the others say is answered when the plan is renewed"
         problems.append(Problem("timing.replan_period_s", format_number(timing.replan_period_s), expected))
-    greatest = greatest_rate_range(fleet, scenario.limits, scenario.wind.speed_max_m_s)
+    greatest = min(
+        greatest_rate_range(
+            fleet.reserve, scenario.speed_for(aircraft), scenario.limits_for(aircraft), scenario.wind.speed_max_m_s
+        )
+        for aircraft in scenario.aircraft
+    )
     if network.rate_range > greatest:
         expected = (
             f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = "
