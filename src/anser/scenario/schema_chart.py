@@ -78,7 +78,7 @@ def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_
             whom = fastest.label if fastest.airspeed_forms else "fleet (fleet.speed_m_s)"
             return arrived, f"a slower {whom}: plans bear {TURN_MAX_DEG_S:g} deg/s"
     # an aircraft that leaves the area must return to arrive
-    reach_m = 0.5 * (scenario.limits.speed_max_m_s + scenario.wind.speed_max_m_s) * duration_s
+    reach_m = 0.5 * (scenario.speed_limit_m_s + scenario.wind.speed_max_m_s) * duration_s
     if _is_inside_map(latitude_deg, positions, reach_m):
         return None
     arrived = (

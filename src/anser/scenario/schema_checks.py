@@ -192,7 +192,8 @@ def margin_problems(scenario: ScenarioTables) -> list[Problem]:
         is_airborne = scenario.goal_of(aircraft).kind == "airborne"
         stand_off_min_m = AIRBORNE_STAND_OFF_MIN_M if is_airborne else SURFACE_STAND_OFF_MIN_M
         distance_m = aircraft.rendezvous.stand_off_distance_m
-        sigma_m = goal_sigma_m(sensor, estimator, navigation, scenario.timing, scenario.fleet, distance_m)
+        speed_m_s = scenario.speed_for(aircraft)
+        sigma_m = goal_sigma_m(sensor, estimator, navigation, scenario.timing, speed_m_s, distance_m)
         required_m = stand_off_min_m + estimator.margin_sigma * sigma_m
         # a stand-off below the scope's minimum is reported elsewhere
         if sigma_m > 0.0 and stand_off_min_m <= distance_m < required_m:
