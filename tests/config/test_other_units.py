@@ -18,6 +18,8 @@ from anser.config.validation_messages import conversion_hint
         ("2 g", "m/s^2", "; 2 g is 19.6133 m/s^2: write 19.6133"),
         ("150", "m/s", "; write 150, without quotes"),
         ("150 m/s", "m/s", "; write 150, without quotes"),
+        ("1000 hPa", "hPa", "; write 1000, without quotes"),
+        ("20 deg C", "deg C", "; write 20, without quotes"),
         ("0.3", "", "; write 0.3, without quotes"),
         ("9 kt", "m", ""),
         ("9 furlongs", "m", ""),

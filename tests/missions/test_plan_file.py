@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,7 +13,9 @@ import anser
 from anser.missions import NoPlanError, plans, read_plan, write_plan
 from anser.missions.first_plan import PlanFileError
 from anser.scenario import loads
+from anser.scenario.user_parts import UserParts, attach_parts
 from support.certified_scenario import GOOD
+from support.straight_lines import StraightLines
 
 THREE = (Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml").read_text()
 THREE = THREE.replace("duration_s = 150.0", "duration_s = 65.0")  # just after the arrival
@@ -81,6 +84,12 @@ def test_a_plan_is_refused_for_another_scenario(planned, written):
         read_plan(written, changed_scenario)
     with pytest.raises(ValueError, match="planned: arrived a plan for three-aircraft; expected one for the scenario"):
         anser.run(changed_scenario, planned=planned)
+
+
+def test_a_plan_is_refused_for_a_planner_of_the_user(written):
+    attached = attach_parts(loads(THREE), UserParts(planner=StraightLines(jnp.asarray(60.0), jnp.zeros(3))))
+    with pytest.raises(PlanFileError, match="a user-defined planner, StraightLines; expected the scenario without it"):
+        read_plan(written, attached)
 
 
 def change_file(path, change, sealed=True):

@@ -2,6 +2,7 @@
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from anser.aircraft import Controls
 from anser.config.errors import ScenarioError
 from anser.parts import AbstractController, AbstractPlanner, AbstractReference, AbstractSensors
 from anser.scenario import validate
+from anser.scenario.user_parts import UserParts, attach_parts
 from anser.sensing import IdealSensors
 from support.proportional_control import Proportional
 from support.straight_lines import StraightLines
@@ -58,6 +60,23 @@ def check_user_parts(flight, folder):
     assert sight == pytest.approx(2.0, abs=1e-6)
 
 
+def test_plans_made_with_other_parts_than_the_flight_are_refused():
+    parts = {"planner": lines(), "sensors": {"aircraft-1": Biased()}}
+    planned = SimpleNamespace(scenario=attach_parts(shortened(1), UserParts(**parts)))
+    for kinds, changes in (
+        ("planner", {"planner": lines(61.0)}),
+        ("planner", {"planner": None}),
+        ("sensors", {"sensors": None}),
+        ("sensors, planner", {"sensors": {"aircraft-1": Biased(3.0)}, "planner": None}),
+    ):
+        with pytest.raises(
+            ValueError, match=rf"planned: arrived a plan made with other user-defined parts \({kinds}\)"
+        ):
+            anser.run(shortened(1), planned=planned, **(parts | changes))
+    with pytest.raises(ValueError, match=r"other user-defined parts \(planner\)"):
+        anser.run(shortened(1), planned=SimpleNamespace(scenario=shortened(1)), planner=lines())
+
+
 def test_own_planner_controller_and_sensor_give_the_ordinary_results(tmp_path):
     flight = anser.run(shortened(1), planner=lines(), controller=Proportional(), sensors={"aircraft-1": Biased()})
     # proportional control holds the direction and the airspeed of the line, and a departure from the line remains
@@ -65,6 +84,15 @@ def test_own_planner_controller_and_sensor_give_the_ordinary_results(tmp_path):
     assert flight.summary["aircraft"][0]["miss_m"] < 10.0
     assert "Proportional" in flight.dataset.attrs["user_parts"]
     check_user_parts(flight, tmp_path / "run")
+
+
+@pytest.mark.long
+def test_a_plan_is_flown_with_further_parts(monkeypatch):
+    planned = anser.plan(shortened(1), planner=lines())
+    monkeypatch.setattr("anser.missions.runs.plan", None)  # whoever plans fails
+    flight = anser.run(shortened(1), planned=planned, planner=lines(), controller=Proportional())
+    assert flight.summary["aircraft"][0]["miss_m"] < 10.0
+    assert "Proportional" in flight.dataset.attrs["user_parts"]
 
 
 # With other sensors for one of several aircraft these form two groups: twice the program.

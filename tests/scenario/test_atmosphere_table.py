@@ -200,9 +200,28 @@ def test_keys_that_a_sounding_excludes_and_starts_outside_it_are_refused(tmp_pat
     with pytest.raises(ScenarioError, match="sea_level_pressure_hpa: arrived 1000; expected no such key"):
         scenario.replace("atmosphere", {"sounding": path, "sea_level_pressure_hpa": 1000})
     with pytest.raises(
-        ScenarioError, match=r"start.altitude_m: arrived 7000; expected an altitude within the sounding"
+        ScenarioError, match=r"start.altitude_m \(aircraft .*\): arrived 7000; expected an altitude within the sounding"
     ):
         scenario.replace("atmosphere", {"sounding": path}, "aircraft[0].start.altitude_m", 7000)
+
+
+def test_an_airborne_goal_must_stay_within_the_sounding(tmp_path):
+    (tmp_path / "air.csv").write_text(CSV)
+    scenario = anser.load(SINGLE).replace("wind", {}, "atmosphere", {"sounding": str(tmp_path / "air.csv")})
+    goal = {"name": scenario.goal[0].name, "kind": "airborne"}
+    position = {"north_m": 0.0, "east_m": 0.0}
+
+    def with_goal(**keys):
+        return scenario.replace("goal", [{**goal, **keys}])
+
+    with_goal(waypoints=[{"time_s": 0.0, **position, "altitude_m": 2000.0}])
+    with pytest.raises(ScenarioError, match=r"goal\[0\].waypoints\[0\].altitude_m .*arrived 7000; expected .* 6000 m"):
+        with_goal(waypoints=[{"time_s": 0.0, **position, "altitude_m": 7000.0}])
+    with pytest.raises(ScenarioError, match=r"goal\[0\].climb_rate_m_s .*arrived 60, which brings it to"):
+        with_goal(**position, altitude_m=2000.0, climb_rate_m_s=60.0)
+    with pytest.raises(ScenarioError, match=r"goal\[0\].altitude_m .*arrived 6500; expected") as caught:
+        with_goal(**position, altitude_m=6500.0, climb_rate_m_s=1.0)
+    assert len(caught.value.problems) == 1
 
 
 def test_airspeeds_of_other_forms_are_converted_in_the_air_of_the_scenario():

@@ -47,6 +47,16 @@ def test_gravity_is_that_of_the_latitude(storm):
     np.testing.assert_allclose(flight.environment.gravity, expected, rtol=1e-9)
 
 
+def test_keys_of_the_adaptation_have_no_effect_on_another_inversion(storm):
+    scenario, _ = storm
+    scenario = scenario.replace("aircraft[0].deviation", {"drag": 1.1})  # with an onboard model of its own
+    changed = scenario.replace("aircraft[0].adaptation.probing_deg", 1.0)
+    unknown = scenario.replace("aircraft[0].adaptation.aerodynamics_known", False)
+    expected = build_flight(scenario)
+    assert eqx.tree_equal(build_flight(changed), expected)
+    assert eqx.tree_equal(build_flight(unknown), expected)
+
+
 def test_every_leaf_of_a_flight_is_an_array_of_fixed_type(storm):
     _, flight = storm
     for leaf in jax.tree.leaves(flight):

@@ -7,7 +7,7 @@ import pytest
 from anser.config import ScenarioError
 from anser.control import published_gains
 from anser.scenario import build_flight, loads
-from anser.scenario.build_aircraft import resolve_fleet
+from anser.scenario.build_aircraft import _exceeds_capability, resolve_fleet
 from anser.scenario.cautions import find_cautions
 
 AIRCRAFT = """
@@ -84,6 +84,14 @@ def test_limits_of_the_scenario_take_precedence_with_a_caution(capability):
     cautions = [text for text in find_cautions(limited) if text.startswith("limits.")]
     assert len(cautions) == 1
     assert f"banks in level turns at most {np.degrees(capability.bank_max):.1f} deg" in cautions[0]
+
+
+def test_a_caution_on_the_climb_rate_counts_descents_too(capability):
+    limited = scenario(uav(), limits="limits = { climb_rate_max_m_s = 2.0 }")
+    limits = resolve_fleet(limited)[0].limits
+    (said,) = _exceeds_capability(limited, limits, 0, capability._replace(sink_rate_max=1.5))
+    assert said == 'limits.climb_rate_max_m_s = 2: aircraft[0] "uav" descends steadily at most at 1.5 m/s (at 25 m/s)'
+    assert _exceeds_capability(limited, limits, 0, capability) == ()
 
 
 def test_gains_derive_from_the_aircraft_unless_the_scenario_has_them(uav_scenario):

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from anser.config import ScenarioError
-from anser.scenario import build_flight, loads
+from anser.scenario import build_flight, load, loads
+from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.cautions import find_cautions
 
-TEXT = (Path(__file__).parents[2] / "scenarios" / "single-aircraft.toml").read_text()
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+TEXT = (SCENARIOS / "single-aircraft.toml").read_text()
 
 
 def _with(gains):
@@ -67,6 +69,18 @@ def test_loops_too_close_in_time_are_named_and_the_defaults_are_not():
     )
 
 
+@pytest.mark.long
+def test_loops_that_follow_from_another_aircraft_are_those_that_are_compared():
+    uavs = load(SCENARIOS / "three-uavs.toml").replace("aircraft[0].gains.velocity.proportional", [1.0, 1.6, 1.0])
+    assert find_cautions(uavs, with_trim_maps=False) == ()
+    gains = resolve_fleet(uavs)[0].gains
+    ratio = float(gains.attitude.proportional[1]) / 1.6
+    (said,) = find_cautions(uavs)
+    assert f"the loop of gamma has a bandwidth of 1.6 1/s and rests on alpha with {1.6 * ratio:.3g} 1/s" in said
+    slow = uavs.replace("aircraft[0].gains.velocity.proportional", [1.0, 1.2, 1.0])  # too fast for the F-16's 2 1/s
+    assert find_cautions(slow) == ()
+
+
 def test_a_seed_that_changes_nothing_says_so():
     assert find_cautions(loads(TEXT)) == ()
     said = find_cautions(loads(TEXT.replace("format = 2", "format = 2\nseed = 7", 1)))
@@ -74,6 +88,8 @@ def test_a_seed_that_changes_nothing_says_so():
     assert said[0].startswith("seed: 7 is recorded and changes nothing: nothing in this flight is random")
     rough = TEXT.replace("format = 2", "format = 2\nseed = 7", 1) + '\n[turbulence]\nintensity = "light"\n'
     assert find_cautions(loads(rough)) == ()
+    own = TEXT.replace("format = 2", "format = 2\nseed = 7", 1) + '\n[parts]\nsensors = "my_package:Sensors"\n'
+    assert find_cautions(loads(own)) == ()
 
 
 SHEARED = """

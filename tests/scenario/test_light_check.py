@@ -30,7 +30,11 @@ assert "jax" not in sys.modules
 CHANGES = {
     "as it is": ("", ""),
     "with limits": ("[timing]", "[limits]\nbank_max_deg = 70.0\n[timing]"),
-    "with gains": ("[[goal]]", "[aircraft.gains.velocity]\nproportional = [1.0, 1.6, 1.0]\n\n[[goal]]"),
+    "with gains": (
+        "[[goal]]",
+        "[aircraft.gains.velocity]\nproportional = [1.0, 1.6, 1.0]\n"
+        "[aircraft.gains.attitude]\nproportional = 2.0\n\n[[goal]]",
+    ),
 }
 
 

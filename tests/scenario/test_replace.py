@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from anser.config import ScenarioError
+from anser.config.key_paths import repeated_paths, value_at
 from anser.scenario import load, loads
 from anser.scenario.files import starter_scenario
 
@@ -38,6 +39,23 @@ def test_items_are_selected_by_number_or_name():
     assert by_number == by_name
     numbers = THREE.replace("goal[0].name", "7", "aircraft[0].goal", "7").replace('goal["7"].speed_m_s', 3.0)
     assert numbers.goal[0].speed_m_s == 3.0
+
+
+def test_keys_of_optional_tables_that_a_file_leaves_out_have_their_defaults():
+    assert value_at(THREE, "atmosphere.temperature_offset_k") == 0.0
+    assert value_at(THREE, "network.loss") == 0.0
+    assert value_at(THREE, "atmosphere") is None
+    assert value_at(THREE, "atmosphere.sounding.level") is None  # required in a sounding
+    paths = ["network.loss", "network.loss"]
+    assert repeated_paths(THREE, paths) == tuple(paths)
+    for path, message in (
+        ("atmosphere.temperature_c", 'unknown key "temperature_c"; expected one of the keys temperature_offset_k'),
+        ("goal[0].waypoints.time_s", 'the key "time_s" of nothing'),
+        ("goal[0].waypoints[0].time_s", "an item, [0], of what is no list"),
+    ):
+        with pytest.raises(ScenarioError) as caught:
+            value_at(THREE, path)
+        assert message in str(caught.value)
 
 
 def test_several_replacements_are_validated_together():

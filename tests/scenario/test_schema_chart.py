@@ -13,6 +13,7 @@ from anser.config import ScenarioError
 from anser.environment import wgs84_earth
 from anser.scenario import loads
 from anser.scenario.schema_chart import scale_error
+from anser.scenario.schema_tables import ScenarioTables
 from anser.units import DEG_RAD
 
 TEXT = (Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml").read_text()
@@ -70,6 +71,14 @@ def test_an_origin_where_north_turns_too_fast_is_refused():
     assert _at(87.0, "flat")
 
 
+def test_the_fastest_aircraft_counts_for_the_turn_of_north():
+    fleet = TEXT.replace("speed_m_s = 150.0", "speed_m_s = 112.0").replace('planner = "published"', "")
+    fast = re.sub(r'(\[\[aircraft\]\]\nname = "aircraft-2")', r"\1\nspeed_m_s = 150.0", fleet)
+    problem = _refusal(87.0, text=fast)
+    assert "north turns by 0.026 deg/s under a flight east at 150 m/s" in problem.arrived
+    assert problem.expected.endswith('or a slower aircraft "aircraft-2": plans bear 0.02 deg/s')
+
+
 @pytest.mark.parametrize("model", ["flat", "wgs84"])
 def test_a_flight_that_can_reach_the_pole_is_refused(model):
     """Two hours at 240 m/s with return are 864 km; both Earth models need a latitude."""
@@ -80,6 +89,19 @@ def test_a_flight_that_can_reach_the_pole_is_refused(model):
     problem = _refusal(83.0, model, text=long)
     assert "turns back after 864 km" in problem.arrived
     assert _at(float(problem.expected.split()[0]), model, text=long)
+
+
+def test_the_greatest_airspeed_limit_of_the_fleet_counts_for_the_reach(monkeypatch):
+    long = TEXT.replace("duration_s = 150", "duration_s = 7200").replace("speed_m_s = 25.0", "speed_m_s = 0.0")
+
+    def limits_for(scenario, aircraft):
+        is_fast = aircraft.name == "aircraft-2"
+        return scenario.limits.with_defaults(speed_max_m_s=300.0) if is_fast else scenario.limits
+
+    monkeypatch.setattr(ScenarioTables, "limits_for", limits_for)
+    assert (
+        "turns back after 1080 km" in _refusal(82.0, text=long.replace("speed_m_s = 15.0", "speed_m_s = 0.0")).arrived
+    )
 
 
 def test_a_flat_earth_needs_a_latitude_too():

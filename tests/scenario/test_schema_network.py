@@ -66,7 +66,7 @@ def test_a_clock_as_fast_as_allowed_keeps_the_limits():
     """The reserve suffices for a path flown at either end of the clock range, by hand for its four causes."""
     scenario = loads(ALONE)
     fleet, limits = scenario.fleet, scenario.limits
-    rate_range = greatest_rate_range(fleet, limits, 12.0)
+    rate_range = greatest_rate_range(fleet.reserve, fleet.speed_m_s, limits, 12.0)
     assert (1.0 + rate_range) ** 2 * (1.0 - fleet.reserve) <= 1.0 + 1e-12
     slow = limits.speed_min_m_s + fleet.reserve * (fleet.speed_m_s - limits.speed_min_m_s)
     fast = limits.speed_max_m_s - fleet.reserve * (limits.speed_max_m_s - fleet.speed_m_s)
@@ -74,6 +74,17 @@ def test_a_clock_as_fast_as_allowed_keeps_the_limits():
     for wind in (-12.0, 12.0):
         assert (1.0 - rate_range) * (slow + wind) - wind >= limits.speed_min_m_s - 1e-9
         assert (1.0 + rate_range) * (fast + wind) - wind <= limits.speed_max_m_s + 1e-9
+
+
+def test_the_aircraft_with_the_least_reserve_bounds_the_clocks():
+    scenario = loads(ALONE)
+    limits = scenario.limits
+    speed_m_s = limits.speed_min_m_s + 2.0  # a tenth of 2 m/s is left to fly more slowly
+    slow = scenario.replace("network.rate_range", 1e-3, "aircraft[0].speed_m_s", speed_m_s)
+    greatest = greatest_rate_range(scenario.fleet.reserve, speed_m_s, limits, scenario.wind.speed_max_m_s)
+    assert 1e-3 < greatest < 3e-3
+    with pytest.raises(ScenarioError, match=r"network.rate_range: arrived 0.01; expected at most 0.00"):
+        slow.replace("network.rate_range", 0.01)
 
 
 def test_the_network_table_builds_a_decentralised_planner():

@@ -12,7 +12,7 @@ from anser.environment.gusts import NoGusts, SummedGusts
 from anser.missions.runs import needs_single_flight
 from anser.scenario import build_flight, loads
 from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets, goal_sigma_m
-from anser.scenario.schema_settings import Fleet, Timing
+from anser.scenario.schema_settings import Timing
 from anser.sensing import IdealSensors, NoisySensors, TrackingEstimator
 from anser.simulation.start import trimmed_fleet
 from anser.steady import solve_trim
@@ -282,16 +282,21 @@ def test_a_stand_off_has_a_margin_for_goal_uncertainty():
     loads(close_text)
     with pytest.raises(ScenarioError, match="standard deviations of the goal's place"):
         loads(close_text + CAMERA + "angle_bias_mrad = 10.0\n")
-    loads(close_text + CAMERA + "angle_bias_mrad = 10.0\n[estimator]\nmargin_sigma = 0.0\n")
+    unmargined = loads(close_text + CAMERA + "angle_bias_mrad = 10.0\n[estimator]\nmargin_sigma = 0.0\n")
+    # a faster aircraft is farther off in the middle of the freeze time
+    sensor, timing = unmargined.goal_sensor, unmargined.timing
+    sigma_m = goal_sigma_m(sensor, unmargined.estimator, unmargined.navigation, timing, 200.0, 160.0)
+    with pytest.raises(ScenarioError, match=f"aircraft\\[0\\].*leaves at {sigma_m:.1f} m"):
+        unmargined.replace("estimator.margin_sigma", 3.0, "aircraft[0].speed_m_s", 200.0)
 
 
 def test_the_margin_follows_from_the_filter():
     """For a goal at rest the filter averages: the error of one measurement over the root of their number."""
     sensor = GoalSensor(preset="ais", position_m=10.0, velocity_m_s=5.0, period_s=1.0)
     estimator = Estimator(acceleration_m_s2=1e-9, briefed_position_m=1e5, briefed_velocity_m_s=1e-9)
-    timing, fleet = Timing(duration_s=100.0, freeze_s=0.0), Fleet(speed_m_s=150.0)
+    timing = Timing(duration_s=100.0, freeze_s=0.0)
     np.testing.assert_allclose(
-        goal_sigma_m(sensor, estimator, Navigation(), timing, fleet, 300.0), 10.0 / np.sqrt(100.0), rtol=1e-3
+        goal_sigma_m(sensor, estimator, Navigation(), timing, 150.0, 300.0), 10.0 / np.sqrt(100.0), rtol=1e-3
     )
 
 

@@ -186,3 +186,34 @@ def test_members_start_times_and_bad_keys(tmp_path: Path) -> None:
     ):
         with pytest.raises(ScenarioError, match=message):
             read_air(wind=values)
+
+
+def calm_file(path: Path, modify: Any) -> Path:
+    """Write still air on axes in metres, changed by `modify`, a function of the dataset."""
+    north = np.array([-1000.0, 1000.0])
+    source = metric_file(path / "calm.nc", thermal, north=north, east=north, altitude=np.array([0.0, 500.0]))
+    with xr.open_dataset(source) as data:
+        modify(data.load()).to_netcdf(path / "changed.nc", engine="netcdf4")
+    return path / "changed.nc"
+
+
+def test_members_without_times_are_members(tmp_path: Path) -> None:
+    path = calm_file(tmp_path, lambda data: data.isel(time=0).expand_dims(realization=[0, 1]))
+    field = build_wind_field(Wind(field=str(path), member=1), None)
+    assert bool(jnp.all(field.at(jnp.array([0.0, 0.0, -100.0]), 0.0)[:2] == 0.0))
+    with pytest.raises(ScenarioError, match="member: arrived 2; expected from 0 to 1, the file's members"):
+        build_wind_field(Wind(field=str(path), member=2), None)
+
+
+@pytest.mark.parametrize("standard_name", ["altitude", "height_above_mean_sea_level"])
+@pytest.mark.parametrize("name", ["level", "height", "z"])
+def test_the_standard_name_of_levels_counts_before_their_name(tmp_path: Path, name: str, standard_name: str) -> None:
+    renamed = calm_file(tmp_path, lambda data: change(name, standard_name=standard_name)(data.rename(altitude=name)))
+    assert float(build_wind_field(Wind(field=str(renamed)), None).altitude_max) == 500.0
+
+
+@pytest.mark.parametrize(("name", "attributes"), [("height", {}), ("z", {"standard_name": "height"})])
+def test_heights_above_the_ground_are_refused(tmp_path: Path, name: str, attributes: dict[str, str]) -> None:
+    path = calm_file(tmp_path, lambda data: change(name, **attributes)(data.rename(altitude=name)))
+    with pytest.raises(ScenarioError, match=f"the levels {name}, read as heights above the ground; expected altitudes"):
+        build_wind_field(Wind(field=str(path)), None)

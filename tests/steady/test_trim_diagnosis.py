@@ -1,12 +1,14 @@
 """Reasons for a refused steady flight, and the nearest possible conditions."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment
-from anser.steady import nearest_trims, trim_target, trim_violations
+from anser.steady import nearest_trims, trim_diagnosis, trim_target, trim_violations
 from anser.units import DEG_RAD, RAD_DEG
 from support.light_aircraft import light_aircraft
 from support.trims import glider, target_deg, trim
@@ -122,6 +124,33 @@ def test_messages_are_rounded_towards_the_possible_side(diagnoses):
     lines = diagnoses["slow"].message().splitlines()
     assert lines[0] == "No steady flight: 40.0 m/s at 1000 m, path angle 0.0 deg, turn rate 0.0 deg/s."
     assert lines[-1] == f"- {diagnoses['slow'].nearest[-1].message()}"
+
+
+def test_the_nearest_trim_beside_a_gap_is_not_called_the_slowest(monkeypatch):
+    def with_slower_trims(airframe, environment, target, position_n, grids):
+        points, usable = solve_grids(airframe, environment, target, position_n, grids)
+        return points, usable | {"speed": usable["speed"] | (grids["speed"] < 8.0)}
+
+    solve_grids = trim_diagnosis._solve_grids
+    monkeypatch.setattr(trim_diagnosis, "_solve_grids", with_slower_trims)
+    speed = _along(nearest_trims(F16, STILL, TOO_SLOW), "speed")
+    assert speed.value > 40.0
+    assert speed.message() == f"the nearest trimmable speed is {np.ceil(speed.value * 10) / 10:.1f} m/s"
+    turn = dataclasses.replace(speed, quantity="turn_rate", target_value=-0.1, value=-0.2)
+    assert turn.message() == "the nearest trimmable turn rate is -11.5 deg/s"
+
+
+def test_the_diagnosis_is_that_of_the_position():
+    position_n = jnp.array([4000.0, -3000.0, -1000.0])
+    diagnosis = nearest_trims(F16, STILL, TOO_SLOW, position_n)
+    for point in (diagnosis.point, *(nearest.point for nearest in diagnosis.nearest)):
+        np.testing.assert_allclose(point.state.position_n, position_n)
+
+
+@pytest.mark.parametrize("speed", [0.0, -5.0, float("nan")])
+def test_a_diagnosis_needs_an_airspeed(speed):
+    with pytest.raises(ValueError, match=f"target.speed: arrived {speed:g} m/s; expected an airspeed above 0 m/s"):
+        nearest_trims(F16, STILL, trim_target(speed, 1000.0))
 
 
 def test_a_diagnosis_without_nearest_trims_reports_that(diagnoses):

@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, get_args
 
 from anser.config.errors import ScenarioError, describe_value, format_value, problem_error
 from anser.config.tables import Table
@@ -39,7 +39,8 @@ def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) 
 def value_at(scenario: Table, path: str) -> Any:
     """Return the value at a key path, the default for a key that the file left out; a table becomes a dictionary.
 
-    Raises ScenarioError for a malformed or unknown path, also for a key of an optional table that the file left out.
+    None for an optional table that the file left out, and for its required keys. Raises ScenarioError for a malformed
+    or unknown path.
     """
     if not _PATH.fullmatch(path):
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
@@ -53,14 +54,34 @@ def value_at(scenario: Table, path: str) -> Any:
             expected = f"one of the keys {', '.join(node)}"
             raise problem_error("", f"the unknown key {describe_value(step_key)}", expected, path_so_far)
         node = node[step_key]
+    if isinstance(node, type):
+        return None
     return node.model_dump(mode="json") if isinstance(node, Table) else to_file_value(node)
 
 
 def _as_container(node: Any) -> Any:
-    """Return a table as a dictionary with defaults, a list or tuple as a list of its items so converted."""
+    """Return a table as a dictionary with defaults, a list or tuple as a list of its items so converted.
+
+    An optional table that the file left out is represented by its class, which becomes a dictionary of defaults.
+    """
     if isinstance(node, Table):
-        return {key: getattr(node, key) for key in type(node).model_fields}
+        return {
+            key: _value_or_table(getattr(node, key), field.annotation) for key, field in type(node).model_fields.items()
+        }
+    if isinstance(node, type) and issubclass(node, Table):
+        return {
+            key: _value_or_table(None if field.is_required() else field.get_default(), field.annotation)
+            for key, field in node.model_fields.items()
+        }
     return [_as_container(item) for item in node] if isinstance(node, tuple | list) else node
+
+
+def _value_or_table(value: Any, annotation: Any) -> Any:
+    """Return the value of a key, or the class of an optional table in place of None."""
+    if value is not None:
+        return value
+    options = get_args(annotation)
+    return next((option for option in options if isinstance(option, type) and issubclass(option, Table)), None)
 
 
 def indexed_path(scenario: Table, path: str) -> str:

@@ -56,7 +56,7 @@ def conversion_hint(text: str, unit: str) -> str:
         angle = f"{22.5 * _POINTS.index(point.upper()):g}"
         return f"; {point} is {angle} deg clockwise from north: write {angle}"
     number, written_unit = match.groups()
-    if written_unit is None or written_unit.lower() == unit:
+    if written_unit is None or written_unit.lower() == unit.lower():
         return f"; write {number}, without quotes"
     for factors in _UNITS.values():
         if written_unit.lower() in factors and unit in factors:

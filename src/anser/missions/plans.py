@@ -39,7 +39,7 @@ from anser.scenario.build import build_flight
 from anser.scenario.files import as_scenario
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
-from anser.scenario.user_parts import UserParts, attach_parts
+from anser.scenario.user_parts import UserParts, attach_parts, differs_in_values, replaced_parts
 from anser.simulation.start import trimmed_fleet
 
 _trim_at_start = compiled_quickly(trimmed_fleet)
@@ -149,6 +149,12 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
     enable_compilation_cache()
     flight = build_flight(scenario, pad_fleet=True)
     plan_type = _FIRST_PLANS.get(type(flight.planner), UserFirstPlan)
+    if plan_type is UserFirstPlan:
+        received = f"a plan file for a scenario with a user-defined planner, {type(flight.planner).__name__}"
+        raise PlanFileError(
+            f"{path}: arrived {received}; expected the scenario without it: only plans of the package's planners are "
+            "written to files"
+        )
     try:
         _verify(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -165,6 +171,28 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
     fleet = _trim_at_start(flight)
     check_trimmable(scenario, flight, fleet.is_trimmed)
     return plan_type.restore(scenario, flight, fleet, state)
+
+
+def plan_for_flight(planned: FirstPlan, scenario: Scenario) -> FirstPlan:
+    """Return a finished plan for the flight of a scenario that may have further user-defined parts.
+
+    Raises ValueError if the plan is that of another scenario, or was made with other user-defined parts or another
+    planner; ScenarioError if an aircraft cannot be trimmed at its start.
+    """
+    if planned.scenario == scenario:
+        return planned
+    if differs_in_values(planned.scenario, scenario):
+        raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
+    kinds = replaced_parts(planned.scenario, scenario)
+    if kinds:
+        arrived = f"a plan made with other user-defined parts ({', '.join(kinds)}) than those of the flight"
+        raise ValueError(
+            f"planned: arrived {arrived}; expected the same, as in anser.run(planned.scenario, planned=planned)"
+        )
+    flight = build_flight(scenario, pad_fleet=True)
+    fleet = _trim_at_start(flight)
+    check_trimmable(scenario, flight, fleet.is_trimmed)
+    return dataclasses.replace(planned, scenario=scenario, flight=flight, fleet=fleet, start_state=None)
 
 
 def _verify(path: Path) -> None:

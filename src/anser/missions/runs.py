@@ -21,7 +21,7 @@ from anser.files import result_folder
 from anser.missions.batches import Progress, no_progress
 from anser.missions.events import EventSchedule
 from anser.missions.first_plan import FirstPlan, NoPlanError
-from anser.missions.plans import plan
+from anser.missions.plans import plan, plan_for_flight
 from anser.missions.saved_flights import FLIGHT, SUMMARY, SavedFlight
 from anser.missions.segments import fly_with_replanning, prepare_flight, start_replanning_programs
 from anser.numerics.arrays import cast_to_precision
@@ -179,7 +179,7 @@ def run(
         during planning, replanning and the final summary.
     planned
         A finished plan of this scenario, from `anser.plan` or `anser.missions.read_plan`; None: the scenario is planned
-        first.
+        first. The flight may have further user-defined parts, but not another planner.
     precision
         Precision of the flight; planning always uses float64.
     controller, guidance, sensors, estimator, planner
@@ -193,7 +193,7 @@ def run(
     Raises
     ------
     ValueError
-        If `planned` is the plan of another scenario.
+        If `planned` is the plan of another scenario, or was made with other user-defined parts or another planner.
     ScenarioError
         If the file cannot be read or is not a valid scenario, if a user-defined part is not valid, if an aircraft
         cannot be trimmed at its start, or if the scenario cannot be flown in the precision.
@@ -206,8 +206,8 @@ def run(
     start_time = clock.perf_counter()
     if planned is None:
         planned = plan(scenario, lambda message: on_progress(message, None), functools.partial(_prepare, precision))
-    elif planned.scenario != scenario:
-        raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
+    else:
+        planned = plan_for_flight(planned, scenario)
     if planned.refusals:
         raise NoPlanError(planned.refusals)
     flight, state = cast_flight(planned.flight, precision), cast_state(planned.initial_state(), precision)

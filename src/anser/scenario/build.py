@@ -39,7 +39,7 @@ from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.build_wind_field import check_wind_field
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft, Goal
+from anser.scenario.schema_aircraft import Adaptation, Aircraft, Goal
 from anser.scenario.schema_airspace import Event
 from anser.scenario.user_parts import check_user_parts, user_parts
 from anser.sensing.adaptation import adaptive_estimator
@@ -208,17 +208,18 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
     is_dispersed = aircraft.deviation != Deviation()
     airframe = disperse_airframe(nominal_airframe, aircraft.deviation) if is_dispersed else nominal_airframe
     changes = _build_changes(scenario, aircraft, airframe)
-    model = _onboard_model(aircraft, nominal_airframe)
     is_adaptive = aircraft.gains.inversion == "adaptive"
+    adaptation = aircraft.adaptation if is_adaptive else Adaptation()  # without effect on another inversion
+    model = nominal_airframe if adaptation.aerodynamics_known else without_aerodynamics(nominal_airframe)
     is_nominal = not is_dispersed and changes is None and not is_adaptive
     estimator = build_estimator(scenario, goal, None if is_nominal else model)
     return Vehicle(
         airframe=airframe,
         gusts=build_gusts(scenario, aircraft, span_of(airframe) if scenario.is_gusty else 0.0),
         sensors=build_sensors(scenario),
-        estimator=_adaptive(aircraft, estimator, model) if is_adaptive else estimator,
+        estimator=_adaptive(adaptation, estimator, model) if is_adaptive else estimator,
         guidance=FollowPlan(guidance),
-        controller=_controller(aircraft, InversionAutopilot(gains, limits), airframe),
+        controller=_controller(adaptation, InversionAutopilot(gains, limits), airframe),
         mission=Mission(
             goal=goal,
             airborne=as_array(scenario.goal_of(aircraft).kind == "airborne", bool),
@@ -231,19 +232,12 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
     )
 
 
-def _onboard_model(aircraft: Aircraft, airframe: AbstractAirframe) -> AbstractAirframe:
-    """Return the airframe that estimator and autopilot assume: `airframe`, without aerodynamics if unknown to them."""
-    return airframe if aircraft.adaptation.aerodynamics_known else without_aerodynamics(airframe)
-
-
-def _adaptive(aircraft: Aircraft, estimator: AbstractEstimator, model: AbstractAirframe) -> AbstractEstimator:
-    table = aircraft.adaptation
+def _adaptive(table: Adaptation, estimator: AbstractEstimator, model: AbstractAirframe) -> AbstractEstimator:
     return adaptive_estimator(estimator, model, method=table.method, aerodynamics_known=table.aerodynamics_known)
 
 
-def _controller(aircraft: Aircraft, autopilot: AbstractController, airframe: AbstractAirframe) -> AbstractController:
+def _controller(table: Adaptation, autopilot: AbstractController, airframe: AbstractAirframe) -> AbstractController:
     """Return the autopilot; if the table [aircraft.adaptation] has test inputs, with these added to the surfaces."""
-    table = aircraft.adaptation
     if table.probing == 0.0:
         return autopilot
     amplitude = as_array(table.probing * DEG_RAD)

@@ -33,6 +33,7 @@ from anser.control.gains import (
 )
 from anser.control.guidance import GuidanceSettings
 from anser.control.limits import NORMAL_TURNING_G, FlightLimits
+from anser.control.loop_separations import LoopSeparation, loop_separations
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.planning.limits import PathLimits
@@ -243,10 +244,13 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
     if math.isnan(capability.speed_min):
         return (f"{subject}: no airspeed of level flight was found at {aircraft.start.altitude_m:g} m",)
     messages, keys = [], scenario.limits.model_fields_set
+    climb, vertical = capability.climb_rate_max, "climbs"
+    if capability.sink_rate_max < climb:
+        climb, vertical = capability.sink_rate_max, "descends"
     for key, greatest, phrase, unit in (
         ("bank_max_deg", math.degrees(capability.bank_max), "banks in level turns at most", "deg"),
         ("speed_max_m_s", capability.speed_max, "flies level at most at", "m/s"),
-        ("climb_rate_max_m_s", capability.climb_rate_max, "climbs steadily at most at", "m/s"),
+        ("climb_rate_max_m_s", climb, f"{vertical} steadily at most at", "m/s"),
     ):
         required = getattr(limits, key)
         if key in keys and required > greatest * 1.02:
@@ -301,6 +305,17 @@ def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
         if aircraft.capability is not None
         for message in _exceeds_capability(scenario, scenario.limits_for(aircraft.table), index, aircraft.capability)
     )
+
+
+def resolved_loop_separations(scenario: Scenario, index: int) -> tuple[LoopSeparation, ...]:
+    """Return the nested loops of aircraft number `index` with the bandwidths that are flown."""
+    enable_compilation_cache()
+    gains = resolve_fleet(scenario)[index].gains
+    bandwidths = (
+        np.asarray(loop.proportional / (1.0 + loop.derivative)).tolist()
+        for loop in (gains.rates, gains.attitude, gains.velocity)
+    )
+    return loop_separations(*bandwidths, float(gains.actuator_bandwidth), float(gains.engine_bandwidth))
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:

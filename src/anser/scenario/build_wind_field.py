@@ -71,7 +71,7 @@ def build_fitted_wind(scenario: ScenarioTables) -> FittedWind:
     way = Way(
         least_m=positions_m.min(axis=0) - _WAY_MARGIN_M,
         greatest_m=positions_m.max(axis=0) + _WAY_MARGIN_M,
-        reach_m=(scenario.limits.speed_max_m_s + wind.speed_max_m_s) * duration_s,
+        reach_m=(scenario.speed_limit_m_s + wind.speed_max_m_s) * duration_s,
         end_s=duration_s,
     )
     return fit_layers(samples, way)

@@ -2,9 +2,9 @@
 
 import math
 
-from anser.control.loop_separations import LOOP_SEPARATION_MIN, loop_separations
+from anser.control.loop_separations import LOOP_SEPARATION_MIN, LoopSeparation, loop_separations
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateGains, VelocityGains
+from anser.scenario.schema_aircraft import AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_tables import DEFAULT_PLANNERS, FORMAT
 from anser.scenario.unused_keys import unused_key_cautions
@@ -13,9 +13,9 @@ from anser.scenario.unused_keys import unused_key_cautions
 def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[str, ...]:
     """Return the cautions about a scenario, one sentence each; empty without any.
 
-    `with_trim_maps` compares the limits with the trim map of each aircraft, which takes seconds the first time.
+    `with_trim_maps` compares the limits with the trim map of each aircraft, and gains with those that follow from it,
+    which takes seconds the first time.
     """
-    gains = [text for index, aircraft in enumerate(scenario.aircraft) for text in _gain_cautions(index, aircraft)]
     limits = _limit_cautions(scenario) if with_trim_maps else []
     return (
         *_format_cautions(scenario),
@@ -24,7 +24,7 @@ def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[s
         *_separation_cautions(scenario),
         *unused_key_cautions(scenario),
         *limits,
-        *gains,
+        *_gain_cautions(scenario, with_trim_maps),
     )
 
 
@@ -41,8 +41,12 @@ def _format_cautions(scenario: Scenario) -> list[str]:
 
 
 def _seed_cautions(scenario: Scenario) -> list[str]:
-    """Return a caution for a seed other than the default in a scenario without random numbers."""
-    if scenario.seed == type(scenario).model_fields["seed"].default or scenario.is_random:
+    """Return a caution for a seed other than the default in a scenario without random numbers.
+
+    User-defined parts may draw random numbers.
+    """
+    is_random = scenario.is_random or scenario.parts is not None
+    if scenario.seed == type(scenario).model_fields["seed"].default or is_random:
         return []
     random_tables = "[turbulence], [navigation] and [goal_sensor] are what is"
     return [f"seed: {scenario.seed} is recorded and changes nothing: nothing in this flight is random; {random_tables}"]
@@ -87,21 +91,41 @@ def _limit_cautions(scenario: Scenario) -> list[str]:
     return list(capability_cautions(scenario))
 
 
-def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
-    """Return cautions for nested loops of aircraft number `index` whose bandwidths are too close; none for defaults."""
-    if aircraft.gains == Gains():
-        return []
-    gains, cautions = aircraft.gains, []
-    for pair in loop_separations(_bandwidths(gains.rates), _bandwidths(gains.attitude), _bandwidths(gains.velocity)):
-        ratio = pair.ratio
-        if ratio < LOOP_SEPARATION_MIN:
-            cautions.append(
-                f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth of '
-                f"{pair.outer_bandwidth:.3g} 1/s and rests on {pair.inner} with {pair.inner_bandwidth:.3g} 1/s, a "
-                f"ratio of {ratio:.2f}; below {LOOP_SEPARATION_MIN:g} the two swing against each other (damping "
-                f"{0.5 * math.sqrt(ratio):.2f})"
-            )
-    return cautions
+_LOOPS = ("rates", "attitude", "velocity")
+
+
+def _gain_cautions(scenario: Scenario, with_trim_maps: bool) -> list[str]:
+    """Return cautions for nested loops whose bandwidths are too close, of aircraft with a loop of gains in the file."""
+    return [
+        f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth of '
+        f"{pair.outer_bandwidth:.3g} 1/s and rests on {pair.inner} with {pair.inner_bandwidth:.3g} 1/s, a "
+        f"ratio of {pair.ratio:.2f}; below {LOOP_SEPARATION_MIN:g} the two swing against each other (damping "
+        f"{0.5 * math.sqrt(pair.ratio):.2f})"
+        for index, aircraft in enumerate(scenario.aircraft)
+        for pair in _loop_separations(scenario, index, with_trim_maps)
+        if pair.ratio < LOOP_SEPARATION_MIN
+    ]
+
+
+def _loop_separations(scenario: Scenario, index: int, with_trim_maps: bool) -> tuple[LoopSeparation, ...]:
+    """Return the nested loops of aircraft number `index`; empty if the file has no loop of its gains.
+
+    Loops that the file leaves out, actuators and engine are the published ones of the library's F-16, or else follow
+    from the aircraft; without trim maps the latter have the bandwidth NaN, which is no reason for a caution.
+    """
+    aircraft = scenario.aircraft[index]
+    written = aircraft.gains.model_fields_set.intersection(_LOOPS)
+    if not written:
+        return ()
+    if aircraft.is_library_f16:
+        return loop_separations(*(_bandwidths(getattr(aircraft.gains, loop)) for loop in _LOOPS))
+    if with_trim_maps:
+        from anser.scenario.build_aircraft import resolved_loop_separations  # here, because it imports JAX
+
+        return resolved_loop_separations(scenario, index)
+    unknown = (math.nan,) * 3
+    bandwidths = (_bandwidths(getattr(aircraft.gains, loop)) if loop in written else unknown for loop in _LOOPS)
+    return loop_separations(*bandwidths, actuators=math.nan, engine=math.nan)
 
 
 def _bandwidths(loop: RateGains | AttitudeGains | VelocityGains) -> tuple[float, ...]:

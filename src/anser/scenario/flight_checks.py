@@ -23,8 +23,8 @@ def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
     """
     problems = []
     for k in np.flatnonzero(~np.asarray(steady)[: len(scenario.aircraft)]):
-        vehicle, target, _ = flight.aircraft(int(k))
-        diagnosis = nearest_trims(vehicle.airframe, flight.environment, target)
+        vehicle, target, position_n = flight.aircraft(int(k))
+        diagnosis = nearest_trims(vehicle.airframe, flight.environment, target, position_n)
         aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start
         start_condition = (
             f"{start.airspeed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"

@@ -57,7 +57,8 @@ def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_
 
     None for a chart without a defect.
     """
-    speed_m_s, duration_s = scenario.fleet.airspeed_m_s, scenario.timing.duration_s
+    fastest, duration_s = max(scenario.aircraft, key=scenario.speed_for), scenario.timing.duration_s
+    speed_m_s = scenario.speed_for(fastest)
     if scenario.earth.model == "wgs84":
         worst = max(positions, key=lambda position: scale_error(latitude_deg, position.north_m, position.east_m))
         error = scale_error(latitude_deg, worst.north_m, worst.east_m)
@@ -74,9 +75,10 @@ def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_
             arrived = (
                 f"where north turns by {turn_deg_s:.3f} deg/s under a flight east at {format_number(speed_m_s)} m/s"
             )
-            return arrived, f"a slower fleet (fleet.speed_m_s): plans bear {TURN_MAX_DEG_S:g} deg/s"
+            whom = fastest.label if fastest.airspeed_forms else "fleet (fleet.speed_m_s)"
+            return arrived, f"a slower {whom}: plans bear {TURN_MAX_DEG_S:g} deg/s"
     # an aircraft that leaves the area must return to arrive
-    reach_m = 0.5 * (scenario.limits.speed_max_m_s + scenario.wind.speed_max_m_s) * duration_s
+    reach_m = 0.5 * (scenario.speed_limit_m_s + scenario.wind.speed_max_m_s) * duration_s
     if _is_inside_map(latitude_deg, positions, reach_m):
         return None
     arrived = (

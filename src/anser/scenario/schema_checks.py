@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from anser.config.errors import Problem, format_number, format_value, quoted_list
 from anser.config.tables import Table, ordering_problems
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, STANDARD_GRAVITY_M_S2, SURFACE_STAND_OFF_MIN_M
-from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES
 from anser.scenario.schema_excitation import EXCITED_INPUTS, LOOP_INPUTS
 from anser.scenario.schema_sensing import goal_sigma_m
@@ -192,7 +192,8 @@ def margin_problems(scenario: ScenarioTables) -> list[Problem]:
         is_airborne = scenario.goal_of(aircraft).kind == "airborne"
         stand_off_min_m = AIRBORNE_STAND_OFF_MIN_M if is_airborne else SURFACE_STAND_OFF_MIN_M
         distance_m = aircraft.rendezvous.stand_off_distance_m
-        sigma_m = goal_sigma_m(sensor, estimator, navigation, scenario.timing, scenario.fleet, distance_m)
+        speed_m_s = scenario.speed_for(aircraft)
+        sigma_m = goal_sigma_m(sensor, estimator, navigation, scenario.timing, speed_m_s, distance_m)
         required_m = stand_off_min_m + estimator.margin_sigma * sigma_m
         # a stand-off below the scope's minimum is reported elsewhere
         if sigma_m > 0.0 and stand_off_min_m <= distance_m < required_m:
@@ -214,22 +215,34 @@ def goal_problems(scenario: ScenarioTables) -> list[Problem]:
                 arrived, expected = format_number(goal.climb_rate_m_s), 'nothing, or 0, for a goal of kind = "surface"'
                 problems.append(Problem(f"goal[{index}].climb_rate_m_s", arrived, expected, goal.label))
             continue
-        heights = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints or ())}
-        if goal.waypoints is None:
-            heights = {"altitude_m": goal.altitude_m, "climb_rate_m_s": goal.position_m(scenario.timing.duration_s)[2]}
-            if goal.altitude_m < AIRBORNE_ALTITUDE_MIN_M:
-                del heights["climb_rate_m_s"]
-        for key, height in heights.items():
-            arrived = format_number(height)
-            if key == "climb_rate_m_s":
-                rate = format_number(goal.climb_rate_m_s)
-                arrived = f"{rate}, which brings it to {height:.1f} m at the end of the flight"
-            if height < AIRBORNE_ALTITUDE_MIN_M:
-                expected = (
-                    f'an airborne goal at {AIRBORNE_ALTITUDE_MIN_M:g} m or higher; for a lower one, kind = "surface"'
-                )
-                problems.append(Problem(f"goal[{index}].{key}", arrived, expected, goal.label))
+        expected = f'an airborne goal at {AIRBORNE_ALTITUDE_MIN_M:g} m or higher; for a lower one, kind = "surface"'
+        bounds_m = AIRBORNE_ALTITUDE_MIN_M, math.inf
+        problems.extend(_altitude_problems(index, goal, scenario.timing.duration_s, bounds_m, expected))
     return problems
+
+
+def _altitude_problems(
+    index: int, goal: Goal, duration_s: float, bounds_m: tuple[float, float], expected: str
+) -> list[Problem]:
+    """List the altitudes of goal number `index` beyond bounds, m: at its waypoints, or else at start and end.
+
+    The end, after `duration_s`, is a problem of the climb rate, and only if the goal starts within the bounds.
+    """
+    low_m, high_m = bounds_m
+    if goal.waypoints is not None:
+        altitudes_m = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints)}
+        arrived = {key: format_number(altitude_m) for key, altitude_m in altitudes_m.items()}
+    elif low_m <= goal.altitude_m <= high_m:
+        end_m, rate = goal.position_m(duration_s)[2], format_number(goal.climb_rate_m_s)
+        altitudes_m = {"climb_rate_m_s": end_m}
+        arrived = {"climb_rate_m_s": f"{rate}, which brings it to {end_m:.1f} m at the end of the flight"}
+    else:
+        altitudes_m, arrived = {"altitude_m": goal.altitude_m}, {"altitude_m": format_number(goal.altitude_m)}
+    return [
+        Problem(f"goal[{index}].{key}", arrived[key], expected, goal.label)
+        for key, altitude_m in altitudes_m.items()
+        if not low_m <= altitude_m <= high_m
+    ]
 
 
 def _climb_rate_problems(
@@ -280,17 +293,21 @@ def planner_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def sounding_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List starts and airborne goals whose key `altitude_m` is below or above the levels of the sounding."""
+    """List starts and altitudes of airborne goals that are below or above the levels of the sounding."""
     atmosphere = scenario.atmosphere
     if atmosphere is None or atmosphere.sounding is None:
         return []
     low_m, high_m = (atmosphere.sounding.level[k].altitude_m for k in (0, -1))
-    altitudes_m = [
-        *((f"aircraft[{k}].start.altitude_m", x.start.altitude_m) for k, x in enumerate(scenario.aircraft)),
-        *((f"goal[{k}].altitude_m", x.altitude_m) for k, x in enumerate(scenario.goal) if x.kind == "airborne"),
-    ]
     expected = f"an altitude within the sounding, {format_number(low_m)} to {format_number(high_m)} m"
-    return [Problem(key, format_number(x), expected) for key, x in altitudes_m if not low_m <= x <= high_m]
+    problems = [
+        Problem(f"aircraft[{k}].start.altitude_m", format_number(altitude_m), expected, aircraft.label)
+        for k, aircraft in enumerate(scenario.aircraft)
+        if not low_m <= (altitude_m := aircraft.start.altitude_m) <= high_m
+    ]
+    for k, goal in enumerate(scenario.goal):
+        if goal.kind == "airborne":
+            problems += _altitude_problems(k, goal, scenario.timing.duration_s, (low_m, high_m), expected)
+    return problems
 
 
 def gust_problems(scenario: ScenarioTables) -> list[Problem]:
@@ -434,7 +451,12 @@ def _network_number_problems(network: Network, scenario: ScenarioTables) -> list
     if timing.replan_period_s <= 0.0:
         expected = "a period above 0: what the others say is answered when the plan is renewed"
         problems.append(Problem("timing.replan_period_s", format_number(timing.replan_period_s), expected))
-    greatest = greatest_rate_range(fleet, scenario.limits, scenario.wind.speed_max_m_s)
+    greatest = min(
+        greatest_rate_range(
+            fleet.reserve, scenario.speed_for(aircraft), scenario.limits_for(aircraft), scenario.wind.speed_max_m_s
+        )
+        for aircraft in scenario.aircraft
+    )
     if network.rate_range > greatest:
         expected = (
             f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = "

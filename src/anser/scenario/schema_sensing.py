@@ -10,7 +10,7 @@ from pydantic import Field
 
 from anser.config.errors import Problem, format_number
 from anser.config.tables import Table, expects, number
-from anser.scenario.schema_settings import Fleet, Timing
+from anser.scenario.schema_settings import Timing
 
 PRESETS = ("camera", "ais", "ads-b", "weather-radar", "beacon")
 _SIGHT_KEYS = (
@@ -157,19 +157,25 @@ _MEASUREMENTS = 2000  # greatest number of measurements in the recursion; the fi
 
 
 def goal_sigma_m(
-    sensor: GoalSensor, estimator: Estimator, navigation: Navigation, timing: Timing, fleet: Fleet, distance_m: float
+    sensor: GoalSensor,
+    estimator: Estimator,
+    navigation: Navigation,
+    timing: Timing,
+    speed_m_s: float,
+    distance_m: float,
 ) -> float:
     """Compute the standard deviation (m) of the goal's position at the arrival, as predicted when the plan freezes.
 
     The value is for one axis of a goal in steady motion, and 0 for an exact sensor: the variance recursion of the
     Kalman filter from the briefed uncertainty, then a prediction over the freeze time. Measurement errors are those at
-    the range in the middle of the freeze time. Errors that no filter removes are added at the end, in quadrature: the
-    biases of a line of sight, or the slow error of satellite navigation for a goal's own report. That slow error also
-    adds to the report's error, because the report is compared with the aircraft's position.
+    the range in the middle of the freeze time, which the aircraft flies at `speed_m_s`. Errors that no filter removes
+    are added at the end, in quadrature: the biases of a line of sight, or the slow error of satellite navigation for a
+    goal's own report. That slow error also adds to the report's error, because the report is compared with the
+    aircraft's position.
     """
     if sensor.preset == "exact":
         return 0.0
-    range_m = distance_m + 0.5 * fleet.airspeed_m_s * timing.freeze_s
+    range_m = distance_m + 0.5 * speed_m_s * timing.freeze_s
     if sensor.number("kind") == "report":
         measurement_m = math.hypot(
             sensor.number("position_m"), navigation.position_m if navigation.sensors != "exact" else 0.0

@@ -302,14 +302,14 @@ class Network(Table):
         return [Problem("coupling_per_s", format_number(self.coupling_per_s), expected)]
 
 
-def greatest_rate_range(fleet: Fleet, limits: Limits, wind_m_s: float) -> float:
-    """Return the greatest deviation of a clock rate from 1 for which a plan with `fleet.reserve` keeps its limits.
+def greatest_rate_range(reserve: float, speed: float, limits: Limits, wind_m_s: float) -> float:
+    """Return the greatest deviation of a clock rate from 1 for which a plan with a reserve keeps an aircraft's limits.
 
     The clock rate is the rate at which an aircraft runs through its planned path; the velocity over the ground scales
     with the clock rate, accelerations with its square. The tangent of the bank angle grows at least in proportion to
-    the angle. The wind speed is at most `wind_m_s` (m/s).
+    the angle. `reserve` is `fleet.reserve`, `speed` the preferred airspeed (m/s); the wind speed is at most `wind_m_s`
+    (m/s).
     """
-    reserve, speed = fleet.reserve, fleet.airspeed_m_s
     turning = math.sqrt(1.0 / (1.0 - reserve)) - 1.0
     slow = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fast = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)

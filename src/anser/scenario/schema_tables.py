@@ -119,6 +119,11 @@ class ScenarioTables(Table):
         """Return the preferred true airspeed of one aircraft, m/s: from its table, or else from the fleet."""
         return aircraft.airspeed_m_s if aircraft.airspeed_forms else self.fleet.airspeed_m_s
 
+    @property
+    def speed_limit_m_s(self) -> float:
+        """Greatest true airspeed that the limits of any aircraft allow, m/s."""
+        return max(self.limits_for(aircraft).speed_max_m_s for aircraft in self.aircraft)
+
     def goal_of(self, aircraft: Aircraft) -> Goal:
         """Return the goal of an aircraft; requires that the scenario has a goal of this name."""
         return next(goal for goal in self.goal if goal.name == aircraft.goal)

@@ -103,11 +103,32 @@ class UserParts:
 
 def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
     """Return a scenario with user-defined parts, which replace the file's and are kept by `Scenario.replace`."""
-    if not parts:
-        return scenario
+    return _with_attached(scenario, parts) if parts else scenario
+
+
+def _with_attached(scenario: Scenario, parts: UserParts | None) -> Scenario:
     attached = scenario.model_copy()
     attached._attached_parts = parts
     return attached
+
+
+def differs_in_values(scenario_a: Scenario, scenario_b: Scenario) -> bool:
+    """Whether two scenarios differ in more than their attached user-defined parts."""
+    return _with_attached(scenario_a, None) != _with_attached(scenario_b, None)
+
+
+def replaced_parts(planned: Scenario, flown: Scenario) -> list[str]:
+    """Return the kinds of user-defined parts with which a plan was made and that are not those of a flight.
+
+    They are the parts attached to the planned scenario that are not attached to the flown one, and the planner if it is
+    attached to one of both.
+    """
+    before, after = planned._attached_parts or UserParts(), flown._attached_parts or UserParts()
+    return [
+        kind
+        for kind, part in vars(before).items()
+        if (part is not None or kind == "planner") and part != getattr(after, kind)
+    ]
 
 
 def user_parts(scenario: Scenario) -> UserParts:

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import hashlib
+import itertools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,8 @@ _ALIASES: dict[str, tuple[str, ...]] = {
     "time": ("time", "valid_time"),
     "member": ("realization", "number", "member"),
     "pressure": ("air_pressure", "pressure_level", "isobaricInhPa", "level", "plev"),
-    "altitude": ("altitude", "height_above_mean_sea_level", "geopotential_height", "height", "z"),
+    "altitude": ("altitude", "height_above_mean_sea_level", "geopotential_height", "z"),
+    "height above ground": ("height", "height_above_ground"),
     "latitude": ("latitude", "lat"),
     "longitude": ("longitude", "lon"),
     "north": ("north", "y", "projection_y_coordinate"),
@@ -142,6 +144,11 @@ class _Reader:
         horizontal = ("latitude", "longitude") if is_geographic else ("north", "east")
         vertical = "pressure" if self._find("pressure", eastward.coords) is not None else "altitude"
         roles = {role: self._find(role, eastward.coords) for role in ("member", "time", *horizontal, vertical)}
+        above_ground = self._find("height above ground", eastward.coords)
+        if roles[vertical] is None and above_ground in eastward.dims:
+            arrived = f"the levels {above_ground}, read as heights above the ground"
+            expected = 'altitudes above mean sea level, of standard_name "altitude" if the coordinate has another name'
+            raise self._refuse(arrived, expected)
         for role in (*horizontal, vertical):
             if roles[role] is None or roles[role] not in eastward.dims:
                 expected = f"a coordinate {role} ({', '.join(_ALIASES[role])}) along one dimension"
@@ -169,9 +176,10 @@ class _Reader:
         upward = self._upward(vertical, roles[vertical], axes[vertical], values, height, dims)
         down = np.zeros_like(u) if upward is None else -upward
         columns = np.stack([v, u, down, height], axis=-1)
-        for role in ("time", "member"):
-            if roles[role] not in dims:
-                columns = columns[None]
+        if roles["member"] not in dims:
+            columns = columns[None]
+        if roles["time"] not in dims:
+            columns = columns[:, None]
         return self._sorted(columns, axes, horizontal, is_geographic, is_geopotential)
 
     def _sorted(
@@ -298,12 +306,15 @@ class _Reader:
     def _find(self, role: str, variables: Mapping[Any, "xr.DataArray"] | Iterable[Any]) -> str | None:
         """Return the name of the variable or coordinate of a role (key of `_ALIASES`); None if `variables` has none.
 
-        A standard name counts before the name of the variable itself.
+        A standard name counts before the name of the variable itself, which counts unless the standard name is that of
+        another role.
         """
-        names = [str(name) for name in variables]
-        by_standard = {str(self.dataset[name].attrs.get("standard_name")): name for name in reversed(names)}
-        candidates = [by_standard.get(alias) for alias in _ALIASES[role]]
-        candidates += [alias if alias in names else None for alias in _ALIASES[role]]
+        standard_names = {str(name): str(self.dataset[name].attrs.get("standard_name")) for name in variables}
+        by_standard = {standard: name for name, standard in reversed(standard_names.items())}
+        aliases = _ALIASES[role]
+        foreign = set(itertools.chain.from_iterable(_ALIASES.values())) - set(aliases)
+        named = [alias for alias in aliases if alias in standard_names and standard_names[alias] not in foreign]
+        candidates = [*map(by_standard.get, aliases), *named]
         return next((name for name in candidates if name is not None), None)
 
     def _units(self, variable: "xr.DataArray") -> str:

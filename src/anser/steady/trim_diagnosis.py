@@ -15,7 +15,7 @@ from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import air_data_and_forces
 from anser.compiling.options import compiled
 from anser.environment.environment import Environment
-from anser.shapes import Flag
+from anser.shapes import Flag, Vector3
 from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
 from anser.units import RAD_DEG
 
@@ -42,10 +42,12 @@ class NearestTrim:
     # the changed target and its trim
     target: TrimTarget
     point: TrimPoint
+    is_in_gap: bool = False  # whether trimmable values lie on both sides of the target's
 
     def message(self) -> str:
         """Return a clause such as "the fastest turn is 3.2 deg/s", rounded to the side on which a trim exists."""
-        return _CLAUSES[self.quantity](self.target_value, self.value)
+        clause = _gap_clause if self.is_in_gap else _CLAUSES[self.quantity]
+        return clause(self.quantity, self.target_value, self.value)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,17 +141,22 @@ def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
     ]
 
 
-def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimDiagnosis:
+def nearest_trims(
+    airframe: AbstractAirframe, environment: Environment, target: TrimTarget, position_n: Vector3 | None = None
+) -> TrimDiagnosis:
     """Diagnose a trim target: find the nearest trimmable conditions by changing speed, path angle or turn rate alone.
 
     In a pull-up by pitch rate, the pitch rate is changed instead of the turn rate. The search uses a grid along each
     quantity, then a finer grid next to the nearest trimmable value; all points of a grid are solved in one compiled
     call. The resolution is 0.03 percent of the speed, 0.01 deg and 0.004 deg/s (coarser for a target above 20 deg/s).
 
-    The aircraft is trimmed at the chart's origin, as by `solve_trim` without a position.
+    The aircraft is trimmed at `position_n`, as by `solve_trim`; None: at the chart's origin. Raises ValueError if the
+    airspeed of the target is not above 0.
     """
     rate = _changed_rate(target)
     target_values = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
+    if not target_values["speed"] > 0.0:
+        raise ValueError(f"target.speed: arrived {target_values['speed']:g} m/s; expected an airspeed above 0 m/s")
     gravity = float(environment.gravity)
     scale = {"speed": 1 / target_values["speed"], "path_angle": 1.0, rate: target_values["speed"] / gravity}
     rate_limit = max(_TURN_RATE_LIMIT, 1.5 * abs(target_values[rate]))
@@ -158,13 +165,15 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
         "path_angle": np.linspace(-_PATH_ANGLE_LIMIT, _PATH_ANGLE_LIMIT, _CANDIDATES),
         rate: np.linspace(-rate_limit, rate_limit, _CANDIDATES),
     }
-    points, usable = _solve_grids(airframe, environment, target, grids)
+    position_n = jnp.zeros(3) if position_n is None else position_n
+    points, usable = _solve_grids(airframe, environment, target, position_n, grids)
     target_trim = jax.tree.map(lambda leaf: leaf[-1], points)
     violations = trim_violations(airframe, environment, target_trim)
     if not violations:
         return TrimDiagnosis(target, target_trim, (), ())
     finer = {name: _refined_grid(grids[name], usable[name], target_values[name]) for name in grids}
-    points, usable = _solve_grids(airframe, environment, target, finer)
+    is_in_gap = {name: _is_in_gap(name, grids[name][usable[name]], target_values[name]) for name in grids}
+    points, usable = _solve_grids(airframe, environment, target, position_n, finer)
     nearest = []
     for quantity_index, name in enumerate(grids):
         if not usable[name].any():
@@ -179,6 +188,7 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
                 distance=float(distances[k]) * scale[name],
                 target=dataclasses.replace(target, **{name: jnp.asarray(finer[name][k])}),
                 point=jax.tree.map(lambda leaf, at=quantity_index * _CANDIDATES + k: leaf[at], points),
+                is_in_gap=is_in_gap[name],
             )
         )
     nearest.sort(key=lambda trim: trim.distance)
@@ -203,9 +213,11 @@ def _outside_data(airframe: AbstractAirframe, environment: Environment, point: T
 
 
 @compiled
-def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> tuple[TrimPoint, Flags]:
+def _solve_all(
+    airframe: AbstractAirframe, environment: Environment, targets: TrimTarget, position_n: Vector3
+) -> tuple[TrimPoint, Flags]:
     def trim_and_check(target: TrimTarget) -> tuple[TrimPoint, Flag]:
-        point = solve_trim(airframe, environment, target)
+        point = solve_trim(airframe, environment, target, position_n)
         data = air_data_and_forces(airframe, environment, 0.0, point.state).air_data
         return point, point.converged & (point.excess <= LIMIT_TOLERANCE) & ~airframe.outside_tables(data)
 
@@ -213,7 +225,11 @@ def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: Tr
 
 
 def _solve_grids(
-    airframe: AbstractAirframe, environment: Environment, target: TrimTarget, grids: dict[str, np.ndarray]
+    airframe: AbstractAirframe,
+    environment: Environment,
+    target: TrimTarget,
+    position_n: Vector3,
+    grids: dict[str, np.ndarray],
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
     """Trim the target with each value of each grid in place of the quantity's own, and last the target unchanged.
 
@@ -223,7 +239,8 @@ def _solve_grids(
     fields = {f.name: np.full(count + 1, float(getattr(target, f.name))) for f in dataclasses.fields(target)}
     for quantity_index, (name, grid) in enumerate(grids.items()):
         fields[name][quantity_index * _CANDIDATES : (quantity_index + 1) * _CANDIDATES] = grid
-    points, usable = _solve_all(airframe, environment, TrimTarget(**{k: jnp.asarray(v) for k, v in fields.items()}))
+    targets = TrimTarget(**{k: jnp.asarray(v) for k, v in fields.items()})
+    points, usable = _solve_all(airframe, environment, targets, position_n)
     return points, dict(zip(grids, np.split(np.asarray(usable)[:count], len(grids)), strict=True))
 
 
@@ -239,6 +256,13 @@ def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> 
     toward = float(between[np.argmin(np.abs(between - nearest_usable))]) if between.size else target_value
     end = toward if abs(toward - nearest_usable) < abs(target_value - nearest_usable) else target_value
     return np.linspace(nearest_usable, end, _CANDIDATES)
+
+
+def _is_in_gap(quantity: str, usable_values: np.ndarray, target_value: float) -> bool:
+    """Whether trimmable values lie on both sides of the target's; for rates, on both sides of its magnitude."""
+    if quantity not in ("speed", "path_angle"):
+        usable_values, target_value = np.abs(usable_values), abs(target_value)
+    return bool(np.any(usable_values < target_value) and np.any(usable_values > target_value))
 
 
 def _beyond(value: float, lower: float, upper: float) -> str:
@@ -258,13 +282,13 @@ def _at_most(value: float) -> str:
     return f"{math.floor(value * 10) / 10:.1f}"
 
 
-def _speed_clause(target_value: float, value: float) -> str:
+def _speed_clause(_quantity: str, target_value: float, value: float) -> str:
     if value > target_value:
         return f"the slowest trimmable speed is {_at_least(value)} m/s"
     return f"the fastest trimmable speed is {_at_most(value)} m/s"
 
 
-def _path_angle_clause(target_value: float, value: float) -> str:
+def _path_angle_clause(_quantity: str, target_value: float, value: float) -> str:
     angle = value * RAD_DEG
     if value < target_value:
         if value >= 0:
@@ -275,21 +299,28 @@ def _path_angle_clause(target_value: float, value: float) -> str:
     return f"it must climb at {_at_least(angle)} deg or more"
 
 
-def _turn_rate_clause(target_value: float, value: float) -> str:
+def _turn_rate_clause(_quantity: str, target_value: float, value: float) -> str:
     rate = abs(value) * RAD_DEG
     if abs(value) < abs(target_value):
         return f"the fastest turn is {_at_most(rate)} deg/s"
     return f"it must turn at {_at_least(rate)} deg/s or more"
 
 
-def _pitch_rate_clause(target_value: float, value: float) -> str:
+def _pitch_rate_clause(_quantity: str, target_value: float, value: float) -> str:
     rate, up = abs(value) * RAD_DEG, value > 0
     if abs(value) < abs(target_value) and value * target_value >= 0:
         return f"the fastest {'pull-up' if target_value > 0 else 'push-over'} is {_at_most(rate)} deg/s"
     return f"it must {'pull up' if up else 'push over'} at {_at_least(rate)} deg/s or more"
 
 
-_CLAUSES: dict[str, Callable[[float, float], str]] = {
+def _gap_clause(quantity: str, target_value: float, value: float) -> str:
+    unit = {"speed": "m/s", "path_angle": "deg"}.get(quantity, "deg/s")
+    value_in_unit = value if quantity == "speed" else value * RAD_DEG
+    text = _at_least(value_in_unit) if value > target_value else _at_most(value_in_unit)
+    return f"the nearest trimmable {quantity.replace('_', ' ')} is {text} {unit}"
+
+
+_CLAUSES: dict[str, Callable[[str, float, float], str]] = {
     "speed": _speed_clause,
     "path_angle": _path_angle_clause,
     "turn_rate": _turn_rate_clause,
