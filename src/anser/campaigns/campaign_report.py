@@ -73,7 +73,10 @@ def quantiles_over(
     # results may exceed 180
     circular: bool,
 ) -> np.ndarray:
-    """Compute `BAND_QUANTILES` over the flights; shape (quantiles, aircraft, times), NaN if every value is missing."""
+    """Compute the 5, 50 and 95 % quantiles over the flights; shape (3, aircraft, times).
+
+    NaN if every value is missing.
+    """
     quantiles = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
     has_value = ~np.isnan(values).all(axis=0)
     selected = values[:, has_value].astype(float)
@@ -168,9 +171,9 @@ def _replay(
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
     """Fly flights of the campaign again, for their tracks on the map.
 
-    Archived flights are read from file; the remaining flights fly in one batch. Returns the tracks, and the numbers of
-    the flights whose scenario is no longer valid or whose results differ from the stored results. Raises StoreError if
-    an archived flight is damaged.
+    Archived flights are read from file; the remaining flights fly in one batch. Returns the flights with tracks, and
+    the numbers of the flights whose scenario is no longer valid or whose results differ from the stored results. Raises
+    StoreError if an archived flight is damaged.
     """
     tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}

@@ -76,7 +76,10 @@ def fly_on_cluster(
 
 
 class _Supervision:
-    """Supervision of a cluster: lost connections, missing workers, and the number of chunks submitted at a time."""
+    """State of a cluster while flights run: connection, workers, and the number of chunks submitted at a time.
+
+    Methods raise StoreError if the cluster is lost.
+    """
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
@@ -121,7 +124,7 @@ class _Supervision:
         return futures
 
     def lost(self, arrived: str) -> StoreError:
-        """Return the error for a lost cluster; `arrived` describes the failure."""
+        """Return a StoreError that reports the loss of the cluster; `arrived` describes the failure in its message."""
         expected = "expected one that lasts as long as the campaign; resume flies what is missing"
         return StoreError(f"cluster {self._address}: arrived {arrived}; {expected}")
 

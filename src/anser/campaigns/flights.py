@@ -46,7 +46,7 @@ VALIDATED_FLIGHTS = 64
 
 
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample a study and return the values to write into each flight's scenario, by key path; see `apply_samples`."""
+    """Sample a study; return the values to write into each flight's scenario, shape (flights,), by key path."""
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
@@ -113,7 +113,10 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
 
 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the seed of each flight of a campaign; shape (flights,)."""
+    """Return the seed of each flight of a campaign; shape (flights,).
+
+    The number of flights is the length of the arrays in `applied` (values by key path); if empty, that of the study.
+    """
     return flight_seeds(study, next(iter(applied.values())).size if applied else study.sampled.flights or 0)
 
 
@@ -244,7 +247,10 @@ def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray
 def _valid_cases(
     scenario: Scenario, applied: dict[str, np.ndarray], count: int
 ) -> Iterator[tuple[Scenario, dict[str, Any]]]:
-    """Yield the valid scenarios among the first flights (at most 64), each with its applied values by key path."""
+    """Yield the valid scenarios among the first flights (at most 64), each with its applied values by key path.
+
+    `applied` has the values of all `count` flights by key path; if empty, only the scenario itself is tried.
+    """
     for k in range(min(count, VALIDATED_FLIGHTS) if applied else 1):
         with contextlib.suppress(ScenarioError):
             dispersed = dispersed_scenario(scenario, 0, applied, k)
@@ -255,7 +261,8 @@ def refuse_outputs(study: Study, scenarios: list[Scenario]) -> None:
     """Raise ScenarioError if the flights cannot have the outputs that the study defines in tables [[output]].
 
     The errors are: an expression names an unknown variable, or a variable that no flight of `scenarios` records; an
-    aircraft is unknown; or a reduction other than greatest and least names no aircraft although the fleet has several.
+    aircraft is unknown; or the reduction over time is neither greatest nor least, the fleet has several aircraft, and
+    the output names none.
     """
     if not study.output:
         return

@@ -321,7 +321,7 @@ _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
 
 
 def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Scenario) -> dict[str, FlightColumn]:
-    """Return the results of flights as columns (dimensions, values, attributes) by name, with texts of fixed width."""
+    """Return the results of flights as columns by name: (dimensions, values, attributes); texts have a fixed width."""
     labels = {output.name: output.labels for output in study.output}
     columns = tabulate_flights(flight_rows, len(scenario.aircraft), labels)
     for name in _WIDTHS:
@@ -331,7 +331,10 @@ def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Sc
 
 
 def shortened(texts: np.ndarray, name: str) -> np.ndarray:
-    """Return the values of the column `name` as they are stored: texts longer than the column's width end with dots."""
+    """Return the values of the column `name` as the store holds them.
+
+    Texts longer than the column's width end with dots; other values are unchanged.
+    """
     width = _WIDTHS.get(name)
     if width is None:
         return texts

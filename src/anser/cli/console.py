@@ -225,7 +225,7 @@ def _progress_display(
 
 @contextlib.contextmanager
 def _refreshed(bar: Progress, show: Callable[[], None]) -> Iterator[None]:
-    """Call `show` every second in the `with` block; without a terminal, print the line every ten seconds."""
+    """Call `show` every second in the `with` block; without a terminal, print a progress line every ten seconds."""
     ended, began = threading.Event(), time.monotonic()
 
     def refresh() -> None:

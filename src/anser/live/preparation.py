@@ -37,7 +37,10 @@ _FAR_KEEP_OUT = {"name": "far keep-out", "north_m": 4e5, "east_m": 4e5, "radius_
 
 @dataclass
 class Preparation:
-    """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process."""
+    """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process.
+
+    `folder` is the folder of the page's scenario files.
+    """
 
     folder: Path
     _kind: str = ""  # kind (`_kind`) of the document of the last request
@@ -115,9 +118,9 @@ def _input_of(process: "subprocess.Popen[str]") -> IO[str]:
 
 
 def _kind(value: Any) -> Any:
-    """Return a document without its numbers, names and events: documents with equal results need the same programs.
+    """Return a document without numbers, names and events: documents with equal results need the same programs.
 
-    Of a list, the result has the length in steps of four and the distinct entries.
+    A list becomes its length, in steps of four (rounded up), and its distinct entries.
     """
     if isinstance(value, dict):
         return {key: _kind(value[key]) for key in sorted(value) if key != "event" and not _is_name(key, value[key])}

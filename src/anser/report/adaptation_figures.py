@@ -1,4 +1,8 @@
-"""Panels of an adaptive autopilot's estimates: estimate, band of two standard deviations, truth, time of a fault."""
+"""Panels of the estimates of an adaptive autopilot over time.
+
+A panel shows an estimate, its band of two standard deviations, the true value if known, and the time of a detected
+fault.
+"""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -46,7 +50,11 @@ def draw_band(
 
 
 def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence[np.ndarray]) -> None:
-    """Set the range of the vertical axis: whole lines, and the edges of the bands as far as `_BAND_MAX` allows."""
+    """Set the range of the vertical axis, so that the lines are visible as a whole.
+
+    `lines` are the values of the estimates and true values, `bands` the edges of their bands. The edges extend the
+    range beyond the lines by at most `_BAND_MAX` times the range of the lines.
+    """
     values, edges = np.concatenate(lines), np.concatenate(bands)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     size = max(high - low, _RANGE_MIN * max(abs(low), abs(high)))

@@ -102,7 +102,10 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the finite quantiles nearest to 95 % of miss and arrival spread, as far as they have one."""
+    """Return for miss and for arrival spread the quantile nearest to 95 %, of those with a finite value.
+
+    A quantity without a finite quantile is left out.
+    """
     quantiles = []
     for name in _HEADLINES:
         candidates = [estimate for estimate in estimates["quantiles"] if estimate["name"] == name]
@@ -122,7 +125,10 @@ def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _interval_text(low: float | None, high: float | None) -> str:
-    """Return a confidence interval as text; with one bound None, as in "3 or more", with both, "interval open"."""
+    """Return a confidence interval as text, such as "3 to 5".
+
+    With one bound None (infinite): "3 or more" or "5 or less"; with both: "interval open".
+    """
     if low is None and high is None:
         return "interval open"
     if low is None or high is None:

@@ -29,7 +29,10 @@ _CARDS_PER_ROW = 4
 def verdict_html(
     summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = (), warning: str = ""
 ) -> "Markup":
-    """Return the verdict on a flight as HTML: arrivals, accuracy, failed aircraft, unmet requirements and limits."""
+    """Return the verdict on a flight as HTML: arrivals, accuracy, failed aircraft, unmet requirements and limits.
+
+    `margins` are those of `find_flight_margins`; `warning` is a text to be added, such as that of `proximity_warning`.
+    """
     fleet, spread_s, accuracy = summary["aircraft"], summary["fleet"]["arrival_spread_s"], arrival_accuracy(summary)
     not_arrived = [aircraft for aircraft in fleet if aircraft["status"] != "arrived" and "left_s" not in aircraft]
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
@@ -211,9 +214,9 @@ def difference_table(
 
 
 def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[float]], float]) -> float | None:
-    """Return the worst value, by `worst` (`max` or `min`), of a key over a summary's aircraft that stayed in the fleet.
+    """Return the worst value of a key in a summary's entries of the aircraft that stayed in the fleet.
 
-    None if an aircraft lacks the value, or all aircraft have left.
+    `worst` (`max` or `min`) selects it. None if an aircraft lacks the value, or all aircraft have left.
     """
     values = [aircraft[key] for aircraft in summary["aircraft"] if "left_s" not in aircraft]
     return None if not values or None in values else worst(values)

@@ -1,7 +1,8 @@
 """Summary of a decentralised fleet's network: links, clock differences, and their guaranteed rate of convergence.
 
-Each aircraft flies its path by a clock. By the theorem of time coordination, the clocks converge at a guaranteed rate
-if the fleet is connected within every time window.
+Each aircraft flies its path by a clock of its own, which it adjusts to the clocks of the aircraft that it hears. By the
+theorem of time coordination, the clocks converge at a guaranteed rate if the fleet is connected within every time
+window.
 """
 
 from collections.abc import Mapping

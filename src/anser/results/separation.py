@@ -85,9 +85,9 @@ def nearest_aircraft_distance(
 
 
 def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tuple[float, float]) -> float | None:
-    """Return the least ratio of distance to required separation at the samples of a record; None for a single aircraft.
+    """Return the least ratio of distance to required separation over all samples of a record, holds included.
 
-    Approaches and holds count. `separation_m` is the required horizontal and vertical separation, m.
+    `separation_m` is the required horizontal and vertical separation, m. None for a single aircraft.
     """
     positions = np.stack([history[key] for key in ("north", "east", "altitude")], axis=-1)
     minimum = np.nanmin(nearest_aircraft_distance(positions, separation_m), initial=np.inf)

@@ -155,7 +155,7 @@ class Outcome:
 
     @property
     def verdict(self) -> str:
-        """Verdict on the check as text: `passed`, `failed` or `NOT_JUDGED`."""
+        """Verdict on the check as text: `passed`, `failed`, or `NOT_JUDGED` if no published value exists."""
         return "failed" if self.fails else "passed" if self.judged else NOT_JUDGED
 
 

@@ -136,13 +136,16 @@ def trimmed_starts(airframe: AbstractAirframe, cases: Sequence[TrimmedStart]) ->
 def _logs(
     cases: Sequence[FreeFlight | TrimmedFlight], airframes: AbstractAirframe, starts: Starts, steps: int
 ) -> dict[int | str, Log]:
-    """Fly all cases for the longest duration, with `steps` integration steps in 0.1 s; return logs by case number."""
+    """Fly all cases with fixed controls for the longest duration of a case; return logs by case number.
+
+    `steps` is the number of integration steps in a log period of 0.1 s.
+    """
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
     return split_logs(cases, _fly_fixed(airframes, *starts, periods, steps))
 
 
 def split_logs(cases: Sequence[FreeFlight | TrimmedStart], logs: Mapping[str, Array]) -> dict[int | str, Log]:
-    """Divide logs with a leading axis over the cases into logs by case number."""
+    """Divide logs, arrays (case, time) by column name, into one log per case, by case number."""
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
 
 
@@ -358,7 +361,8 @@ def prompt_f16(step_s: float) -> F16:
 def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[int | str, Log]:
     """Trim and fly check-cases under one control law in one batch; return logs by case number, every 0.1 s from time 0.
 
-    All cases must have the same law. `steps` is the number of integration steps, and of samples of the law, in 0.1 s.
+    All cases must have the same law. `steps` is the number of integration steps, and of evaluations of the law, in 0.1
+    s.
     """
     airframe = prompt_f16(LOG_PERIOD_S / steps)
     starts = trimmed_starts(airframe, cases)

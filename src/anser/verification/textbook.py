@@ -63,10 +63,10 @@ class TextbookAtmosphere(AbstractAtmosphere):
 
 
 class TextbookF16(AbstractAirframe):
-    """F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2), beta in deg, and rounded inertia ratios.
+    """F-16 with the constants of the textbook's program: 57.3 deg/rad in CZ, and rounded ratios of inertia.
 
-    The rounded ratios act through the moment: with the exact inertia, the adapted moment gives the textbook's angular
-    acceleration, whatever inertia and spin momentum the aircraft has. Without `rounded_inertia`, the moment is not
+    CZ = CZ0 (1 - (beta/57.3)^2), beta in deg. With `rounded_inertia`, the moment is adapted such that the exact inertia
+    gives the angular acceleration that the textbook's rounded ratios c1 to c9 give; otherwise the moment is not
     adapted.
     """
 
@@ -211,7 +211,7 @@ def _rates_of(figures: dict[str, Any]) -> tuple[Float[np.ndarray, "13"], Float[n
 
 
 def _units() -> list[str]:
-    """Return the units of the rates of the textbook's state vector."""
+    """Return the unit of each rate of the textbook's state vector, in the order of the vector."""
     units = load_published("textbook_checks")["derivative_table_3_5_2"]["rates_units"]
     return [unit.replace("/s/s", "/s^2") for unit in units]
 
@@ -220,9 +220,10 @@ def _units() -> list[str]:
 def _own_acceleration(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the angular acceleration by the aircraft's own inertia, rad/s^2, and its greatest error by rounded ratios.
+    """Return the angular acceleration of the aircraft, rad/s^2, and a bound of the effect of rounded inertia ratios.
 
-    The error is the greatest change by rounding of the textbook's inertia ratios c1 to c9, per axis, rad/s^2.
+    The acceleration has the aircraft's inertia, not the textbook's ratios c1 to c9. The bound is the greatest change
+    per axis, rad/s^2, by the rounding of the printed ratios.
     """
     state, controls = textbook_state(x_and_u[:13], x_and_u[13:]), textbook_controls(x_and_u[13:])
     rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
@@ -387,8 +388,8 @@ def _compare_level(
 def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, float]]) -> Iterator[Comparison]:
     """Compare trims in level flight, turn and pull-up with the printed cases, to four significant digits.
 
-    The sideslip has two, printed as 4.8E-4 and 4.1E-5; printed angles below 1e-5 count as zero; aileron and pull-up
-    rudder have tolerances of their own.
+    The sideslip has two digits, printed as 4.8E-4 and 4.1E-5; printed angles below 1e-5 count as zero; aileron and
+    pull-up rudder have tolerances with a reason of their own.
     """
     for case, figures in zip(cases, trim_figures, strict=True):
         for name, printed in case["published"].items():

@@ -194,7 +194,11 @@ def _indices_table(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _column(values: list[Any], *, texts: bool = False) -> np.ndarray:
-    """Return a column as an array: numbers as float with NaN for None; with texts or booleans, objects with None."""
+    """Return a column of a table as an array.
+
+    Numbers become float, with NaN for None. With `texts`, or a text or boolean among the values, the array has the
+    values as objects, None included.
+    """
     if texts or any(isinstance(value, str | bool) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
