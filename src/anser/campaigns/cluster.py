@@ -105,10 +105,10 @@ class _Supervision:
             raise self.lost(f"a scheduler without workers for {_WITHOUT_WORKERS_S:.0f} s")
 
     def ended(self, waiting: Collection[Any]) -> list[Any]:
-        """Wait for submissions (dask futures) to finish or fail, at most 5 s; return them, or an empty list.
+        """Wait at most 5 s until a submission (dask future) in `waiting` finishes or fails; return all that have ended.
 
-        Raises StoreError if the connection is broken, the scheduler does not answer, or the cluster has no workers for
-        two minutes.
+        The list is empty if none has ended. Raises StoreError if the connection is broken, the scheduler does not
+        answer, or the cluster has no workers for two minutes.
         """
         deadline, futures = time.monotonic() + _SUPERVISION_PERIOD_S, list[Any]()
         while time.monotonic() < deadline:

@@ -74,9 +74,9 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
 
 
 def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
-    """Return a caution for each bound (`low`, `high`) of a varied parameter that makes the scenario invalid.
+    """Return a caution for each bound (`low`, `high`) of a varied parameter with which the scenario is invalid.
 
-    Each bound is tried alone, with the scenario's values for all other parameters.
+    For the test, only the parameter takes the bound; all further values are those of the scenario.
     """
     cautions = []
     for k, dispersion in enumerate(study.vary):
@@ -219,9 +219,9 @@ def fly_chunk(folder: Path, chunk: int) -> int:
 
 
 def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarray], number: int) -> Scenario:
-    """Return the scenario `base` with a seed and the values of flight `number` in place of its own.
+    """Return the scenario `base` with the seed `seed` and the sampled values of flight `number` (from 0).
 
-    `applied` has an array over the flights for each key path. Raises ScenarioError if the scenario is invalid.
+    `applied` has an array over the flights for each key path. Raises ScenarioError if the result is invalid.
     """
     changes = {"seed": seed, **{path: values[number].item() for path, values in applied.items()}}
     return base.replace(*itertools.chain.from_iterable(changes.items()))

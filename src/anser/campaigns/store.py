@@ -192,7 +192,10 @@ class CampaignStore(AbstractFlightStore):
         return np.asarray(self._array("seed")[flights]), values
 
     def write(self, chunk: int, flight_rows: list[FlightRow]) -> None:
-        """Write the results of a chunk's flights; the checksums that mark it as complete are recorded last."""
+        """Write the results of a chunk's flights.
+
+        The checksums are recorded last; they mark the chunk as complete.
+        """
         flights = self.chunk_slice(chunk)
         columns = {
             name: values for name, (_, values, _) in _result_columns(flight_rows, self.study, self.scenario).items()
@@ -270,7 +273,7 @@ class CampaignStore(AbstractFlightStore):
         return array
 
     def _chunk_files(self, name: str, chunk: int) -> Iterator[str]:
-        """Yield the paths, in the data folder, of the files of an array with one chunk of flights (Zarr format 2)."""
+        """Yield the paths, in the data folder, of the files with a chunk of the array `name` (Zarr format 2)."""
         for further_indices in itertools.product(*map(range, self._array(name).cdata_shape[1:])):
             yield f"{name}/{'.'.join(map(str, (chunk, *further_indices)))}"
 

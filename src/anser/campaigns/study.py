@@ -123,7 +123,7 @@ def recorded_keys_of(scenario: Scenario) -> set[str]:
 
 
 def feature_required(name: str) -> str:
-    """Return the description of the scenario feature without which flights lack the optional variable `name`."""
+    """Return the scenario feature, as text, without which flights do not record the optional variable `name`."""
     if name in _GUST_KEYS:
         return "turbulence or a gust"
     if name in _NETWORK_KEYS:

@@ -118,7 +118,7 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Print the reasons for a missing result and exit with code 1.
+    """Print the reasons for a missing result as error messages, and always exit with code 1.
 
     The JSON document contains status and reasons; `prefix` precedes each printed reason.
     """
@@ -128,7 +128,7 @@ def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") ->
 
 
 def fail_if_any(problems: Iterable[str]) -> None:
-    """Print problems as error messages and exit with code 1; return if there are none."""
+    """Print problems as error messages and exit with code 1; return without effect if there are none."""
     texts = list(problems)
     for text in texts:
         print_problem(text)
@@ -360,7 +360,10 @@ def true_airspeed_of(
 
 @contextlib.contextmanager
 def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
-    """Show `activity` in the `with` block; if no steady flight exists (ConditionError), end the command with code 1."""
+    """Show a spinner in the `with` block, and yield a function that sets its description, at first `description`.
+
+    If the block raises ConditionError (no steady flight exists), print the reason and end the command with code 1.
+    """
     from anser.analysis.trim_points import ConditionError
 
     try:

@@ -1,4 +1,7 @@
-"""Report page of a campaign, one HTML file. Functions that return a dictionary return values of the page's template."""
+"""Report page of a campaign, one HTML file.
+
+A function that returns a dictionary returns values to be inserted into the page's template.
+"""
 
 import json
 from collections.abc import Mapping

@@ -75,7 +75,10 @@ def limit_value(limits: Mapping[str, Any], key: str | None) -> float | None:
 
 
 def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
-    """Whether the planner's paths are turns and straight lines (certified, decentralised), not bent (published)."""
+    """Whether the paths are those of the certified or decentralised planner.
+
+    Otherwise they are polynomials of the published planner, bent by shape parameters.
+    """
     return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 

@@ -190,7 +190,10 @@ _DIFFERENCES_MAX, _VALUE_LENGTH_MAX = 200, 160
 def difference_table(
     labels: Sequence[str], summaries: Sequence[Mapping[str, Any]], scenarios: Sequence[Mapping[str, Any]]
 ) -> "Markup":
-    """Return a table of the results of two flights, and a table of the scenario keys that differ, as HTML."""
+    """Return the differences of two flights as HTML: a table of results, and a table of differing scenario keys.
+
+    `labels` are the names of the flights; `summaries` and `scenarios` have an entry for each.
+    """
     accuracies = [arrival_accuracy(summary) for summary in summaries]
     figures = []
     for kind, name in _ARRIVALS.items():

@@ -91,10 +91,10 @@ def _coordination_of_participants(
     takes_part: np.ndarray,  # shape (time, aircraft); never true again after it was false
     network: Network,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the quality of service in each complete window, and the coordination error at each time, s.
+    """Return the quality of service in each complete window, and the coordination error (s) at each time.
 
-    The coordination error is the norm of the clocks' deviations from their mean. Only participating aircraft count, in
-    a window those at its last sample; with fewer than two, the quality is 1 and the error 0.
+    The coordination error is the norm of the clocks' deviations from their mean. Only participating aircraft count (in
+    a window, those that participate at its last sample); with fewer than two, the quality is 1 and the error 0.
     """
     count = quality_of_service(links, network.period_s, network.window_s).size
     quality, clock_error = np.ones(count), np.zeros(len(clocks))

@@ -100,8 +100,9 @@ def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
 def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
     """Return a flight's dataset with the dimensions time and aircraft alone.
 
-    A dataset of `anser.simulate`, without the dimension `aircraft`, gets it, with the name in its attribute. A variable
-    with further dimensions becomes a variable for each entry along them; without time, such a variable is left out.
+    A dataset of `anser.simulate` gets the dimension `aircraft` with one entry, the name of the aircraft. A variable
+    with a further dimension is replaced by one variable for each entry of the dimension, or left out if independent of
+    time.
     """
     for name, values in dataset.items():
         further = [str(dimension) for dimension in values.dims if dimension not in ("time", "aircraft")]
