@@ -90,8 +90,8 @@ class FirstBreak:
 
     `factor` and `inversion` are names; `sign` is +1 or -1. `change` is the change of the factor in the first failure, a
     fraction (the largest change of the study if no flight fails), and `value` the factor's value with this change.
-    `survived` is the largest smaller change with which no flight fails. `reason` and `condition` are the reason for and
-    the flight condition of the failure; None if no flight fails.
+    `survived` is the greatest change flown up to which no flight fails; 0 if none. `reason` and `condition` are the
+    reason for and the flight condition of the failure; None if no flight fails.
     """
 
     factor: str

@@ -102,11 +102,11 @@ def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str
 
 
 def _measure(case: _Case) -> tuple[Comparison, ...]:
-    """Compare a case with both reference simulations at the published times that are judged ("checkpoints").
+    """Compare a case with both reference simulations at the judged checkpoints.
 
-    Listed without published values are the times that are not judged, and quantities whose published values are so near
-    zero that zeros would agree. A case without checkpoints lists all logged values; only airspeeds published as settled
-    values are compared, at the end of the flight.
+    Listed without published values are the checkpoints that are not judged, and quantities whose published values are
+    so near zero that zeros would agree. A case without checkpoints lists all logged values; only airspeeds published as
+    settled values are compared, at the end of the flight.
     """
     log, published = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
     if published is None:
