@@ -219,7 +219,11 @@ def _sparse(records: int) -> slice:
 
 
 def _tracks(flight_row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
-    """Return the recorded north and east positions of a flight, with the dimensions and names of `flight.nc`."""
+    """Return the north and east positions in `flight_row`, the result of a replay, with the names of `flight.nc`.
+
+    `series` is the selection of times and variables with which the flight was flown; the dimensions are time and
+    aircraft.
+    """
     coordinates = record_coordinates(series.times_s(scenario), [aircraft.name for aircraft in scenario.aircraft])
     values = {catalogue_variable(key).name: (("time", "aircraft"), flight_row.series[key].T) for key in _KEYS}
     return xr.Dataset(values, coordinates)

@@ -134,7 +134,7 @@ def _store(campaign: Campaign | str | os.PathLike[str]) -> CampaignStore:
 
 
 def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
-    """Raise ValueError if the campaigns differ in the number of flights or in a flight's seed."""
+    """Raise ValueError if two campaigns differ in the number of flights or in the seed of a flight."""
     if store_1.flights != store_2.flights:
         message = (
             f"arrived campaigns of {store_1.flights} and {store_2.flights} flights; expected as many in both, in pairs"

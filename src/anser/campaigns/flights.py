@@ -46,7 +46,10 @@ VALIDATED_FLIGHTS = 64
 
 
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample a study; return the values to write into each flight's scenario, shape (flights,), by key path."""
+    """Sample a study; return the values to write into each flight's scenario, shape (flights,), by key path.
+
+    `table_columns` are the columns of the study's table of values by key path, empty without a table.
+    """
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
@@ -96,7 +99,8 @@ def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
 def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:
     """Check a study and create the campaign's store in an existing folder.
 
-    Raises ScenarioError if the flights cannot be flown as requested, StoreError if the disk space is insufficient.
+    `table_columns` are the columns of the study's table of values by key path, empty without a table. Raises
+    ScenarioError if the flights cannot be flown as requested, StoreError if the disk space is insufficient.
     """
     applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
@@ -230,9 +234,9 @@ def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarr
 def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
     """Raise ScenarioError before flying if the flights of a study cannot be flown as requested.
 
-    The errors are: the precision does not suit the scenario; all of the first flights (at most 64) have invalid
-    scenarios; or a varied key path changes nothing in any of the first eight valid flights. `count` is the number of
-    flights.
+    `applied` has the values of all `count` flights by key path. The errors are: the precision does not suit the
+    scenario; all of the first flights (at most 64) have invalid scenarios; or a varied key path changes nothing in any
+    of the first eight valid flights.
     """
     check_precision(scenario, study.precision, study.name)
     cases = list(itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS))

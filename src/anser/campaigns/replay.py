@@ -41,9 +41,9 @@ def replay_differences(
 
 
 def row_differences(data: xr.Dataset, number: int, flight_row: FlightRow) -> dict[str, float | str]:
-    """Compare the results of a flight flown again with flight `number` of `CampaignStore.dataset`.
+    """Compare `flight_row`, the results of a flight flown again, with flight `number` of a campaign's dataset.
 
-    Returns the differing quantities by name, with the values of `replay_differences`.
+    Returns the quantities that differ by name, with the values of `replay_differences`.
     """
     tolerance, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
     differences: dict[str, float | str] = {}

@@ -106,9 +106,10 @@ def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
 
 
 def _sobol_entries(varied: list[str], confidence: float, name: str, outputs: np.ndarray) -> list[Influence]:
-    """Compute first-order and total Sobol indices of the output `name` over complete Saltelli blocks.
+    """Compute first-order and total Sobol indices of the output `name` by each of the `varied` parameters.
 
-    Raises ValueError if a value is infinite.
+    `outputs` are the values in the flights of complete Saltelli blocks, in order; `confidence` is the level of the
+    intervals. Raises ValueError if a value is not finite.
     """
     lacking = int(np.sum(~np.isfinite(outputs)))
     if lacking:

@@ -254,9 +254,9 @@ class CampaignStore(AbstractFlightStore):
         return dataset
 
     def _series_columns(self, selection: SeriesSelection, flight_rows: list[FlightRow]) -> dict[str, np.ndarray]:
-        """Return the time series of a chunk's flights, by array name; shape (flights, aircraft, times).
+        """Return the selected time series of a chunk's flights, by array name; shape (flights, aircraft, times).
 
-        Quantities are float32; codes and flags are int32. A flight that could not start has missing values.
+        Quantities are float32; codes and flags are int32. A flight that could not start has missing values (NaN, -1).
         """
         shape = len(self.scenario.aircraft), selection.rows(self.scenario)
         return {
@@ -288,11 +288,11 @@ class CampaignStore(AbstractFlightStore):
 def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
 ) -> None:
-    """Rebuild damaged files that were written once, when the store was created, from the study and scenario.
+    """Rebuild damaged files that were written once, when the store was created.
 
-    These are metadata, coordinates, seeds and sampled values. A file is replaced only if the rebuilt file matches the
-    recorded checksum. Raises StoreError if the record of checksums is damaged, or a rebuilt file differs from the
-    record, because of another study or version.
+    The files are metadata, coordinates, seeds and sampled values (`applied`, by key path). A damaged file is replaced
+    only if the rebuilt file matches the recorded checksum. Raises StoreError if the record of checksums is damaged, or
+    a rebuilt file differs from the record, because of another study or version.
     """
     data_folder = folder / CampaignStore.data_folder
     checksums = StoreChecksums(folder, data_folder.name)
@@ -355,7 +355,8 @@ def _create_rows(
 ) -> None:
     """Write coordinates, seeds and values of the varied parameters, and allocate the arrays of the results.
 
-    `columns` are results of one flight, as examples of data type, dimensions and attributes.
+    `applied` are the values of the varied parameters by key path, `chunk` is the number of flights per chunk; `columns`
+    are results of one flight, as examples of data type, dimensions and attributes.
     """
     names = np.array([aircraft.name for aircraft in scenario.aircraft], dtype=np.str_)
     _write_whole(group, "aircraft", names, "aircraft", {"long_name": "Aircraft"})
@@ -375,7 +376,10 @@ _PIECE = 1 << 26
 
 
 def _create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
-    """Write the coordinates and allocate the arrays of the selected time series, in the store's Zarr group `series`."""
+    """Write the coordinates and allocate the arrays of the selected time series, in the store's Zarr group `series`.
+
+    `flights` is the number of all flights, `chunk` that of a chunk.
+    """
     names, times_s = [aircraft.name for aircraft in scenario.aircraft], selection.times_s(scenario)
     group.create_group(SERIES)
     coordinates = {"flight": ("flight", np.arange(flights), _FLIGHT_LABELS), **record_coordinates(times_s, names)}

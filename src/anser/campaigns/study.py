@@ -493,7 +493,10 @@ def located_in(path: str | os.PathLike[str], study: Study) -> Iterator[None]:
 
 
 def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
-    """Return the study with the keys and values of nested dictionaries; raises ScenarioError if invalid."""
+    """Return the study with the keys and values of nested dictionaries, as in a study file.
+
+    Raises ScenarioError if they are not valid; `source` names their origin in the message.
+    """
     check_file_kind("study", values, source)
     try:
         return Study.model_validate(values)

@@ -195,8 +195,9 @@ def _progress_display(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress line in the `with` block, and yield a function that sets description and completed fraction.
 
-    The fraction, 0..1, is optional. While the process waits for a program to be compiled, the line says so and shows no
-    fraction. Without a terminal, a line is printed every ten seconds.
+    `total` is the fraction that counts as complete, None for work of unknown duration. The fraction, 0..1, is optional.
+    While the process waits for a program to be compiled, the line says so and shows no fraction. Without a terminal, a
+    line is printed every ten seconds.
     """
     from anser.compiling.measuring import compilation_message
 
@@ -276,7 +277,7 @@ class TableColumn:
 
 
 def columns(*headings: str, digits: int = 0, **options: Any) -> list[TableColumn]:
-    """Return columns of equal format, one for each heading."""
+    """Return columns of equal format, one for each heading; numbers have `digits` decimals."""
     return [TableColumn(heading, digits, options) for heading in headings]
 
 

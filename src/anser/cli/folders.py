@@ -151,7 +151,10 @@ def check_run_folder(folder: Path, argument: str = "RUN") -> None:
 
 
 def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return dataset and summary of a run folder; raises InputError if files are missing or damaged."""
+    """Return dataset and summary of a run folder.
+
+    Raises InputError, with the name `argument` of the command-line argument, if files are missing or damaged.
+    """
     check_run_folder(folder, argument)
     with refuse_on(RunFolderError, f"{argument}, "):
         flight = load_flight(folder)

@@ -45,7 +45,8 @@ Answer = dict[str, Any]
 def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple[Answer, FirstPlan]:
     """Plan a scenario with `anser.plan`; return the answer (plan or reasons for its refusal) and the plan itself.
 
-    Raises ScenarioError if an aircraft cannot be trimmed at its start.
+    `on_progress` is called with messages during the search. Raises ScenarioError if an aircraft cannot be trimmed at
+    its start.
     """
     begin = time.perf_counter()
     planned = plan(scenario, on_progress)
@@ -286,7 +287,7 @@ def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None
 
 
 def _closest_approach(samples: PlanSamples) -> ClosestApproach:
-    """Return the closest approach in the plan, measured relative to the required separation.
+    """Return the closest approach of two aircraft in a plan, measured relative to the required separation.
 
     If no separation is required, the distance in space is the measure.
     """

@@ -180,7 +180,7 @@ def _update_table(table: Any, values: Mapping[str, Any]) -> None:
 
 
 def _is_same(present: Any, value: Any) -> bool:
-    """Return whether an item of a parsed TOML document equals a plain value; true and 1 differ."""
+    """Return whether `present`, an item of a parsed TOML document, equals a plain value; true and 1 differ."""
     plain = present.unwrap() if hasattr(present, "unwrap") else present
     return plain == value and isinstance(plain, bool) == isinstance(value, bool)
 

@@ -43,7 +43,10 @@ def estimate_label(dataset: xr.Dataset, name: str) -> str:
 def draw_band(
     axes: "Axes", time: np.ndarray, estimate: np.ndarray, sigma: np.ndarray, color: str, truth: np.ndarray | None
 ) -> None:
-    """Draw the band of two standard deviations about an estimate, and the true values as a dashed line unless None."""
+    """Draw the band of an estimate over `time`, two standard deviations (`sigma`) to each side, in a colour.
+
+    The true values, `truth`, are drawn as a dashed line unless None.
+    """
     axes.fill_between(time, estimate - 2.0 * sigma, estimate + 2.0 * sigma, color=color, alpha=0.2, linewidth=0.0)
     if truth is not None:
         axes.plot(time, truth, zorder=3, **COMMAND_LINE)

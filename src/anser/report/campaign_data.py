@@ -36,7 +36,7 @@ class SeriesBands:
 
 
 def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
-    """Return the quantiles of recorded variables over time as plain data for JSON, an entry per variable."""
+    """Return `bands`, quantiles of recorded variables over time, as plain data for JSON, an entry per variable."""
     return [
         {
             "name": band.name,
@@ -196,9 +196,9 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return inputs, outputs and numbers of the flights for plots of an output over an input.
 
-    Of more than `_SCATTER_POINTS_MAX` flights a selection is returned, evenly spaced among the failed flights (at least
-    half of the points, if there are so many) and among the successful flights. `drawn` is [number of selected flights,
-    number of all flights].
+    The outputs are those of `quantities`, tables with the keys name and upper. Of more than `_SCATTER_POINTS_MAX`
+    flights a selection is returned, evenly spaced among the failed flights (at least half of the points, if there are
+    so many) and among the successful flights. `drawn` is [number of selected flights, number of all flights].
     """
     data, succeeded = report.dataset, report.dataset["met"].values
     failed_max = max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))

@@ -69,9 +69,10 @@ def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | 
 def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
     """Return the ratio of true to modelled control effectiveness at each time (s), for a name of `EFFECTIVENESS`.
 
-    Effectiveness means the surface's moment, as the estimator infers it with the model's moments of inertia. The ratio
-    is NaN after a change of the axis' moment of inertia and, in pitch and yaw, after a shift of the centre of gravity:
-    the effect depends on data of the aircraft that the record does not contain.
+    Effectiveness means the surface's moment, as the estimator infers it with the model's moments of inertia.
+    `deviations` are those of the aircraft. The ratio is NaN after a change of the axis' moment of inertia and, in pitch
+    and yaw, after a shift of the centre of gravity: the effect depends on data of the aircraft that the record does not
+    contain.
     """
     surface, factors = _SURFACES[name]
     truth = np.ones(time.size)

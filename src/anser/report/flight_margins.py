@@ -168,8 +168,8 @@ def _limit(
 ) -> Margin:
     """Return the margin of `values` (time, aircraft; NaN where the limit does not apply) to a limit.
 
-    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at -`limit`, reported as an upper limit
-    on the negated values. `is_before_arrival` is a mask (time, aircraft).
+    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at -`limit`, reported as an upper limit on
+    the negated values. `is_before_arrival` is a mask (time, aircraft); `description` and `unit` label the limit.
     """
     values = -values if sign == -1 else values
     is_upper = sign != 0

@@ -116,7 +116,10 @@ def margins_list(margins: Sequence[Margin]) -> "Markup":
 
 
 def aircraft_table(fleet: Sequence[Mapping[str, Any]]) -> "Markup":
-    """Return a summary's entries `aircraft` as an HTML table; the column of paths is left out if an entry has none."""
+    """Return the aircraft of a fleet (entries `aircraft` of a summary) as an HTML table.
+
+    The column of paths is left out if an entry has no path.
+    """
     has_paths = all(aircraft.get("path") is not None for aircraft in fleet)
     return render("aircraft.html", fleet=fleet, columns=_COLUMNS, has_paths=has_paths)
 

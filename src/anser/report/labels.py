@@ -104,9 +104,9 @@ class Limit:
 
 
 def format_owners(names: Sequence[str], fleet_size: int) -> str:
-    """Return a text with the names of the aircraft that a limit concerns; empty if `names` is the whole fleet.
+    """Return a text with the names of the aircraft that a limit concerns; empty if these are all aircraft of the fleet.
 
-    More than `_OWNERS_MAX` names are shortened, as in "a, b and 5 more".
+    `fleet_size` is the number of aircraft. More than `_OWNERS_MAX` names are shortened, as in "a, b and 5 more".
     """
     if len(names) == fleet_size:
         return ""
@@ -177,7 +177,10 @@ _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 def annotate_position(
     axes: "Axes", label: str, position: np.ndarray, towards: tuple[float, float], color: str, points: float
 ) -> None:
-    """Write a label beside a position on a map, in the direction of the unit vector `towards`, at a size in points."""
+    """Write a label beside a position on a map, on the side of the unit vector `towards` (right, up).
+
+    `points` is the font size, `color` the colour of the text.
+    """
     side, up = towards
     axes.annotate(
         label,

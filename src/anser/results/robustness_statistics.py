@@ -42,7 +42,10 @@ def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
 
 
 def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> SuccessRate:
-    """Return the success rate of one type of dynamic inversion over the flights of a mask `selection` (flights,)."""
+    """Return the success rate of one type of dynamic inversion over the flights of a mask `selection` (flights,).
+
+    Without a flown flight, the rate is NaN and its interval 0 to 1.
+    """
     flights = dataset.sel(inversion=inversion)
     outcome = _decode_flags(flights["outcome"])
     flown, is_success = selection & (outcome != "not_flown"), selection & (outcome == "reached")
@@ -155,8 +158,9 @@ class FailureCorrelation:
 
 
 def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> list[FailureCorrelation]:
-    """Return the factors that correlate with failure over the flights of a mask, the strongest correlation first.
+    """Return the factors whose change correlates with failure, the strongest correlation first.
 
+    The flights are those of the mask `selection` (flights,) with the type of dynamic inversion `inversion`.
     Correlations below 3 / sqrt(n), three standard deviations of the correlation of n independent values, are omitted.
     The list is empty if no flight or every flight failed.
     """

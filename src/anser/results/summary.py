@@ -165,7 +165,10 @@ def summarize(
 
 
 def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> FleetSummary:
-    """Compute from a complete record the `FleetSummary` that `SummaryRecorder` updates step by step in a flight."""
+    """Compute the `FleetSummary` of a flight from its complete record, arrays (time, aircraft) by key.
+
+    The result equals that which `SummaryRecorder` updates step by step during a flight.
+    """
     columns = range(history["north"].shape[1])
     aircraft = [_summarize_aircraft(time, {key: values[:, k] for key, values in history.items()}) for k in columns]
     fleet: dict[str, Any] = jax.tree.map(lambda *values: np.array(values), *aircraft)
@@ -252,7 +255,7 @@ def read_summary(path: Path) -> dict[str, Any]:
 def _gust_entries(
     time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
 ) -> dict[str, float | None]:
-    """Return the entries of a summary on gusts of one aircraft, by key.
+    """Return the entries of a summary on gusts, from the record of one aircraft (arrays (time,) by key), by key.
 
     They are the greatest gust speed, the extremes of the load factor, the times with the load factor beyond the
     scenario's limits and with surfaces limited, s, and the total travel of each surface, deg.

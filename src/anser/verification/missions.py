@@ -145,7 +145,10 @@ def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) -> float:
-    """Return the greatest distance, m, between aircraft `k` in two flights at the same time, until its arrival."""
+    """Return the greatest distance, m, between aircraft `k` in `flight` and in `reference` at equal times.
+
+    Times up to the arrival in `flight` count.
+    """
     arrived = flight.dataset.time.values <= flight.summary["aircraft"][k]["arrival_s"]
     offsets = [
         (flight.dataset[name].isel(aircraft=k) - reference.dataset[name].isel(aircraft=k)).values[arrived]

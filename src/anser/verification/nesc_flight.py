@@ -227,9 +227,10 @@ def _fly_fixed(
     periods: int,
     steps: int,
 ) -> dict[str, Array]:
-    """Fly with fixed controls and return the log columns, shape (case, time), every `LOG_PERIOD_S` from time 0.
+    """Fly from `starts` with fixed controls; return the log columns, shape (case, time), from time 0.
 
-    `periods` is the number of log periods, `steps` the number of integration steps in each.
+    All arguments but the last two have an axis over the cases. `periods` is the number of log periods of
+    `LOG_PERIOD_S`, `steps` the number of integration steps in each.
     """
 
     def fly(
@@ -437,11 +438,11 @@ def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: Eart
 
 
 def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands) -> NamedCommands:
-    """Replace the feed-forward of stick and throttle by values with which the law outputs the controls of the trim.
+    """Replace the feed-forward of stick and throttle in `commands` so that the law outputs the controls of the trim.
 
-    With the trim controls as feed-forward, the law does not keep the start: it feeds back pitch and angle of attack
-    relative to its design values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError if no
-    such values exist.
+    With the trim controls themselves as feed-forward, the law does not keep the start: it feeds back pitch and angle of
+    attack relative to its design values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError
+    if no such values exist.
     """
     trims, residual = _solve_law_trims(airframe, law, starts, commands)
     if not np.all(np.asarray(residual) < 1e-10):
@@ -477,9 +478,10 @@ def _solve_law_trims(
 def _fly_law(
     airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands, periods: int, steps: int
 ) -> dict[str, Array]:
-    """Fly under the law and return the log columns, shape (case, time), every `LOG_PERIOD_S` from time 0.
+    """Fly from `starts` under the law with `commands`; return the log columns, shape (case, time), from time 0.
 
-    `periods` is the number of log periods, `steps` the number of integration steps in each.
+    A log period is `LOG_PERIOD_S`; `periods` is the number of log periods, `steps` the number of integration steps in
+    each.
     """
     step = jnp.asarray(LOG_PERIOD_S / steps)
 

@@ -79,7 +79,10 @@ class TextbookF16(AbstractAirframe):
     beta_range: tuple[Scalar, Scalar]
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute force (N) and moment (N m) with the textbook's CZ; Cm follows by the lever of the c.g."""
+        """Compute the aerodynamic force (N) and moment (N m) with the textbook's CZ; surfaces in rad.
+
+        The change of CZ also changes the pitching moment, by the lever of the centre of gravity.
+        """
         f16 = self.f16
         CZ0 = f16.tables(air_data.alpha * RAD_DEG, 0.0, 0.0)[0][0]
         change = CZ0 * (air_data.beta**2 - (air_data.beta * RAD_DEG / 57.3) ** 2)
@@ -185,7 +188,10 @@ _TURN_RATE_RAD_S = 0.3
 
 
 def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
-    """Return state (13) and controls (4) of a textbook example as one vector, shape (17,), in the textbook's units."""
+    """Return state (13) and controls (4) of a textbook example as one vector, shape (17,), in the textbook's units.
+
+    `figures` is the example's table in the file of published values.
+    """
     controls = figures["controls"]
     surfaces = [controls[f"{name}_deg"] for name in ("elevator", "aileron", "rudder")]
     return np.array([*figures["state"], controls["throttle"], *surfaces])
@@ -374,7 +380,7 @@ def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float
 def _compare_level(
     published_rows: list[dict[str, float]], trim_figures: list[dict[str, float]]
 ) -> Iterator[Comparison]:
-    """Compare trims in level flight with the printed table.
+    """Compare trims in level flight (`trim_figures`, see `_figures`) with the rows of the printed table.
 
     Tolerances: three decimals of the throttle, three significant digits of the angles (final zeros are not printed).
     """

@@ -201,7 +201,11 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
 def _placemark(
     parent: ET.Element, track: Track, style: str, start: datetime, description: str = ""
 ) -> ET.Element | None:
-    """Add a placemark with a track to an XML element; return the element of the track, or None for an empty track."""
+    """Add a placemark with a track to the XML element `parent`.
+
+    `style` is the name of a style in the file, `start` the date and time at time 0. Returns the element of the track,
+    None for an empty track.
+    """
     if not track.sample_index.size:
         return None
     mark = _child(parent, "Placemark")
