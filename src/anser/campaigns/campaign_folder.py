@@ -54,7 +54,7 @@ class Campaign:
         return self.store.series()
 
     def estimates(self) -> CampaignEstimates:
-        """Estimate success probability and quantiles, with confidence intervals, and count the causes of failures."""
+        """Estimate success probability and quantiles, with confidence intervals; count the causes of failures."""
         return estimate_campaign(self.dataset, self.store.flights, self.store.study)
 
     def influences(self) -> Influences:
@@ -69,9 +69,9 @@ class Campaign:
     ) -> tuple[Path, ...]:
         """Write `report.html`, figures and tables into the folder, replacing former files, and return their paths.
 
-        The `worst` flights and `background` evenly spaced flights are flown again and drawn on the map; with `worst` =
-        0 the report has no map. `progress` is called with a message and the completed fraction, 0..1. Raises StoreError
-        if no flight is complete.
+        For the map of the report, the `worst` flights and, as background, `background` flights with evenly spaced
+        numbers are flown again; with `worst` = 0 the report has no map. `progress` is called with a message and the
+        completed fraction, 0..1. Raises StoreError if no flight is complete.
         """
         return write_campaign(self.store, worst, background, progress)
 

@@ -73,7 +73,10 @@ def quantiles_over(
     # results may exceed 180
     circular: bool,
 ) -> np.ndarray:
-    """Compute `BAND_QUANTILES` over the flights; shape (quantiles, aircraft, times), NaN if every value is missing."""
+    """Compute the 5, 50 and 95 % quantiles over the flights; shape (3, aircraft, times).
+
+    NaN if every value is missing.
+    """
     quantiles = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
     has_value = ~np.isnan(values).all(axis=0)
     selected = values[:, has_value].astype(float)
@@ -168,9 +171,9 @@ def _replay(
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
     """Fly flights of the campaign again, for their tracks on the map.
 
-    Archived flights are read from file; the remaining flights fly in one batch. Returns the tracks, and the numbers of
-    the flights whose scenario is no longer valid or whose results differ from the stored results. Raises StoreError if
-    an archived flight is damaged.
+    Archived flights are read from file; the remaining flights fly in one batch. Returns the flights with tracks, and
+    the numbers of the flights whose scenario is no longer valid or whose results differ from the stored results. Raises
+    StoreError if an archived flight is damaged.
     """
     tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}
@@ -216,7 +219,11 @@ def _sparse(records: int) -> slice:
 
 
 def _tracks(flight_row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
-    """Return the recorded north and east positions of a flight, with the dimensions and names of `flight.nc`."""
+    """Return the north and east positions in `flight_row`, the result of a replay, with the names of `flight.nc`.
+
+    `series` is the selection of times and variables with which the flight was flown; the dimensions are time and
+    aircraft.
+    """
     coordinates = record_coordinates(series.times_s(scenario), [aircraft.name for aircraft in scenario.aircraft])
     values = {catalogue_variable(key).name: (("time", "aircraft"), flight_row.series[key].T) for key in _KEYS}
     return xr.Dataset(values, coordinates)

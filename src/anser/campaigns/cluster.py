@@ -76,7 +76,10 @@ def fly_on_cluster(
 
 
 class _Supervision:
-    """Supervision of a cluster: lost connections, missing workers, and the number of chunks submitted at a time."""
+    """State of a cluster while flights run: connection, workers, and the number of chunks submitted at a time.
+
+    Methods raise StoreError if the cluster is lost.
+    """
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
@@ -102,10 +105,10 @@ class _Supervision:
             raise self.lost(f"a scheduler without workers for {_WITHOUT_WORKERS_S:.0f} s")
 
     def ended(self, waiting: Collection[Any]) -> list[Any]:
-        """Wait for submissions (dask futures) to finish or fail, at most 5 s; return them, or an empty list.
+        """Wait at most 5 s until a submission (dask future) in `waiting` finishes or fails; return all that have ended.
 
-        Raises StoreError if the connection is broken, the scheduler does not answer, or the cluster has no workers for
-        two minutes.
+        The list is empty if none has ended. Raises StoreError if the connection is broken, the scheduler does not
+        answer, or the cluster has no workers for two minutes.
         """
         deadline, futures = time.monotonic() + _SUPERVISION_PERIOD_S, list[Any]()
         while time.monotonic() < deadline:
@@ -121,7 +124,7 @@ class _Supervision:
         return futures
 
     def lost(self, arrived: str) -> StoreError:
-        """Return the error for a lost cluster; `arrived` describes the failure."""
+        """Return a StoreError that reports the loss of the cluster; `arrived` describes the failure in its message."""
         expected = "expected one that lasts as long as the campaign; resume flies what is missing"
         return StoreError(f"cluster {self._address}: arrived {arrived}; {expected}")
 

@@ -24,23 +24,27 @@ _UNITS = {name: unit for name, (unit, _) in (AIRCRAFT_QUANTITIES | FLEET_QUANTIT
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of one quantity between paired flights: second campaign minus first."""
+    """Difference of one quantity between paired flights: the value of the second campaign minus that of the first.
 
-    name: str  # name of the quantity
-    words: str  # description of the quantity
-    unit: str  # unit of the quantity
-    # numbers of pairs in which the second flight is better, both are equal (or both fail), and the first is better
+    `name`, `words` (description) and `unit` label the quantity; `greater_is_better` says which values are better
+    (False: smaller values). `second_better`, `alike` and `first_better` are the numbers of pairs in which the second
+    flight is better, both flights are equal (or both failed), and the first flight is better. `share`, `low` and `high`
+    are the fraction of the pairs in which the second flight is better, and the bounds of its Wilson interval.
+    `quantiles` has the quantiles of the difference as (fraction of the pairs at or below the value, value, lower and
+    upper bound of its confidence interval), None if not finite.
+    """
+
+    name: str
+    words: str
+    unit: str
     second_better: int
     alike: int
     first_better: int
-    # fraction of the pairs in which the second flight is better, and the bounds of its Wilson interval
     share: float
     low: float
     high: float
-    # quantiles of the differences, each as (fraction of the pairs at or below the value, value, and lower and upper
-    # bound of its confidence interval); None if not finite
     quantiles: tuple[tuple[float, float | None, float | None, float | None], ...]
-    greater_is_better: bool = False  # whether greater values of the quantity are better; otherwise smaller values are
+    greater_is_better: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """Return the difference as plain data for JSON."""
@@ -50,7 +54,12 @@ class Difference:
 
 @dataclass(frozen=True)
 class CampaignComparison:
-    """Comparison of two campaigns whose flights are paired: flight k has the same seed in both."""
+    """Comparison of two campaigns whose flights are paired: flight k has the same seed in both.
+
+    `flights` pairs are divided by success into `both`, `first_only`, `second_only` and `neither`; `p_value` tests
+    whether both campaigns succeed equally often. `differences` compare miss distance, arrival spread and common
+    outputs; `applied` and `scenario` list which inputs differ between the campaigns.
+    """
 
     first: Path  #: Folder of the first campaign.
     second: Path  #: Folder of the second campaign.
@@ -125,7 +134,7 @@ def _store(campaign: Campaign | str | os.PathLike[str]) -> CampaignStore:
 
 
 def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
-    """Raise ValueError if the campaigns differ in the number of flights or in a flight's seed."""
+    """Raise ValueError if two campaigns differ in the number of flights or in the seed of a flight."""
     if store_1.flights != store_2.flights:
         message = (
             f"arrived campaigns of {store_1.flights} and {store_2.flights} flights; expected as many in both, in pairs"
@@ -141,9 +150,10 @@ def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
 
 
 def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> xr.Dataset:
-    """Return success, miss distance, arrival spread and common outputs of the flights `numbers` of both campaigns.
+    """Return the paired results of the flights `numbers` of both campaigns, with the dimensions campaign and flight.
 
-    The dimensions are campaign and flight; each value is that of the worst aircraft, infinite for a missing arrival.
+    Variables: `met`, miss distance, arrival spread (fleets only), and the outputs that both studies define equally.
+    Each value is that of the fleet's worst aircraft, infinite for a missing arrival.
     """
     datasets = [data.dataset().sel(flight=numbers) for data in (store_1, store_2)]
     is_met = np.stack([data["met"].values for data in datasets])
@@ -161,7 +171,10 @@ def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) 
 
 
 def _difference(quantity: xr.DataArray, shares: list[float], confidence: float) -> Difference:
-    """Compare the paired values of one quantity; `quantity` has the dimensions campaign (first, second) and flight."""
+    """Compare the paired values of one quantity; `quantity` has the dimensions campaign (first, second) and flight.
+
+    `shares` are the probabilities of the quantiles, `confidence` the level of all intervals.
+    """
     values_1, values_2 = quantity.values
     greater_is_better = bool(quantity.attrs.get("greater_is_better", False))
     alike = values_1 == values_2  # including two infinite values
@@ -181,7 +194,10 @@ def _difference(quantity: xr.DataArray, shares: list[float], confidence: float) 
 
 
 def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:
-    """Return the number of pairs whose values of a varied parameter differ, by key path; zeros are left out."""
+    """Count the pairs in which a varied parameter has different values; return the counts by key path, without zeros.
+
+    A parameter that only one of the campaigns varies counts with all pairs.
+    """
     values = [store.applied(slice(None))[1] for store in (store_1, store_2)]
     counts = {}
     for path in dict.fromkeys([*values[0], *values[1]]):

@@ -66,7 +66,10 @@ class Dispersion(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of keys that the distribution lacks or does not have, and of inconsistent values."""
+        """Return the problems of the table, empty if valid.
+
+        Problems are keys that the distribution lacks or does not have, and values that contradict each other.
+        """
         required = _KEYS[self.distribution]
         superfluous = {key for keys in _KEYS.values() for key in keys} - {*required}
         if self.distribution != "choice":
@@ -139,7 +142,7 @@ class Dispersion(Table):
         return self.values is None or _kind(self.values[0]) == "numbers"
 
     def _scaled_bounds(self) -> tuple[float, float]:
-        """Return `low` and `high` of a truncated normal distribution, less the mean, in standard deviations."""
+        """Return (low - mean) / sigma and (high - mean) / sigma of a truncated normal distribution."""
         low, high, mean, sigma = (getattr(self, key) for key in ("low", "high", "mean", "sigma"))
         return (low - mean) / sigma, (high - mean) / sigma
 

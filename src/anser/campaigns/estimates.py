@@ -34,22 +34,32 @@ _LOWER = {
 
 @dataclass(frozen=True)
 class QuantileEstimate:
-    """Quantile of a quantity over the flights of a campaign, with its confidence interval."""
+    """Quantile of a quantity over the flights of a campaign, with its confidence interval.
 
-    name: str  # name of the quantity, such as "miss_m"
-    words: str  # description of the quantity
-    unit: str  # unit of the quantity
-    share: float  # fraction of the flights at or below the value, or at or above the value if `upper` is False
-    upper: bool  # whether the value is an upper bound for the fraction of the flights; otherwise a lower bound
-    value: float | None  # the quantile, in `unit`; None if infinite: too many flights without an arrival
-    # bounds of the confidence interval, two of the sorted values; None if infinite: too few flights or arrivals
+    `name`, `words` (description) and `unit` label the quantity. The fraction `share` of the flights is at or below
+    `value` (an upper bound), or at or above `value` if `upper` is False. `low` and `high` are the bounds of the
+    confidence interval. `value`, `low` and `high` are None if infinite: too few flights, or too many flights without an
+    arrival.
+    """
+
+    name: str
+    words: str
+    unit: str
+    share: float
+    upper: bool
+    value: float | None
     low: float | None
     high: float | None
 
 
 @dataclass(frozen=True)
 class CampaignEstimates:
-    """Estimates from the completed flights of a campaign."""
+    """Estimates from the completed flights of a campaign.
+
+    Of `flights` planned flights, `flown` are completed and `met` of these succeeded. The success `probability`, its
+    bounds `low` and `high`, and `quantiles` are estimated from the `independent` flights only. `causes` are the numbers
+    of failed flights by cause; `worst` are the numbers of the ten worst flights.
+    """
 
     flights: int  #: Number of planned flights.
     flown: int  #: Number of completed flights, including flights that could not start.
@@ -112,10 +122,11 @@ def estimate_campaign(data: xr.Dataset, flights: int, study: Study) -> CampaignE
 def _quantile_estimate(
     name: str, description: str, unit: str, values: np.ndarray, share: float, upper: bool, confidence: float
 ) -> QuantileEstimate:
-    """Estimate one quantile, at the fraction `share`, of `values` with shape (flights,), with its confidence interval.
+    """Estimate one quantile of `values`, shape (flights,), with its confidence interval.
 
-    A flight without an arrival has the value infinity, or minus infinity if `upper` is False. For a lower bound
-    (`upper` False), `share` of the flights have values at or above the quantile.
+    With `upper`, the fraction `share` of the flights has values at or below the quantile; otherwise, at or above. A
+    flight without an arrival has the worst value: infinity, or minus infinity if `upper` is False. `name`,
+    `description` and `unit` label the quantity.
     """
     sign = 1.0 if upper else -1.0
     low, high = order_statistic_interval(sign * values, share, confidence)

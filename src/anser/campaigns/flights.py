@@ -46,7 +46,10 @@ VALIDATED_FLIGHTS = 64
 
 
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample a study and return the values to write into each flight's scenario, by key path; see `apply_samples`."""
+    """Sample a study; return the values to write into each flight's scenario, shape (flights,), by key path.
+
+    `table_columns` are the columns of the study's table of values by key path, empty without a table.
+    """
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
@@ -74,9 +77,9 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
 
 
 def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
-    """Return a caution for each bound (`low`, `high`) of a varied parameter that makes the scenario invalid.
+    """Return a caution for each bound (`low`, `high`) of a varied parameter with which the scenario is invalid.
 
-    Each bound is tried alone, with the scenario's values for all other parameters.
+    For the test, only the parameter takes the bound; all further values are those of the scenario.
     """
     cautions = []
     for k, dispersion in enumerate(study.vary):
@@ -96,7 +99,8 @@ def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
 def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:
     """Check a study and create the campaign's store in an existing folder.
 
-    Raises ScenarioError if the flights cannot be flown as requested, StoreError if the disk space is insufficient.
+    `table_columns` are the columns of the study's table of values by key path, empty without a table. Raises
+    ScenarioError if the flights cannot be flown as requested, StoreError if the disk space is insufficient.
     """
     applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
@@ -113,7 +117,10 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
 
 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the seed of each flight of a campaign; shape (flights,)."""
+    """Return the seed of each flight of a campaign; shape (flights,).
+
+    The number of flights is the length of the arrays in `applied` (values by key path); if empty, that of the study.
+    """
     return flight_seeds(study, next(iter(applied.values())).size if applied else study.sampled.flights or 0)
 
 
@@ -216,9 +223,9 @@ def fly_chunk(folder: Path, chunk: int) -> int:
 
 
 def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarray], number: int) -> Scenario:
-    """Return the scenario `base` with a seed and the values of flight `number` in place of its own.
+    """Return the scenario `base` with the seed `seed` and the sampled values of flight `number` (from 0).
 
-    `applied` has an array over the flights for each key path. Raises ScenarioError if the scenario is invalid.
+    `applied` has an array over the flights for each key path. Raises ScenarioError if the result is invalid.
     """
     changes = {"seed": seed, **{path: values[number].item() for path, values in applied.items()}}
     return base.replace(*itertools.chain.from_iterable(changes.items()))
@@ -227,9 +234,9 @@ def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarr
 def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
     """Raise ScenarioError before flying if the flights of a study cannot be flown as requested.
 
-    The errors are: the precision does not suit the scenario; all of the first flights (at most 64) have invalid
-    scenarios; or a varied key path changes nothing in any of the first eight valid flights. `count` is the number of
-    flights.
+    `applied` has the values of all `count` flights by key path. The errors are: the precision does not suit the
+    scenario; all of the first flights (at most 64) have invalid scenarios; or a varied key path changes nothing in any
+    of the first eight valid flights.
     """
     check_precision(scenario, study.precision, study.name)
     cases = list(itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS))
@@ -244,7 +251,10 @@ def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray
 def _valid_cases(
     scenario: Scenario, applied: dict[str, np.ndarray], count: int
 ) -> Iterator[tuple[Scenario, dict[str, Any]]]:
-    """Yield the valid scenarios among the first flights (at most 64), each with its applied values by key path."""
+    """Yield the valid scenarios among the first flights (at most 64), each with its applied values by key path.
+
+    `applied` has the values of all `count` flights by key path; if empty, only the scenario itself is tried.
+    """
     for k in range(min(count, VALIDATED_FLIGHTS) if applied else 1):
         with contextlib.suppress(ScenarioError):
             dispersed = dispersed_scenario(scenario, 0, applied, k)
@@ -255,7 +265,8 @@ def refuse_outputs(study: Study, scenarios: list[Scenario]) -> None:
     """Raise ScenarioError if the flights cannot have the outputs that the study defines in tables [[output]].
 
     The errors are: an expression names an unknown variable, or a variable that no flight of `scenarios` records; an
-    aircraft is unknown; or a reduction other than greatest and least names no aircraft although the fleet has several.
+    aircraft is unknown; or the reduction over time is neither greatest nor least, the fleet has several aircraft, and
+    the output names none.
     """
     if not study.output:
         return

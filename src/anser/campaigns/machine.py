@@ -53,7 +53,10 @@ def _group_limits(root: Path) -> Iterator[int | None]:
 
 
 def _remaining_memory(group: Path, limit: str, usage: str) -> int | None:
-    """Return the memory left in a control group, bytes; inactive cached files count as free. None without a limit."""
+    """Return the memory left in a control group, bytes; None without a limit. Inactive cached files count as free.
+
+    `limit` and `usage` are the names of the group's files with the limit and the used memory.
+    """
     limit_bytes, used_bytes = _number(group / limit), _number(group / usage)
     if limit_bytes is None or used_bytes is None:
         return None

@@ -29,8 +29,8 @@ _THRESHOLDS = 121
 class RareEvent:
     """A completed rare-event analysis: probability, exceedance curve and worst flights.
 
-    Subset simulation writes the small probability of the event as a product of larger conditional probabilities of less
-    extreme events (levels).
+    Subset simulation writes the small probability of the event as a product of larger conditional probabilities. A
+    level contains the flights that are at least as bad as a bound; the bounds approach the event from level to level.
     """
 
     store: RareStore  #: Stored study, scenario and values of the flights.
@@ -126,9 +126,10 @@ class RareEvent:
         )
 
     def probability_of(self, threshold: float) -> SubsetEstimate:
-        """Estimate the probability that a threshold, m or s, no more extreme than the study's is breached.
+        """Estimate the probability that the statistic breaches `threshold`, m or s.
 
-        If the levels did not reach the threshold, the probability is None and only the upper bound is meaningful.
+        The threshold must not be more extreme than the study's. If the levels did not reach the threshold, the
+        probability is None and only the upper bound is meaningful.
         """
         value, confidence = self.flights.signed_value(threshold), self.store.study.answers.confidence
         direct = estimate(self.repetitions, value, confidence)
@@ -159,11 +160,12 @@ class RareEvent:
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
 
     def _levels(self) -> list[dict[str, Any]]:
-        """Return the results of each level of the subset simulation: number of flights, and lists over the repetitions.
+        """Return the results of each level of the subset simulation, as a dictionary per level.
 
-        The lists are: `bounds`, the value of the statistic that all flights of the level reach; `shares`, the fraction
-        of the level's flights that reach the next bound (or exceed the threshold, on the last level); `acceptances`,
-        the acceptance rate of the Markov chains. Values that are not finite are None.
+        `flights` is the number of flights. The further entries are lists over the repetitions: `bounds`, the value of
+        the statistic that all flights of the level reach; `shares`, the fraction of the level's flights that reach the
+        next bound (on the last level: exceed the threshold); `acceptances`, the acceptance rate of the Markov chains.
+        Values that are not finite are None.
         """
         flights, levels = self.flights, []
         for k in range(max(map(len, self.repetitions))):

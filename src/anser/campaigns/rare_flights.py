@@ -1,8 +1,9 @@
 """Flights of a rare-event analysis and their store.
 
-Every random effect of a flight follows from standard normal numbers ("normals"). A point of the space of these normals
-is a weighted sum of the normals of numbered flights. The module flies the flight that a point defines and returns its
-limit-state value: the statistic of the event with the sign for which greater is worse.
+Every random effect of a flight follows from standard normal numbers ("normals"); the normals of a flight number follow
+from the seed. The Markov chains of subset simulation move in the space of the normals: a point is a weighted sum of the
+normals of several flight numbers. The module flies the flight that a point defines and returns its limit-state value:
+the statistic of the event with the sign for which greater is worse.
 """
 
 import contextlib
@@ -39,10 +40,10 @@ _TERMS_MIN = 128
 
 
 class GaussianSpace:
-    """Space of the standard normal numbers behind the flights of a seed; implements `SampleSpace` of module `subset`.
+    """Space of the standard normal numbers ("normals") of flights; implements `SampleSpace` of module `subset`.
 
-    A point is a weighted sum of the normals of several flights, at most `terms`: a NumPy record with the fields `count`
-    (number of flights), `flights` (their numbers) and `weights`.
+    The normals of each flight number follow from `seed`. A point is a weighted sum of the normals of several flight
+    numbers, at most `terms`: a NumPy record with the fields `count` (of terms), `flights` (numbers) and `weights`.
     """
 
     def __init__(self, seed: int, terms: int) -> None:
@@ -50,16 +51,16 @@ class GaussianSpace:
         self.dtype = np.dtype([("count", np.int32), ("flights", np.uint32, (size,)), ("weights", float, (size,))])
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Return independent points, one per flight number: the normals of that flight alone, with weight 1."""
+        """Return an independent point for each of the flight `numbers`: the flight's normals alone, with weight 1."""
         points = np.zeros(numbers.size, self.dtype)
         points["count"], points["flights"][:, 0], points["weights"][:, 0] = 1, numbers, 1.0
         return points
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Return the points ``keep * point + sqrt(1 - keep**2) * flight`` (preconditioned Crank-Nicolson proposals).
+        """Return for each point ``keep * point + sqrt(1 - keep**2) * flight``, the preconditioned Crank-Nicolson move.
 
-        `flight` stands for the normals of the flight with the next of `numbers`; `keep` (0 to 1) and `numbers` have one
-        entry per point. With `keep` = 0 the result has the normals of the new flight alone.
+        `flight` stands for the normals of the flight number in `numbers`; `keep` (0 to 1) and `numbers` have one entry
+        per point. With `keep` = 0 the result has the normals of the new flight alone.
         """
         proposal = points.copy()
         proposal["weights"] *= keep[:, None]
@@ -127,7 +128,7 @@ class RareFlights:
 
     @functools.cached_property
     def plan(self) -> SubsetPlan:
-        """Numbers of points, levels and repetitions of the subset simulation, and the fraction that starts a level."""
+        """Size of the subset simulation: numbers of points, levels and repetitions, and the share of chain starts."""
         rare = self.config
         return SubsetPlan(rare.flights // rare.repetitions, 1.0 / rare.chain_length, rare.levels_max, rare.repetitions)
 
@@ -143,7 +144,10 @@ class RareFlights:
 
     @property
     def batch(self) -> int:
-        """Number of flights per compiled call, at most 64: the simultaneous moves of all chains, in equal batches."""
+        """Number of flights per compiled call, at most 64.
+
+        The flights of one move of all chains in all repetitions are divided into batches of equal size.
+        """
         at_once = self.plan.chains * self.plan.repetitions
         return -(-at_once // -(-at_once // _BATCH_MAX))
 
@@ -254,10 +258,11 @@ class RareStore(AbstractFlightStore):
 def fly_repetitions(
     store: RareStore, executor: Executor | None, report: Progress, *, fly: bool = True
 ) -> tuple[Repetition, ...]:
-    """Carry out the subset simulation with stored limit-state values, and fly the missing flights.
+    """Carry out the subset simulation with stored limit-state values; fly and store the flights that are missing.
 
-    Returns the levels of each repetition. Raises StoreError if a process was killed, a stored batch has another number
-    of flights, or a flight is missing and `fly` is False.
+    `executor` has the worker processes (None: this process); `report` is called with a message and the completed
+    fraction of the level. Returns the levels of each repetition. Raises StoreError if a process was killed, a stored
+    batch has another number of flights, or a flight is missing and `fly` is False.
     """
     flights = RareFlights(store.study, store.scenario)
     plan, batch, flown_count, level = flights.plan, flights.batch, 0, 0

@@ -29,10 +29,11 @@ def replay_differences(
     *,
     met: bool,  # whether the replay met every requirement
 ) -> dict[str, float | str]:
-    """Compare a flight flown again with its stored results; return the differing quantities by name, {} if none.
+    """Compare a flight flown again with its stored results; return the quantities that differ, by name.
 
-    The value is the greatest difference over the aircraft, divided by the scale of the unit (100 s, 10 km, 150 m/s or
-    1), if above `REPLAY_TOLERANCES`; NaN if missing in one of both; for a text, the stored text.
+    A number differs if its greatest difference over the aircraft, divided by the scale of the unit (100 s, 10 km, 150
+    m/s or 1), is above `REPLAY_TOLERANCES`, or the number is missing in one of both. The result has the scaled
+    difference (NaN if missing in one); for a quantity that is not a float, the stored value as text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
@@ -40,9 +41,9 @@ def replay_differences(
 
 
 def row_differences(data: xr.Dataset, number: int, flight_row: FlightRow) -> dict[str, float | str]:
-    """Compare the results of a flight flown again with flight `number` of `CampaignStore.dataset`.
+    """Compare `flight_row`, the results of a flight flown again, with flight `number` of a campaign's dataset.
 
-    Returns the differing quantities by name, with the values of `replay_differences`.
+    Returns the quantities that differ by name, with the values of `replay_differences`.
     """
     tolerance, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
     differences: dict[str, float | str] = {}

@@ -45,8 +45,8 @@ def apply_distributions(
 def flight_seeds(study: Study, count: int) -> np.ndarray:
     """Return the seeds of `count` flights: consecutive numbers from a start derived from the study's seed.
 
-    In a Saltelli block all flights but the last share a seed. Random effects then differ exactly where the input
-    samples A and B differ, so they contribute to neither the first-order nor the total index of an input.
+    In a Saltelli block, all flights share a seed but the last, which is input sample B. The random effects then act
+    like a further input that is never exchanged alone, and contribute to no input's first-order or total index.
     """
     start = np.random.SeedSequence(study.seed).generate_state(1, np.uint32)[0]
     numbers = np.arange(count, dtype=np.uint64)
@@ -57,7 +57,7 @@ def flight_seeds(study: Study, count: int) -> np.ndarray:
 
 
 def is_independent(study: Study, numbers: np.ndarray) -> np.ndarray:
-    """Return whether each of the flights `numbers` is statistically independent of the rest; shape of `numbers`.
+    """Return for each of the flights `numbers` whether its results are independent of the rest; shape of `numbers`.
 
     With Saltelli sampling only the first and the last flight of a block count as independent; otherwise all flights do.
     """

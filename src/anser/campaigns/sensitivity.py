@@ -23,12 +23,15 @@ _OUTPUTS = {
 
 @dataclass(frozen=True)
 class Influence:
-    """Sensitivity of one output of a campaign to one varied parameter, with a confidence interval."""
+    """Sensitivity of one output of a campaign to one varied parameter, with a confidence interval.
 
-    output: str  # name of the output
-    path: str  # key path of the varied parameter in the scenario
-    measure: str  # "first" or "total" (Sobol indices), or "rank" (Spearman's rank correlation)
-    # value of the measure, and the bounds of its confidence interval
+    `output` is the name of the output, `path` the key path of the parameter. `measure` is "first" or "total" (Sobol
+    indices), or "rank" (Spearman's rank correlation); `value` is its value, `low` and `high` bound the interval.
+    """
+
+    output: str
+    path: str
+    measure: str
     value: float
     low: float
     high: float
@@ -36,7 +39,12 @@ class Influence:
 
 @dataclass(frozen=True)
 class Influences:
-    """Sensitivities of the outputs of a campaign to the varied parameters."""
+    """Sensitivities of the outputs of a campaign to the varied parameters, computed from `flights` flights.
+
+    `kind` is the measure ("Sobol indices" or "rank correlation"), `outputs` the descriptions of the outputs by name.
+    `entries` has one sensitivity for each output, parameter and measure; `not_computed` gives the reason for each
+    output (by name) or parameter (by key path) without sensitivities.
+    """
 
     kind: str  #: "Sobol indices" or "rank correlation".
     confidence: float  #: Confidence level of the intervals.
@@ -98,9 +106,10 @@ def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
 
 
 def _sobol_entries(varied: list[str], confidence: float, name: str, outputs: np.ndarray) -> list[Influence]:
-    """Compute first-order and total Sobol indices of the output `name` over complete Saltelli blocks.
+    """Compute first-order and total Sobol indices of the output `name` by each of the `varied` parameters.
 
-    Raises ValueError if a value is infinite.
+    `outputs` are the values in the flights of complete Saltelli blocks, in order; `confidence` is the level of the
+    intervals. Raises ValueError if a value is not finite.
     """
     lacking = int(np.sum(~np.isfinite(outputs)))
     if lacking:

@@ -192,7 +192,10 @@ class CampaignStore(AbstractFlightStore):
         return np.asarray(self._array("seed")[flights]), values
 
     def write(self, chunk: int, flight_rows: list[FlightRow]) -> None:
-        """Write the results of a chunk's flights; the checksums that mark it as complete are recorded last."""
+        """Write the results of a chunk's flights.
+
+        The checksums are recorded last; they mark the chunk as complete.
+        """
         flights = self.chunk_slice(chunk)
         columns = {
             name: values for name, (_, values, _) in _result_columns(flight_rows, self.study, self.scenario).items()
@@ -251,9 +254,9 @@ class CampaignStore(AbstractFlightStore):
         return dataset
 
     def _series_columns(self, selection: SeriesSelection, flight_rows: list[FlightRow]) -> dict[str, np.ndarray]:
-        """Return the time series of a chunk's flights, by array name; shape (flights, aircraft, times).
+        """Return the selected time series of a chunk's flights, by array name; shape (flights, aircraft, times).
 
-        Quantities are float32; codes and flags are int32. A flight that could not start has missing values.
+        Quantities are float32; codes and flags are int32. A flight that could not start has missing values (NaN, -1).
         """
         shape = len(self.scenario.aircraft), selection.rows(self.scenario)
         return {
@@ -270,7 +273,7 @@ class CampaignStore(AbstractFlightStore):
         return array
 
     def _chunk_files(self, name: str, chunk: int) -> Iterator[str]:
-        """Yield the paths, in the data folder, of the files of an array with one chunk of flights (Zarr format 2)."""
+        """Yield the paths, in the data folder, of the files with a chunk of the array `name` (Zarr format 2)."""
         for further_indices in itertools.product(*map(range, self._array(name).cdata_shape[1:])):
             yield f"{name}/{'.'.join(map(str, (chunk, *further_indices)))}"
 
@@ -285,11 +288,11 @@ class CampaignStore(AbstractFlightStore):
 def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
 ) -> None:
-    """Rebuild damaged files that were written once, when the store was created, from the study and scenario.
+    """Rebuild damaged files that were written once, when the store was created.
 
-    These are metadata, coordinates, seeds and sampled values. A file is replaced only if the rebuilt file matches the
-    recorded checksum. Raises StoreError if the record of checksums is damaged, or a rebuilt file differs from the
-    record, because of another study or version.
+    The files are metadata, coordinates, seeds and sampled values (`applied`, by key path). A damaged file is replaced
+    only if the rebuilt file matches the recorded checksum. Raises StoreError if the record of checksums is damaged, or
+    a rebuilt file differs from the record, because of another study or version.
     """
     data_folder = folder / CampaignStore.data_folder
     checksums = StoreChecksums(folder, data_folder.name)
@@ -321,7 +324,7 @@ _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
 
 
 def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Scenario) -> dict[str, FlightColumn]:
-    """Return the results of flights as columns (dimensions, values, attributes) by name, with texts of fixed width."""
+    """Return the results of flights as columns by name: (dimensions, values, attributes); texts have a fixed width."""
     labels = {output.name: output.labels for output in study.output}
     columns = tabulate_flights(flight_rows, len(scenario.aircraft), labels)
     for name in _WIDTHS:
@@ -331,7 +334,10 @@ def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Sc
 
 
 def shortened(texts: np.ndarray, name: str) -> np.ndarray:
-    """Return the values of the column `name` as they are stored: texts longer than the column's width end with dots."""
+    """Return the values of the column `name` as the store holds them.
+
+    Texts longer than the column's width end with dots; other values are unchanged.
+    """
     width = _WIDTHS.get(name)
     if width is None:
         return texts
@@ -349,7 +355,8 @@ def _create_rows(
 ) -> None:
     """Write coordinates, seeds and values of the varied parameters, and allocate the arrays of the results.
 
-    `columns` are results of one flight, as examples of data type, dimensions and attributes.
+    `applied` are the values of the varied parameters by key path, `chunk` is the number of flights per chunk; `columns`
+    are results of one flight, as examples of data type, dimensions and attributes.
     """
     names = np.array([aircraft.name for aircraft in scenario.aircraft], dtype=np.str_)
     _write_whole(group, "aircraft", names, "aircraft", {"long_name": "Aircraft"})
@@ -369,7 +376,10 @@ _PIECE = 1 << 26
 
 
 def _create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
-    """Write the coordinates and allocate the arrays of the selected time series, in the store's Zarr group `series`."""
+    """Write the coordinates and allocate the arrays of the selected time series, in the store's Zarr group `series`.
+
+    `flights` is the number of all flights, `chunk` that of a chunk.
+    """
     names, times_s = [aircraft.name for aircraft in scenario.aircraft], selection.times_s(scenario)
     group.create_group(SERIES)
     coordinates = {"flight": ("flight", np.arange(flights), _FLIGHT_LABELS), **record_coordinates(times_s, names)}

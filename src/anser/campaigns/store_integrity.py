@@ -148,8 +148,8 @@ class AbstractFlightStore(abc.ABC):
     def _chunk_problems(self, *, series: bool) -> dict[int, str]:
         """Return the problem of each damaged chunk, by chunk number; `series` includes the chunk's time series.
 
-        Chunks that this object has already verified are not read again. Without the lock, a chunk whose last file
-        exists but whose checksums are not recorded counts as damaged, too.
+        Chunks that this object has already verified are not read again. A chunk whose last file exists without recorded
+        checksums is incomplete while this process holds the folder's lock; otherwise damaged.
         """
         recorded, problems = self._checksums.chunks(), dict[int, str]()
         for chunk in sorted(recorded - self._verified[series]):

@@ -50,7 +50,7 @@ class OutputSelection(Table):
     series_every_s: float = number("period of stored values, a whole multiple of the step", 0.001, 60, "s", 1)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of unknown and repeated variable names, and of a period without variables."""
+        """Return the problems of the table, empty if valid: unknown or repeated variables, a period without any."""
         problems = []
         for k, name in enumerate(self.series):
             if name in self.series[:k]:
@@ -123,7 +123,7 @@ def recorded_keys_of(scenario: Scenario) -> set[str]:
 
 
 def feature_required(name: str) -> str:
-    """Return the description of the scenario feature without which flights lack the optional variable `name`."""
+    """Return the scenario feature, as text, without which flights do not record the optional variable `name`."""
     if name in _GUST_KEYS:
         return "turbulence or a gust"
     if name in _NETWORK_KEYS:
@@ -177,7 +177,7 @@ class RareEventConfig(Table):
         return round(1.0 / self.level_share)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problem of `level_share` or, without one, the problem of the number of flights.
+        """Return the problem of `level_share` or, if valid, the problem of `flights`; empty if both are valid.
 
         1 / level_share must be a whole number; the number of flights must be a multiple of repetitions / level_share,
         and at least ten times this ratio.
@@ -221,7 +221,11 @@ class Sampling(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of missing and superfluous keys, and of a number of flights that is no power of 2."""
+        """Return the problems of the table, empty if valid.
+
+        Problems are a key that the method lacks or does not have, and with a Sobol sequence (methods sobol and
+        saltelli) a number of flights that is not a power of 2.
+        """
         required = {"grid": "levels", "table": "file"}.get(self.method, "flights")
         keys = {"flights": self.flights, "levels": self.levels, "file": self.file}
         problems = [
@@ -255,7 +259,10 @@ class CorrelatedGroup(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problem of a matrix of the wrong size, not symmetric, without unit diagonal or not definite."""
+        """Return the problem of the correlation matrix, empty if valid.
+
+        The matrix must have one row per path, ones on its diagonal, and be symmetric and positive definite.
+        """
         count, matrix_rows = len(self.paths), self.coefficients
         expected = f"a symmetric, positive definite matrix of {count} rows with ones on its diagonal"
         if len(matrix_rows) != count or any(len(matrix_row) != count for matrix_row in matrix_rows):
@@ -283,7 +290,7 @@ class EstimateSettings(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of fractions outside the open interval from 0 to 1."""
+        """Return the problem of each quantile whose fraction is not between 0 and 1, both excluded; empty if valid."""
         return [
             Problem(f"quantiles[{k}]", format_number(share), "a number between 0 and 1, both excluded")
             for k, share in enumerate(self.quantiles)
@@ -311,7 +318,7 @@ class StoppingRule(Table):
     at_least: int = whole_number("minimum number of flights", 1, FLIGHTS_MAX, 100)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problem of a share of 1, whose quantile has no finite upper bound."""
+        """Return the problem of `share` = 1, whose quantile has no finite upper bound; empty if `share` is below 1."""
         if self.share == 1.0:
             return [Problem("share", "1", "a number below 1")]
         return []
@@ -322,7 +329,10 @@ _RESERVED_NAMES = ("flight", "aircraft", "seed", "flown", "series", "met", "unme
 
 
 class Study(Table):
-    """A study file; read with :func:`anser.campaigns.load_study`, which gives clear messages."""
+    """Content of a study file: a scenario with dispersed parameters, for a campaign or a rare-event analysis.
+
+    Read with :func:`anser.campaigns.load_study`, which gives clear messages.
+    """
 
     format: Literal[1] = Field(description="version of the file format", json_schema_extra=expects("1"))
     name: str = slug("name of the study, also of its output")
@@ -351,7 +361,11 @@ class Study(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of keys that contradict each other in different tables."""
+        """Return the problems of keys that do not fit keys of further tables, empty if valid.
+
+        Checked are the paths of tables [[vary]] (each once) and [[correlated]] (paths of tables [[vary]]), the names of
+        outputs, the stopping rule, and the tables that the sampling method allows.
+        """
         paths = [dispersion.path for dispersion in self.vary]
         problems = [
             Problem(f"vary[{k}].path", describe_value(path), _ANOTHER_PATH if path == "seed" else "each path once")
@@ -435,7 +449,7 @@ class Study(Table):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the validated values, 64 hexadecimal digits."""
+        """SHA-256 of the study's validated values, 64 hexadecimal digits."""
         return content_hash(self)
 
 
@@ -479,7 +493,10 @@ def located_in(path: str | os.PathLike[str], study: Study) -> Iterator[None]:
 
 
 def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
-    """Return the study with the keys and values of nested dictionaries; raises ScenarioError if invalid."""
+    """Return the study with the keys and values of nested dictionaries, as in a study file.
+
+    Raises ScenarioError if they are not valid; `source` names their origin in the message.
+    """
     check_file_kind("study", values, source)
     try:
         return Study.model_validate(values)
@@ -491,7 +508,8 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
     """Read a CSV file with a heading row of key paths; return the columns by key path.
 
     Columns are numbers; truth values if every entry is `true` or `false`; otherwise texts. Raises ScenarioError if the
-    file is no table, a path is repeated or is "seed", or a number is not finite; a row has the number of its line.
+    file is no table, a path is repeated or is "seed", or a number is not finite; the message names the line of the
+    file.
     """
     reader = csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines())
     try:

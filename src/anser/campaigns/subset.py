@@ -26,28 +26,37 @@ LimitState = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class SampleSpace(Protocol):
-    """Space in which the Markov chains move; a point (an entry of an array) defines independent standard normals."""
+    """Interface of the space in which the Markov chains of a subset simulation move.
+
+    A point stands for a set of independent standard normal numbers; an array of points has one entry per point.
+    """
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Return independent random points, one for each of `numbers`."""
+        """Return an independent random point for each of `numbers`, the running numbers of the draws."""
         ...
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """Return the points ``keep * point + sqrt(1 - keep**2) * new``, which are again standard normal.
 
-        `new` is an independent random point for each of `numbers`; `keep`, 0 to 1, has one entry per point.
+        `new` is the independent random point of the running number in `numbers`; `keep` (0 to 1) and `numbers` have one
+        entry per point.
         """
         ...
 
 
 @dataclass(frozen=True)
 class SubsetPlan:
-    """Size of a subset simulation: numbers of points, levels and repetitions."""
+    """Size of a subset simulation.
 
-    points: int  # points per level and repetition; a multiple of 1 / share
-    share: float  # fraction of a level's points that start the chains of the next level; 1 over a whole number
-    levels_max: int  # maximum number of levels
-    repetitions: int  # number of independent repetitions; their scatter gives the confidence interval
+    `points` is the number of points per level and repetition, a multiple of 1 / `share`; `share` is the fraction of a
+    level's points that start the chains of the next level, 1 over a whole number; `levels_max` is the greatest number
+    of levels; the scatter of the `repetitions` gives the confidence interval.
+    """
+
+    points: int
+    share: float
+    levels_max: int
+    repetitions: int
 
     @property
     def length(self) -> int:
@@ -62,15 +71,20 @@ class SubsetPlan:
 
 @dataclass(frozen=True)
 class SubsetLevel:
-    """One level of one repetition of the subset simulation: points whose values are at least the level's bound."""
+    """One level of one repetition of a subset simulation: points whose values are at least `bound`.
 
-    bound: float  # lower bound of the level's values; -inf on the first level
-    values: np.ndarray  # values of the points, chain by chain
-    # the points, and the number of each: the number with which the point was first drawn or proposed
+    `bound` is -inf on the first level. `values`, `points` and `numbers` have one entry per point, chain by chain; a
+    number is that with which the point was first drawn or proposed. `share` is the fraction of the points that reach
+    the next level's bound (on the last level: that exceed the threshold); `acceptance` is the acceptance rate of the
+    chains' moves, NaN on the first level.
+    """
+
+    bound: float
+    values: np.ndarray
     points: np.ndarray
     numbers: np.ndarray
-    share: float  # fraction of the points that reach the next level's bound, or on the last level exceed the threshold
-    acceptance: float  # acceptance rate of the chains' moves; NaN on the first level
+    share: float
+    acceptance: float
 
 
 Repetition = tuple[SubsetLevel, ...]
@@ -80,8 +94,8 @@ Repetition = tuple[SubsetLevel, ...]
 def exceedance(repetition: Repetition, value: float) -> float:
     """Estimate from one repetition the probability of exceeding a value.
 
-    The estimate is the product of the fractions of each level's points that reach the next level's bound, up to the
-    first level whose next bound is above the value, times the fraction of that level's points above the value.
+    The value lies between the bounds of a level and the next level. The estimate is the fraction of this level's points
+    above the value, times, for each earlier level, the fraction of points that reach the next bound.
     """
     probability = 1.0
     for level, next_level in zip(repetition, (*repetition[1:], None), strict=True):
@@ -128,24 +142,25 @@ def subset_simulation(
     plan: SubsetPlan,
     seed: int,
 ) -> tuple[Repetition, ...]:
-    """Carry out all repetitions of a subset simulation together: each call of `limit_state` has points of all.
+    """Carry out all repetitions of a subset simulation at the same time, move by move.
 
     Parameters
     ----------
     space
         Space of the points.
     limit_state
-        Function of the points and their numbers, which count up from 0; called once for each move of all chains.
+        Function that returns the values of points from the points and their running numbers, from 0; called once for
+        each move, with the points of all chains in all repetitions.
     threshold
-        Threshold of the event: the event is a greater value.
+        Threshold of the event, which is a value above the threshold.
     plan
         Numbers of points, levels and repetitions.
     seed
-        Seed of the choice of chain starts.
+        Seed for the random choice of the chains' starting points.
 
     Returns
     -------
-    Levels of each repetition.
+    For each repetition its levels, from the first (plain Monte Carlo) to the last.
 
     Raises
     ------
@@ -188,8 +203,8 @@ def _walk(
 ) -> Generator[_Proposal, _Evaluated, Repetition]:
     """Simulate one repetition, level by level, as a generator.
 
-    The generator yields the points to move from with their weights `keep`, receives the new points with their values
-    and numbers, and returns the levels.
+    The generator yields the points to move from with their weights `keep` (see `SampleSpace.propose`), receives the new
+    points with their values and numbers, and finally returns the levels.
     """
     points, values, numbers = yield None, np.zeros(plan.points)
     levels: list[SubsetLevel] = []

@@ -147,8 +147,8 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     """Compare an aircraft file's check data with computed values, and look for probable errors: signs, units, tables.
 
     Check data are inputs of the aerodynamic model with the outputs that the publisher computed. For an aircraft by
-    DAVE-ML, the check shots of its files come first; for the F-16, only the tables are examined. For a DAVE-ML file
-    (.dml) alone, the inputs and outputs are listed if the file has no check data.
+    DAVE-ML, the check shots of its files are compared first; for the F-16, only the tables are examined. A DAVE-ML file
+    (.dml) without check data has its inputs and outputs listed.
     """
     must_be_known_aircraft(aircraft, variant, "AIRCRAFT")
     from anser.analysis.airframes import check_airframe, check_dave_ml, find_aircraft_file

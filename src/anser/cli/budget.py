@@ -68,7 +68,10 @@ def _run_once(scenario: Path, folder: Path, number: int) -> dict[str, Any]:
 
 
 def print_budgets(budgets: list[dict[str, Any]]) -> None:
-    """Print a row of computing costs per scenario; for a single scenario, a row per program first."""
+    """Print a table row of computing costs for each of `budgets`, the documents of `measure_scenario`.
+
+    For a single document, a table with a row for each compiled program comes first.
+    """
     stages = ("equations", "tracing", "lowering", "compiling", "code MB")
     if len(budgets) == 1:
         keys = (*_STAGES, "code_mb")

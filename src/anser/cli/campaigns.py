@@ -268,10 +268,10 @@ def _resume_note(store: "CampaignStore") -> str:
 
 
 def _write(store: "CampaignStore", flown_before: int) -> list[str]:
-    """Write the report of a campaign without flying flights again for the map; return the names of the written files.
+    """Write the report of a campaign without replays for the map; return the names of the written files.
 
-    Nothing is written if no flight is complete, or if a report exists and no flight was added: an existing report may
-    show the worst flights on a map.
+    Nothing is written if no flight is complete, or if a report exists and no flight was added to the `flown_before`
+    flights completed earlier: the existing report may show the worst flights on a map.
     """
     from anser.campaigns.campaign_report import REPORT, write_campaign
 

@@ -118,7 +118,7 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Print the reasons for a missing result and exit with code 1.
+    """Print the reasons for a missing result as error messages, and always exit with code 1.
 
     The JSON document contains status and reasons; `prefix` precedes each printed reason.
     """
@@ -128,7 +128,7 @@ def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") ->
 
 
 def fail_if_any(problems: Iterable[str]) -> None:
-    """Print problems as error messages and exit with code 1; return if there are none."""
+    """Print problems as error messages and exit with code 1; return without effect if there are none."""
     texts = list(problems)
     for text in texts:
         print_problem(text)
@@ -195,8 +195,9 @@ def _progress_display(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress line in the `with` block, and yield a function that sets description and completed fraction.
 
-    The fraction, 0..1, is optional. While the process waits for a program to be compiled, the line says so and shows no
-    fraction. Without a terminal, a line is printed every ten seconds.
+    `total` is the fraction that counts as complete, None for work of unknown duration. The fraction, 0..1, is optional.
+    While the process waits for a program to be compiled, the line says so and shows no fraction. Without a terminal, a
+    line is printed every ten seconds.
     """
     from anser.compiling.measuring import compilation_message
 
@@ -225,7 +226,7 @@ def _progress_display(
 
 @contextlib.contextmanager
 def _refreshed(bar: Progress, show: Callable[[], None]) -> Iterator[None]:
-    """Call `show` every second in the `with` block; without a terminal, print the line every ten seconds."""
+    """Call `show` every second in the `with` block; without a terminal, print a progress line every ten seconds."""
     ended, began = threading.Event(), time.monotonic()
 
     def refresh() -> None:
@@ -276,7 +277,7 @@ class TableColumn:
 
 
 def columns(*headings: str, digits: int = 0, **options: Any) -> list[TableColumn]:
-    """Return columns of equal format, one for each heading."""
+    """Return columns of equal format, one for each heading; numbers have `digits` decimals."""
     return [TableColumn(heading, digits, options) for heading in headings]
 
 
@@ -360,7 +361,10 @@ def true_airspeed_of(
 
 @contextlib.contextmanager
 def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
-    """Show `activity` in the `with` block; if no steady flight exists (ConditionError), end the command with code 1."""
+    """Show a spinner in the `with` block, and yield a function that sets its description, at first `description`.
+
+    If the block raises ConditionError (no steady flight exists), print the reason and end the command with code 1.
+    """
     from anser.analysis.trim_points import ConditionError
 
     try:

@@ -145,9 +145,10 @@ def _finished_plan(folder: Path, scenario: Scenario) -> "FirstPlan":
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
-    """Return the time, s, at which each aircraft left its plan in flight, by name: the first status other than flying.
+    """Return the time, s, of the first sample with a status other than flying, by name of the aircraft.
 
-    Aircraft that flew their plan to the end are left out, and aircraft that failed at the first sample.
+    Aircraft that were flying at every sample, and aircraft with a different status from the first sample on, are left
+    out.
     """
     stop_times = {}
     for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
@@ -158,7 +159,10 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
 
 
 def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
-    """Return the status of an aircraft, with the time ("at 12.0 s: ...") if the aircraft left its plan in flight."""
+    """Return the status in an aircraft's entry of the summary as text.
+
+    For an aircraft in `stopped_s` (see `_stopped_s`) the time precedes the status: "at 12.0 s: ...".
+    """
     stop_time = stopped_s.get(aircraft["name"])
     return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 
@@ -202,7 +206,10 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
 
 
 def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
-    """Print the requirements that are not met and the aircraft that failed, and exit with code 1."""
+    """Print each requirement of a summary that is not met and each aircraft that failed; always exit with code 1.
+
+    `stopped_s` is the result of `_stopped_s`.
+    """
     from anser.results.arrival import AS_PLANNED  # late import: errors in the file come first
 
     for item in summary["requirements"]:
@@ -287,7 +294,10 @@ def _print_paths(summary: dict[str, Any]) -> None:
 
 
 def _path_row(aircraft: dict[str, Any], arrive_together: bool) -> dict[str, str]:
-    """Return the table cells of an aircraft's path by heading; the headings are the same for the whole fleet."""
+    """Return the table cells of one path by column heading, from the aircraft's entry in a plan's summary.
+
+    The arrival time is left out if `arrive_together`. All aircraft of a plan have the same headings.
+    """
     planned = {limit["name"]: limit["planned"] for limit in aircraft["limits"]}
     cells = {} if arrive_together else {"arrival\ns": number(aircraft["arrival_s"], 2)}
     if "nominal_length_m" in aircraft:

@@ -79,7 +79,10 @@ PICTURE_SUFFIXES = (".svg", ".png", ".pdf")
 def must_be_new_file(
     option: str, path: Path | None, suffixes: Sequence[str] = PICTURE_SUFFIXES, force: bool = False
 ) -> None:
-    """Raise InputError if a file has none of the suffixes or cannot be written; None is accepted."""
+    """Raise InputError if a path has none of the suffixes or no file can be written there; accept None.
+
+    With `force` the file may exist.
+    """
     if path is None:
         return
     if path.suffix not in suffixes:
@@ -131,7 +134,10 @@ def _is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Convert operating-system errors in the `with` block to InputError with the option, its path and `expected`."""
+    """Convert an operating-system error in the `with` block to InputError.
+
+    The message names the option, the path, what was `expected`, and the system's reason.
+    """
     try:
         yield
     except OSError as error:
@@ -145,7 +151,10 @@ def check_run_folder(folder: Path, argument: str = "RUN") -> None:
 
 
 def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return dataset and summary of a run folder; raises InputError if files are missing or damaged."""
+    """Return dataset and summary of a run folder.
+
+    Raises InputError, with the name `argument` of the command-line argument, if files are missing or damaged.
+    """
     check_run_folder(folder, argument)
     with refuse_on(RunFolderError, f"{argument}, "):
         flight = load_flight(folder)

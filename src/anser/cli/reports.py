@@ -172,8 +172,8 @@ def figures(
 ) -> None:
     """Draw figures for a paper as PDF, SVG and PNG: of a flight, or of all published cases.
 
-    The published cases are the step responses, the climb-and-turn, the paths bent by b4 and c4, and the flights of one
-    and three aircraft; computing them takes a few minutes the first time.
+    The published cases are the step responses, the climb-and-turn, the families of paths with the shape parameters b4
+    and c4, and the flights of one and three aircraft; computing them takes a few minutes the first time.
     """
     if run is not None:
         check_run_folder(run)

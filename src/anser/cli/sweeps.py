@@ -110,7 +110,10 @@ def _range(text: str, values: str) -> list[object]:
 
 
 def _flights(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> list[dict[str, Any]]:
-    """Return the swept values and the results of each flight, by name; the last key path varies fastest."""
+    """Return for each flight of a sweep its swept values and results by name, for the JSON document and the table.
+
+    The last key path varies fastest. Values of a quantity are the greatest over the aircraft, None if missing.
+    """
 
     def number_at(name: str, index: tuple[int, ...]) -> float | None:
         values = data[name].values[index] if name in data else np.array(np.nan)

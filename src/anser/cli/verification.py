@@ -104,7 +104,7 @@ def _print_outcomes(outcomes: Sequence["Outcome"]) -> None:
 def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
     """Return the worst comparison of each group (quantity of a check), in order of the groups.
 
-    Of comparisons without published values, the last in the group is returned.
+    The worst has the greatest ratio of error to tolerance; of comparisons without published values it is the last.
     """
     worst: dict[str, Comparison] = {}
     for comparison in comparisons:

@@ -45,7 +45,8 @@ Answer = dict[str, Any]
 def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple[Answer, FirstPlan]:
     """Plan a scenario with `anser.plan`; return the answer (plan or reasons for its refusal) and the plan itself.
 
-    Raises ScenarioError if an aircraft cannot be trimmed at its start.
+    `on_progress` is called with messages during the search. Raises ScenarioError if an aircraft cannot be trimmed at
+    its start.
     """
     begin = time.perf_counter()
     planned = plan(scenario, on_progress)
@@ -76,9 +77,9 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
 
 
 def preliminary_answer(scenario: Scenario, message: FailedAttempt) -> Answer:
-    """Return the problems of a failed attempt while the search for a plan goes on, without paths.
+    """Return an answer with the status "searching" and the problems of a failed attempt at a plan, without paths.
 
-    `message` is the progress report with the failed attempt.
+    `message` is the progress report with the attempt; the search for a plan goes on.
     """
     reasons = describe_failed_attempt(scenario, message.attempt.leading(len(scenario.aircraft)))
     return {"status": "searching", "problems": [_refusal_problem(scenario, text, None) for text in reasons]}
@@ -103,10 +104,10 @@ def without_arrival_times(values: dict[str, Any], error: ScenarioError) -> dict[
 
 
 def advised_answer(error: ScenarioError, scenario: Scenario) -> Answer:
-    """Return the answer to prescribed arrival times that are too early, with the earliest times that the planner finds.
+    """Return the answer to prescribed arrival times that are too early; its problems name the earliest possible times.
 
-    `scenario` is the scenario of the document with the arrival rule "earliest"; `error` has the problems of the
-    document.
+    `error` has the problems of the document; `scenario` is the document's scenario with the arrival rule "earliest"
+    instead.
     """
     arrivals = possible_arrivals(scenario, build_flight(scenario, pad_fleet=True))
     answer = invalid_answer(error)
@@ -135,9 +136,9 @@ def plain_problem(text: str) -> dict[str, Any]:
 
 
 def _best_record(planned: FirstPlan) -> RecordedPlan | None:
-    """Return the record of the plan; of a refused plan that of the attempt with the fewest failed aircraft.
+    """Return the record of the paths to be drawn: the plan or, after a refusal, the attempt of `_best_attempt`.
 
-    None if a plan was refused without such an attempt.
+    None after a refusal without such an attempt.
     """
     if not planned.refusals:
         return planned.record()
@@ -149,9 +150,10 @@ def _best_record(planned: FirstPlan) -> RecordedPlan | None:
 
 
 def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
-    """Return the plan without holds if there is one, otherwise the attempt with the fewest failed aircraft.
+    """Return the attempt of the certified planner that is nearest to a plan, without padding aircraft.
 
-    Padding aircraft are removed. None if the search has neither, or the planner is not the certified one.
+    The nearest is an attempt in which only the holds after the arrivals are missing, otherwise the attempt with the
+    fewest failed aircraft. None if there is neither, or the planner is not the certified one.
     """
     if not isinstance(planned, CertifiedFirstPlan) or planned.outcome is None:
         return None
@@ -160,10 +162,10 @@ def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
 
 
 def _drawn_attempts(planned: FirstPlan) -> list[bool]:
-    """Return whether the page draws the path of each aircraft, in the scenario's order.
+    """Return for each aircraft, in the scenario's order, whether the page draws the path.
 
-    Every path of a plan is drawn. Of a failed attempt, paths that exceed a limit by more than `EXCESS_MEANINGFUL` are
-    not drawn; paths that violate the separation or a keep-out are: they show the conflict.
+    Every path is drawn of a plan. Of a failed attempt, a path is left out if it exceeds a limit by more than half of
+    the limit (`EXCESS_MEANINGFUL`); paths that violate the separation or a keep-out are drawn, to show the conflict.
     """
     attempt = _best_attempt(planned) if planned.refusals else None
     if attempt is None:
@@ -177,7 +179,8 @@ def _record_values(
 ) -> dict[str, Any]:
     """Return the entries of an answer that follow from the record of a plan or attempt.
 
-    `is_proven` says whether all limits are proven; `holds` are the planned holds, if any.
+    Entries: first and last arrival, aircraft with limits and planned holds (`holds`, None without), separation,
+    keep-outs and goals. `is_proven` says whether all limits are proven.
     """
     samples = record.samples
     arrivals_s = samples.arrival_times_s
@@ -232,7 +235,8 @@ def _aircraft_entry(scenario: Scenario, record: RecordedPlan, k: int, is_proven:
 def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: int) -> Iterable[Answer]:
     """Yield an entry for each finite limit of aircraft number `k`: limit, planned extreme, bound and utilization.
 
-    `bound` is the proven bound of the extreme; for a limit without proof, the planned extreme at the samples.
+    `columns` is the result of `limit_columns`. `bound` is the proven bound of the extreme; for a limit without proof,
+    the planned extreme at the samples.
     """
     for limit, values in columns:
         limit_value, planned = values["limit_"][k], values[""][k]
@@ -261,10 +265,11 @@ def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: in
 
 
 def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None:
-    """Return the closest pair by required separation, without a requirement by distance; None for a single aircraft.
+    """Return the entry on the closest pair of aircraft in the plan; None for a single aircraft.
 
-    `distances_m` and `required_m` are horizontal and vertical if a vertical separation is required; otherwise
-    horizontal only or, if no separation is required, the distance in space only.
+    The closest pair is that of `_closest_approach`. `distances_m` and `required_m` are horizontal and vertical if a
+    vertical separation is required; otherwise horizontal only or, if no separation is required, the distance in space
+    only.
     """
     closest, separation_m = _closest_approach(samples), scenario.separation.required_m
     if not np.isfinite(closest.minimum_m):
@@ -282,7 +287,10 @@ def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None
 
 
 def _closest_approach(samples: PlanSamples) -> ClosestApproach:
-    """Return the closest approach by required separation, or by distance if no separation is required."""
+    """Return the closest approach of two aircraft in a plan, measured relative to the required separation.
+
+    If no separation is required, the distance in space is the measure.
+    """
     return samples.closest_by_distance if samples.closest_by_separation is None else samples.closest_by_separation
 
 
@@ -324,10 +332,10 @@ def _goal_tracks(scenario: Scenario, end_s: float) -> list[dict[str, Any]]:
 def _refusal_problem(
     scenario: Scenario, text: str, record: RecordedPlan | None, drawn: Sequence[bool] = ()
 ) -> dict[str, Any]:
-    """Return a reason for a refusal as a problem: text, keys of the binding limits, aircraft and positions.
+    """Return a reason for a refusal (`text`) as a problem: text, keys of the limits, aircraft and positions.
 
-    Positions are those in `record`, the best attempt (none without a record); `drawn` says whether each aircraft's path
-    is drawn.
+    The positions are points of the paths in `record`, the best attempt; none without a record. `drawn` says whether
+    each aircraft's path is drawn.
     """
     names = list(text.aircraft) if isinstance(text, Refusal) else []
     keys = list(text.keys) if isinstance(text, Refusal) else []
@@ -342,11 +350,11 @@ def _refusal_problem(
 def _binding_positions(
     scenario: Scenario, record: RecordedPlan, names: Sequence[str], keys: Sequence[str], drawn: Sequence[bool]
 ) -> Iterable[Position]:
-    """Yield the positions of the best attempt at which a reason for a refusal binds.
+    """Yield the positions in `record` at which the page marks a reason for a refusal.
 
-    For two aircraft: both positions at their closest approach, or their rendezvous if another pair comes closer.
-    Otherwise, for each aircraft with a drawn path: the point at which the binding limit is demanded most, or the
-    rendezvous if no limit binds.
+    For two aircraft: their positions at the fleet's closest approach, or their rendezvous if another pair comes closer.
+    Otherwise for each aircraft with a drawn path: the point with the extreme of the first limit in `keys`, or the
+    rendezvous if `keys` names no limit.
     """
     samples = record.samples
     indices = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}

@@ -26,7 +26,7 @@ class DocumentFolder:
     """The folder in which the page reads and writes scenario files.
 
     `parts` and `wind_field` are the table `[parts]` and the entry `wind.field` of the scenario that the server was
-    started with: a document may use no other user-defined code, and no other file from outside the folder.
+    started with. A document may only have the same user-defined parts, and refer to no further file outside the folder.
     """
 
     path: Path
@@ -55,8 +55,8 @@ class DocumentFolder:
     def scenario(self, values: dict[str, Any]) -> Scenario:
         """Validate a document and return its scenario.
 
-        Raises ScenarioError if the document is not valid, has more than 20 aircraft, or refers to a file outside the
-        folder or to other user-defined parts.
+        Raises ScenarioError if the document is not valid, has more than 20 aircraft, refers to a file outside the
+        folder, or has user-defined parts that differ from `parts`.
         """
         problems = list(self._confinement_problems(values))
         if problems:
@@ -180,7 +180,7 @@ def _update_table(table: Any, values: Mapping[str, Any]) -> None:
 
 
 def _is_same(present: Any, value: Any) -> bool:
-    """Return whether an item of a parsed TOML document equals a plain value; true and 1 differ."""
+    """Return whether `present`, an item of a parsed TOML document, equals a plain value; true and 1 differ."""
     plain = present.unwrap() if hasattr(present, "unwrap") else present
     return plain == value and isinstance(plain, bool) == isinstance(value, bool)
 

@@ -37,7 +37,10 @@ _FAR_KEEP_OUT = {"name": "far keep-out", "north_m": 4e5, "east_m": 4e5, "radius_
 
 @dataclass
 class Preparation:
-    """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process."""
+    """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process.
+
+    `folder` is the folder of the page's scenario files.
+    """
 
     folder: Path
     _kind: str = ""  # kind (`_kind`) of the document of the last request
@@ -68,11 +71,11 @@ class Preparation:
                     return
 
     def request(self, document: dict[str, Any], last_s: float | None) -> None:
-        """Start compiling the programs for a document's fleet; `last_s` is the last arrival time, s (None: unknown).
+        """Compile the programs for a document's fleet in a new process; `last_s` is the last arrival, s (or None).
 
-        Nothing is done if the document needs the same programs as the last request, has user-defined parts, or programs
-        are not stored or not for the CPU. Otherwise the running process ends, and a new one starts unless these
-        programs are compiled.
+        Nothing is done if the document needs the same programs as the last request or has user-defined parts, if
+        compiled programs are not stored on disk, or if JAX does not run on the CPU. Otherwise the running process ends;
+        a new process starts unless an earlier process has compiled the programs.
         """
         kind = f"{choose_interval_count(last_s or 0.0)} {json.dumps(_kind(document))}"
         if kind == self._kind or "parts" in document or cache_folder() is None or jax.default_backend() != "cpu":
@@ -115,9 +118,9 @@ def _input_of(process: "subprocess.Popen[str]") -> IO[str]:
 
 
 def _kind(value: Any) -> Any:
-    """Return a document without its numbers, names and events: documents with equal results need the same programs.
+    """Return a document without numbers, names and events: documents with equal results need the same programs.
 
-    Of a list, the result has the length in steps of four and the distinct entries.
+    A list becomes its length, in steps of four (rounded up), and its distinct entries.
     """
     if isinstance(value, dict):
         return {key: _kind(value[key]) for key in sorted(value) if key != "event" and not _is_name(key, value[key])}
@@ -132,9 +135,9 @@ def _is_name(key: str, value: Any) -> bool:
 
 
 def compile_ahead(document: dict[str, Any], folder: Path) -> None:
-    """Compile the programs for refusals and flights of a document's fleet.
+    """Compile the programs that plan, explain a refusal and fly the fleet of a document.
 
-    If the document has no keep-out, the programs for the fleet with a keep-out follow.
+    If the document has no keep-out, the programs for the same fleet with a keep-out are compiled afterwards.
     """
     _compile_for(document, folder)
     if not document.get("keep_out"):

@@ -85,7 +85,8 @@ class LocalRequestsOnly:
 def make_app(workbench: Workbench, port: int, token: str, ancestors: str = "") -> ASGIApp:
     """Return the web application of a workbench: page, reports of flights, and the page's web socket.
 
-    `ancestors` are the addresses of further pages that may embed the page (Content-Security-Policy).
+    Requests must have the `token` in the address and the `port` in the Host header. `ancestors` are the addresses of
+    further pages that may embed the page (Content-Security-Policy).
     """
 
     async def page(_: Request) -> Response:

@@ -231,7 +231,7 @@ class Session:
                 self._tell({"type": "text", "number": request.number, "text": text})
 
     def _request_plan(self, request: messages.PlanRequest) -> None:
-        """Let the planning thread answer a request next; an older request that still waits is dropped."""
+        """Queue a plan request for the planning thread; an older request of the page that still waits is dropped."""
         with self._lock:
             self._waiting = request, self._send
             if self._is_planning:
@@ -240,7 +240,11 @@ class Session:
         self.workbench.planning.submit(self._plan_newest)
 
     def _plan_newest(self) -> None:
-        """Answer the newest plan request; further requests are queued behind those of other pages."""
+        """Answer the newest plan request of the page, in the planning thread.
+
+        If a newer request has arrived meanwhile, the method is queued again, behind the waiting requests of further
+        pages.
+        """
         with self._lock:
             waiting, self._waiting = self._waiting, None
         if waiting is not None and waiting[1] is self._send:
@@ -413,7 +417,10 @@ def _preparation(record: Compilation, time_left: str | None, before: int, usual_
 
 
 class _Progress:
-    """Progress messages of a request, from a thread that also reports the program that is being compiled."""
+    """Progress messages of one request to the page, sent by a thread in the `with` block.
+
+    A message has the description of the current work and its completed share, or the program that is being compiled.
+    """
 
     def __init__(
         self, tell: Callable[[dict[str, Any]], None], number: int, usual_programs: int = _REFUSAL_PROGRAMS

@@ -1,4 +1,8 @@
-"""Panels of an adaptive autopilot's estimates: estimate, band of two standard deviations, truth, time of a fault."""
+"""Panels of the estimates of an adaptive autopilot over time.
+
+A panel shows an estimate, its band of two standard deviations, the true value if known, and the time of a detected
+fault.
+"""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -39,14 +43,21 @@ def estimate_label(dataset: xr.Dataset, name: str) -> str:
 def draw_band(
     axes: "Axes", time: np.ndarray, estimate: np.ndarray, sigma: np.ndarray, color: str, truth: np.ndarray | None
 ) -> None:
-    """Draw the band of two standard deviations about an estimate, and the true values as a dashed line unless None."""
+    """Draw the band of an estimate over `time`, two standard deviations (`sigma`) to each side, in a colour.
+
+    The true values, `truth`, are drawn as a dashed line unless None.
+    """
     axes.fill_between(time, estimate - 2.0 * sigma, estimate + 2.0 * sigma, color=color, alpha=0.2, linewidth=0.0)
     if truth is not None:
         axes.plot(time, truth, zorder=3, **COMMAND_LINE)
 
 
 def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence[np.ndarray]) -> None:
-    """Set the range of the vertical axis: whole lines, and the edges of the bands as far as `_BAND_MAX` allows."""
+    """Set the range of the vertical axis, so that the lines are visible as a whole.
+
+    `lines` are the values of the estimates and true values, `bands` the edges of their bands. The edges extend the
+    range beyond the lines by at most `_BAND_MAX` times the range of the lines.
+    """
     values, edges = np.concatenate(lines), np.concatenate(bands)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     size = max(high - low, _RANGE_MIN * max(abs(low), abs(high)))

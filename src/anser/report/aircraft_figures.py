@@ -83,7 +83,10 @@ def _draw_thrust(axes: "Axes", dataset: xr.Dataset) -> None:
 def _draw_trim(
     axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, y_label: str, k: int = 0, label: str | None = None
 ) -> None:
-    """Draw a variable of level flight over airspeed: a line within the airframe's limits, dots beyond a limit."""
+    """Draw `values` of level flight over airspeed: a line within the airframe's limits, dots beyond a limit.
+
+    `k` is the number of the line in the panel, for its style; `label` its name in the legend.
+    """
     speeds, within = dataset["airspeed"].values, dataset["trimmable"].values
     line = series_style(k)
     axes.plot(speeds, np.where(within, values, np.nan), label=label, **line)
@@ -152,7 +155,10 @@ _LINE_LENGTH = 22
 
 
 def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw a flight of `anser.analysis.fly_steps` into new files: commanded variables, further variables, controls."""
+    """Draw a flight of `anser.analysis.fly_steps` into new files: commanded channels of the loop, states, and controls.
+
+    Raises FileExistsError if one of the files exists.
+    """
     mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]
@@ -175,7 +181,10 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
 
 
 def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None:
-    """Draw several flights of `anser.analysis.fly_steps` into new files: a panel each, responses in % of the step."""
+    """Draw several flights of `anser.analysis.fly_steps` into new files, a panel per flight.
+
+    The curves are the responses of the commanded channels, in % of the step.
+    """
     row_count = -(-len(datasets) // 4)
     mpl, figure = new_figure((7.6, 0.7 + 1.75 * row_count))
     with mpl.rc_context(PRINT_STYLE):
@@ -234,7 +243,10 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None
 
 
 def _shade_after_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
-    """Shade the time after `read_at_s`, up to which the step's metrics are computed, if the test lasts longer."""
+    """Shade the time after `read_at_s`, the end of the time for which the step's metrics hold, in all panels of `grid`.
+
+    Nothing is shaded if the test ends at `read_at_s`.
+    """
     reading_s, end = dataset.attrs["read_at_s"], float(dataset["time"].values[-1])
     if end - reading_s < 0.5 * (dataset["time"].values[1] - dataset["time"].values[0]):
         return
@@ -249,7 +261,10 @@ def _lead(dataset: xr.Dataset, end: float | None = None) -> float:
 
 
 def _with_lead(dataset: xr.Dataset, values: np.ndarray, initial_value: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return time (s) and values of a variable, preceded by two points of `initial_value`, before the step and at 0."""
+    """Return time (s) and values of a variable, extended to the time before the step.
+
+    Two points with `initial_value` precede the values: at a time before the step, which is at time 0, and at time 0.
+    """
     time = dataset["time"].values
     return np.concatenate([[-_lead(dataset), 0.0], time]), np.concatenate([[initial_value, initial_value], values])
 

@@ -36,7 +36,7 @@ class SeriesBands:
 
 
 def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
-    """Return the quantiles of recorded variables over time as plain data for JSON, an entry per variable."""
+    """Return `bands`, quantiles of recorded variables over time, as plain data for JSON, an entry per variable."""
     return [
         {
             "name": band.name,
@@ -136,7 +136,10 @@ def campaign_data(report: CampaignReport) -> dict[str, Any]:
 
 
 def _share_to_plot(quantiles: Sequence[Mapping[str, Any]]) -> float:
-    """Return the probability nearest to 0.95 of the quantiles with a finite value; of all quantiles if none has one."""
+    """Return the probability nearest to 0.95 among those of `quantiles`, the quantiles of one quantity.
+
+    Only quantiles with a finite value count, unless none has a finite value.
+    """
     bounded_shares = [estimate["share"] for estimate in quantiles if estimate["value"] is not None]
     return min(bounded_shares or [estimate["share"] for estimate in quantiles], key=lambda share: abs(share - 0.95))
 
@@ -175,10 +178,10 @@ def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confide
 
 
 def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
-    """Compute the cumulative distribution: `kept`, bounds in increasing order, and `part`, % of flights within a bound.
+    """Compute the cumulative distribution of `values`, one value per flight, for a plot.
 
-    A flight is within a bound if its value is at most (`upper`) or at least (not `upper`) the bound; an infinite value,
-    of a failed flight, is within no bound.
+    Returns `kept`, bounds in increasing order, and `part`, the % of flights within each bound: with a value of at most
+    the bound (`upper`) or at least the bound. An infinite value, of a failed flight, is within no bound.
     """
     ordered = np.sort(values) if upper else np.sort(values)[::-1]
     shares = 100.0 * np.arange(1, ordered.size + 1) / max(ordered.size, 1)
@@ -193,9 +196,9 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return inputs, outputs and numbers of the flights for plots of an output over an input.
 
-    Of more than `_SCATTER_POINTS_MAX` flights a selection is returned, evenly spaced among the failed flights (at least
-    half of the points, if there are so many) and among the successful flights. `drawn` has the numbers of selected and
-    of all flights.
+    The outputs are those of `quantities`, tables with the keys name and upper. Of more than `_SCATTER_POINTS_MAX`
+    flights a selection is returned, evenly spaced among the failed flights (at least half of the points, if there are
+    so many) and among the successful flights. `drawn` is [number of selected flights, number of all flights].
     """
     data, succeeded = report.dataset, report.dataset["met"].values
     failed_max = max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))

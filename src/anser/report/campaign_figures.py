@@ -125,7 +125,10 @@ def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> No
 
 
 def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw miss and arrival spread of pairs of flights into new files `comparison`; return the paths, or none."""
+    """Draw miss and arrival spread of two campaigns' paired flights into new files `comparison.svg` and `.png`.
+
+    Returns the paths; empty, without files, if there are too few pairs (`_FLIGHTS_MIN`).
+    """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
     return save_drawings({"comparison": _draw_paired}, dataset, _style("paired"), folder)
@@ -147,7 +150,10 @@ def _draw_paired(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray) -> None:
-    """Draw the % of pairs with a difference (second less first) below each value, infinite differences included."""
+    """Draw the distribution of the paired differences (second less first): % of pairs at or below each value.
+
+    Infinite differences count in the percentage.
+    """
     is_equal = first_values == second_values
     differences = np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values)
     _draw_shares_below(axes, differences)

@@ -1,4 +1,7 @@
-"""Report page of a campaign, one HTML file. Functions that return a dictionary return values of the page's template."""
+"""Report page of a campaign, one HTML file.
+
+A function that returns a dictionary returns values to be inserted into the page's template.
+"""
 
 import json
 from collections.abc import Mapping
@@ -102,7 +105,10 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the finite quantiles nearest to 95 % of miss and arrival spread, as far as they have one."""
+    """Return for miss and for arrival spread the quantile nearest to 95 %, of those with a finite value.
+
+    A quantity without a finite quantile is left out.
+    """
     quantiles = []
     for name in _HEADLINES:
         candidates = [estimate for estimate in estimates["quantiles"] if estimate["name"] == name]
@@ -122,7 +128,10 @@ def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _interval_text(low: float | None, high: float | None) -> str:
-    """Return a confidence interval as text; with one bound None, as in "3 or more", with both, "interval open"."""
+    """Return a confidence interval as text, such as "3 to 5".
+
+    With one bound None (infinite): "3 or more" or "5 or less"; with both: "interval open".
+    """
     if low is None and high is None:
         return "interval open"
     if low is None or high is None:

@@ -75,7 +75,10 @@ def limit_value(limits: Mapping[str, Any], key: str | None) -> float | None:
 
 
 def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
-    """Whether the planner's paths are turns and straight lines (certified, decentralised), not bent (published)."""
+    """Whether the paths are those of the certified or decentralised planner.
+
+    Otherwise they are polynomials of the published planner, bent by shape parameters.
+    """
     return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 
@@ -96,9 +99,9 @@ def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> x
     Added are `climb_rate_m_s` and the position errors along, across and above the planned path; for two aircraft or
     more, `distance_min_m`; with limits in the scenario, `height_over_floor_m` and `separation_kept`; with sensor
     errors, the error of the estimated positions of goal and aircraft, each with two standard deviations (root of the
-    sum of squares over the axes), m; with a decentralised planner, `links_heard`; with an adaptive autopilot, the edges
-    of each estimate's band of two standard deviations, `_low` and `_high`, and the true effectiveness, `_truth`.
-    Planned positions and position errors are NaN from the start of the hold on.
+    sum of squares over the axes), m; with a decentralised planner, `links_heard` (number of aircraft heard); with an
+    adaptive autopilot, the edges of each estimate's band of two standard deviations, `_low` and `_high`, and the true
+    effectiveness, `_truth`. Planned positions and position errors are NaN from the start of the hold on.
     """
     is_before_hold = dataset["phase"].values != HOLD
     names = ("position_error_m", *(f"reference_{axis}" for axis in _AXES))
@@ -241,7 +244,10 @@ def _renewals(aircraft: xr.Dataset, time: np.ndarray) -> list[list[float]]:
 
 
 def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[Any]]:
-    """Return the spans of time with equal values as [value, from, to], s; a span ends where the next one starts."""
+    """Return the spans of time in which `values` is constant as [value, from, to], s.
+
+    A span ends where the next span starts, the last at the last recorded time.
+    """
     codes = values.values.astype(int)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
     stops = [*starts[1:], codes.size - 1]

@@ -47,7 +47,11 @@ class EnvelopeMap:
         self.mach, self.altitude_km = dataset["mach"].values, dataset["altitude"].values / 1000.0
 
     def draw_column(self, k: int, values: np.ndarray, label: str, extend: str | None = None, **style: Any) -> None:
-        """Draw values (condition, altitude, mach) in column `k` of panels, with a labelled colour bar below."""
+        """Draw `values`, shape (condition, altitude, mach), in column `k` of panels, with a labelled colour bar below.
+
+        `extend` ("min", "max" or "both") gives the colour bar pointed ends; `style` has matplotlib's properties of the
+        cells.
+        """
         for axes, cells in zip(self.panels[:, k], values, strict=True):
             self.draw_cells(axes, cells, **style)
         cells = self.panels[0, k].collections[0]
@@ -365,8 +369,9 @@ def _draw_margin(
 ) -> None:
     """Draw a margin, `values` (condition, altitude, mach), in column `k` of panels.
 
-    A cross marks each point below the required margin (`is_short`); grey cells are points at which a limit holds the
-    autopilot back, black cells unstable points. Values above `color_range`, also infinite, take its upper colour.
+    A cross marks each point below the required margin (`is_short`). Cells are grey if a command of the autopilot is at
+    a limit, which opens the loop, and black if the loop is unstable. Values above `color_range`, also infinite, take
+    its upper colour.
     """
     from matplotlib.colors import ListedColormap
 

@@ -36,10 +36,9 @@ def has_estimates(dataset: xr.Dataset) -> bool:
 
 
 def recorded_estimates(dataset: xr.Dataset) -> list[str]:
-    """Return the names, of `ESTIMATES`, with a finite estimate in the flight; empty without an adaptive autopilot.
+    """Return those names of `ESTIMATES` with a finite estimate in the flight; empty without an adaptive autopilot.
 
-    The control effectiveness is relative to the model's; the estimate is NaN if the model has no control about the
-    axis.
+    The control effectiveness about an axis is relative to that of the model; NaN if the model has no control there.
     """
     if not has_estimates(dataset):
         return []
@@ -47,13 +46,19 @@ def recorded_estimates(dataset: xr.Dataset) -> list[str]:
 
 
 def recorded_changes(dataset: xr.Dataset) -> Deviations:
-    """Return time (s) and deviation of each change of the aircraft in a flight of one aircraft; empty without any."""
+    """Return the changes of the aircraft in a flight of one aircraft as (time in s, deviation); empty without changes.
+
+    A deviation is a table of changes relative to the nominal aircraft, with the keys of a scenario's `deviation`.
+    """
     changes = json.loads(dataset.attrs.get("change", "[]"))
     return [(float(change["time_s"]), change) for change in ([changes] if isinstance(changes, dict) else changes)]
 
 
 def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | None:
-    """Return the deviations of the aircraft `name`, at the start and by events; None if the scenario lacks the name."""
+    """Return the deviations of the aircraft `name` from the nominal aircraft, as (time in s, deviation).
+
+    The first is that at the start (time 0), the further ones are those of events. None if the scenario lacks the name.
+    """
     tables = [table for table in scenario.get("aircraft", []) if table.get("name") == name]
     if not tables:
         return None
@@ -64,9 +69,10 @@ def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | 
 def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
     """Return the ratio of true to modelled control effectiveness at each time (s), for a name of `EFFECTIVENESS`.
 
-    Effectiveness means the surface's moment, as the estimator infers it with the model's moments of inertia. The ratio
-    is NaN from a deviation of the axis' moment of inertia on and, in pitch and yaw, from a shift of the centre of
-    gravity on: their effect depends on data of the aircraft that the record does not contain.
+    Effectiveness means the surface's moment, as the estimator infers it with the model's moments of inertia.
+    `deviations` are those of the aircraft. The ratio is NaN after a change of the axis' moment of inertia and, in pitch
+    and yaw, after a shift of the centre of gravity: the effect depends on data of the aircraft that the record does not
+    contain.
     """
     surface, factors = _SURFACES[name]
     truth = np.ones(time.size)

@@ -36,8 +36,8 @@ _STEPS_MAX = 2**29  # second differences are four times as large and must fit 32
 def quantization_step(values: np.ndarray, unit: str) -> float:
     """Return the step, in the unit `unit`, to which values are rounded on the page.
 
-    Values of small spread get a finer step than usual in the unit, 1e-5 times the power of ten below the spread; values
-    too large for 32 bits get a coarser step.
+    The step is usual for the unit. Values of small spread get a finer step, 1e-5 times the power of ten at or below the
+    spread; values too large for 32 bits get a coarser step.
     """
     finite = values[np.isfinite(values)]
     step = _STEP_BY_UNIT.get(unit, _DEFAULT_STEP)
@@ -108,7 +108,10 @@ GOAL_FORM_TEXTS = {
 
 
 def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
-    """Return for each aircraft the symbol of its goal, a key of `GOAL_FORM_TEXTS`, by the goal's kind and speed."""
+    """Return for each aircraft the form of its goal on the page, a key of `GOAL_FORM_TEXTS`.
+
+    The form follows from the kind of the goal in the scenario and from its speed.
+    """
     kinds = {str(goal["name"]): str(goal.get("kind", "")) for goal in scenario.get("goal") or []}
     goal_of = {str(table["name"]): str(table.get("goal", "")) for table in scenario.get("aircraft") or []}
     time = dataset["time"].values
@@ -119,7 +122,7 @@ def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
 
 
 def goal_form_legend(forms: Collection[str]) -> "Markup":
-    """Return the legend of the goals' symbols with the names `forms` as HTML."""
+    """Return the legend of the goals' forms, keys of `GOAL_FORM_TEXTS`, as HTML; further forms are left out."""
     entries = [(_ICON_PATHS[form], text) for form, text in GOAL_FORM_TEXTS.items() if form in forms]
     return render("goal_forms.html", forms=entries)
 
@@ -318,7 +321,7 @@ def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Return the names of the variables of a dataset, also derived ones, whose values the page contains."""
+    """Return the names of the variables, recorded or derived, whose values the page contains, in their order there."""
     names = dict.fromkeys((*_SCENE, *_plotted_variables(surface_names(dataset))))
     return tuple(name for name in names if name in dataset)
 

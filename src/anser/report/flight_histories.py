@@ -104,7 +104,11 @@ def draw_curve(
 def _visible_range(
     response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
 ) -> tuple[float, float]:
-    """Return the range of a panel's axis: all responses, commands up to a limited excess, `span_min` at least."""
+    """Return the range of a panel's axis, (low, high).
+
+    The range contains all responses, and planned or commanded values up to `_COMMAND_EXCESS_MAX` times the range of the
+    responses beyond; its size is at least `span_min`.
+    """
     responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
     low, high = float(np.nanmin(responses)), float(np.nanmax(responses))
     size = max(high - low, span_min)
@@ -241,7 +245,7 @@ def draw_ranges(sheet: FlightSheet) -> "Figure":
 
 
 def draw_separation(sheet: FlightSheet) -> "Figure":
-    """Return a figure of each aircraft's distance to the nearest, and its ratio to a required separation."""
+    """Return a figure of each aircraft's distance to the nearest aircraft, and its ratio to the required separation."""
     required = required_separation(sheet.scenario)
     positions = np.stack([sheet.dataset[name].values for name in _POSITION], axis=-1)
     end_index = np.full(sheet.count, len(sheet.time) - 1)

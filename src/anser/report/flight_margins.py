@@ -36,8 +36,8 @@ class Margin:
     def utilization(self) -> float | None:
         """Utilization of the limit: less than 1 within the limit, 1 at the limit; None without a value.
 
-        The utilization is value / limit for an upper limit, limit / value for a lower limit, and for a negative limit
-        the inverse. If value and limit have opposite signs, or one is 0: 0 if the limit is met, otherwise infinite.
+        The utilization is value / limit for a positive upper or a negative lower limit, otherwise limit / value. If
+        value and limit have opposite signs, or one is 0: 0 if the limit is met, otherwise infinite.
         """
         if self.value is None:
             return None
@@ -168,8 +168,8 @@ def _limit(
 ) -> Margin:
     """Return the margin of `values` (time, aircraft; NaN where the limit does not apply) to a limit.
 
-    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at -`limit`, reported as an upper limit
-    on the negated values. `is_before_arrival` is a mask (time, aircraft).
+    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at -`limit`, reported as an upper limit on
+    the negated values. `is_before_arrival` is a mask (time, aircraft); `description` and `unit` label the limit.
     """
     values = -values if sign == -1 else values
     is_upper = sign != 0

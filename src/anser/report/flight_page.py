@@ -29,7 +29,10 @@ _CARDS_PER_ROW = 4
 def verdict_html(
     summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = (), warning: str = ""
 ) -> "Markup":
-    """Return the verdict on a flight as HTML: arrivals, accuracy, failed aircraft, unmet requirements and limits."""
+    """Return the verdict on a flight as HTML: arrivals, accuracy, failed aircraft, unmet requirements and limits.
+
+    `margins` are those of `find_flight_margins`; `warning` is a text to be added, such as that of `proximity_warning`.
+    """
     fleet, spread_s, accuracy = summary["aircraft"], summary["fleet"]["arrival_spread_s"], arrival_accuracy(summary)
     not_arrived = [aircraft for aircraft in fleet if aircraft["status"] != "arrived" and "left_s" not in aircraft]
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
@@ -113,7 +116,10 @@ def margins_list(margins: Sequence[Margin]) -> "Markup":
 
 
 def aircraft_table(fleet: Sequence[Mapping[str, Any]]) -> "Markup":
-    """Return a summary's entries `aircraft` as an HTML table; the column of paths is left out if an entry has none."""
+    """Return the aircraft of a fleet (entries `aircraft` of a summary) as an HTML table.
+
+    The column of paths is left out if an entry has no path.
+    """
     has_paths = all(aircraft.get("path") is not None for aircraft in fleet)
     return render("aircraft.html", fleet=fleet, columns=_COLUMNS, has_paths=has_paths)
 
@@ -187,7 +193,10 @@ _DIFFERENCES_MAX, _VALUE_LENGTH_MAX = 200, 160
 def difference_table(
     labels: Sequence[str], summaries: Sequence[Mapping[str, Any]], scenarios: Sequence[Mapping[str, Any]]
 ) -> "Markup":
-    """Return a table of the results of two flights, and a table of the scenario keys that differ, as HTML."""
+    """Return the differences of two flights as HTML: a table of results, and a table of differing scenario keys.
+
+    `labels` are the names of the flights; `summaries` and `scenarios` have an entry for each.
+    """
     accuracies = [arrival_accuracy(summary) for summary in summaries]
     figures = []
     for kind, name in _ARRIVALS.items():
@@ -211,9 +220,9 @@ def difference_table(
 
 
 def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[float]], float]) -> float | None:
-    """Return the worst value, by `worst` (`max` or `min`), of a key over a summary's aircraft that stayed in the fleet.
+    """Return the worst value of a key in a summary's entries of the aircraft that stayed in the fleet.
 
-    None if an aircraft lacks the value, or all aircraft have left.
+    `worst` (`max` or `min`) selects it. None if an aircraft lacks the value, or all aircraft have left.
     """
     values = [aircraft[key] for aircraft in summary["aircraft"] if "left_s" not in aircraft]
     return None if not values or None in values else worst(values)

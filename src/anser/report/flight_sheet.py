@@ -208,7 +208,10 @@ class FlightSheet:
         return figure
 
     def _lines(self, heading: str, points: float, indentation: float) -> list[str]:
-        """Return a text as lines that fit the figure's width less an indentation, inches, at a font size in points."""
+        """Return the text `heading` as lines that fit the figure.
+
+        The lines are at most as wide as the figure less `indentation`, inches, at the font size `points`.
+        """
         return textwrap.wrap(heading, int((self.figure_format.width - indentation) * 72.0 / (points * _LETTER_WIDTH)))
 
     @property

@@ -138,7 +138,10 @@ def _draw_wind(axes: "Axes", sheet: FlightSheet, factor: float, period: float) -
 
 
 def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) -> None:
-    """Write the name of each first goal, and in a large fleet of each aircraft, on the side away from the tracks."""
+    """Write the name of each aircraft's first goal on the map and, in a large fleet, the name of each aircraft.
+
+    The names stand on the side away from the tracks. `factor` converts m to the unit of the map; `extent` is its size.
+    """
     rendezvous = [_position(sheet, "rendezvous_", line_style, factor, -1) for line_style in sheet.line_styles]
     occupied = [(position, MARKER_SIZE) for position in rendezvous]
     if sheet.has_line_names:

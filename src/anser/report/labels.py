@@ -57,7 +57,10 @@ def axis_label(
 
 
 def axis_scale(values: xr.DataArray, magnitude: float) -> tuple[float, str]:
-    """Return the factor from a variable's unit to the axis unit, and the axis unit: km for 10,000 m or more."""
+    """Return the factor from a variable's unit to the unit of the axis, and the unit of the axis as printed.
+
+    A variable in m has an axis in km if `magnitude`, the greatest absolute value, is 10,000 m or more.
+    """
     if str(values.attrs["units"]) == "m" and magnitude >= _KILOMETRES_FROM_M:
         return 1e-3, "km"
     return 1.0, display_unit(values)
@@ -101,9 +104,9 @@ class Limit:
 
 
 def format_owners(names: Sequence[str], fleet_size: int) -> str:
-    """Return a text with the names of the aircraft that a limit concerns; empty if `names` is the whole fleet.
+    """Return a text with the names of the aircraft that a limit concerns; empty if these are all aircraft of the fleet.
 
-    More than `_OWNERS_MAX` names are shortened, as in "a, b and 5 more".
+    `fleet_size` is the number of aircraft. More than `_OWNERS_MAX` names are shortened, as in "a, b and 5 more".
     """
     if len(names) == fleet_size:
         return ""
@@ -136,9 +139,10 @@ def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> N
 
 
 def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, float]) -> list[Limit]:
-    """Draw limits, nearest first, and extend the linear axis to each limit while the data keep enough height.
+    """Draw limits, nearest first, and extend the axis to each limit, unless the data would become too small.
 
-    `data_range` is the least and greatest value of the data. Returns the limits that are too far away to be drawn.
+    `data_range` is the least and greatest value of the data, which keep at least the fraction `_DATA_HEIGHT_MIN` of the
+    axis. Returns the limits that are therefore not drawn.
     """
     hidden: list[Limit] = []
     label_counts = {True: 0, False: 0}
@@ -173,7 +177,10 @@ _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 def annotate_position(
     axes: "Axes", label: str, position: np.ndarray, towards: tuple[float, float], color: str, points: float
 ) -> None:
-    """Write a label beside a position on a map, in the direction of the unit vector `towards`, at a size in points."""
+    """Write a label beside a position on a map, on the side of the unit vector `towards` (right, up).
+
+    `points` is the font size, `color` the colour of the text.
+    """
     side, up = towards
     axes.annotate(
         label,
@@ -227,9 +234,10 @@ _APPROACH_DIVISOR = 4  # the last quarter of a line is its approach
 
 @dataclass(frozen=True)
 class LineEnd:
-    """End of a line in a panel, in data coordinates, and the name to be written there.
+    """End of a line in a panel, (`x`, `y`) in data coordinates, and the name (`label`) to be written there.
 
-    Of lines with equal ends, the name of the line with the higher `approach_y`, the mean of its last quarter, is above.
+    `approach_y` is the mean of the line's last quarter: of lines with equal ends, the line with the higher mean has its
+    name above.
     """
 
     x: float

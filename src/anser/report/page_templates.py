@@ -103,7 +103,10 @@ def render_page(
 
 
 def read_asset(name: str) -> str:
-    """Return the text of an asset (style or script file) of `anser.report`, or of the package before a colon."""
+    """Return the text of an asset, a style or script file of `anser.report`.
+
+    The name "package:file" means an asset of another package.
+    """
     package, _, path = name.rpartition(":")
     return files(package or "anser.report").joinpath("assets", *path.split("/")).read_text(encoding="utf-8")
 

@@ -52,7 +52,10 @@ _TIME_LENGTH = 9
 
 
 def marker_period(dataset: xr.Dataset) -> float:
-    """Return the time between two dots on a path, s: the least of a series of round values with at most 8 dots."""
+    """Return the time between two dots on a path, s.
+
+    The period is the shortest of a series of round values that gives at most 8 intervals in the plan.
+    """
     times = dataset["time"].values
     return next((step for step in _STEPS_S if (times[-1] - times[0]) / step <= _MARKERS_PER_PATH_MAX), _STEPS_S[-1])
 
@@ -248,7 +251,10 @@ _CEILING_DISTANCE_MAX = 2.0  # in ranges of the altitudes; a higher ceiling is o
 def draw_plan_variable(
     axes: "Axes", dataset: xr.Dataset, styles: list[LineStyle], name: str, limits: tuple[str, ...], both_signs: bool
 ) -> None:
-    """Draw a variable of all aircraft over time, with its limits, with `both_signs` also at the negated values."""
+    """Draw the variable `name` of all aircraft over time, with the `limits` (names without "limit_").
+
+    With `both_signs`, a limit is also drawn at the negated value.
+    """
     _draw_lines(axes, dataset, styles, name)
     signs = (1.0, -1.0) if both_signs else (1.0,)
     for limit in limits:
@@ -260,7 +266,10 @@ def draw_plan_variable(
 
 
 def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw the altitudes over time, the least allowed altitude and the greatest; a greatest far above is only text."""
+    """Draw the altitudes over time, with the least and the greatest allowed altitude as lines.
+
+    A greatest altitude far above the paths is only stated as text.
+    """
     _draw_lines(axes, dataset, line_styles, "altitude_m")
     floor, ceiling = (float(dataset[f"limit_altitude_{end}_m"].values[0]) for end in ("min", "max"))
     altitudes = dataset["altitude_m"].values
@@ -317,7 +326,7 @@ def draw_plan_separation(axes: "Axes", dataset: xr.Dataset) -> None:
 
 
 def _format_log_axis(axes: "Axes", values: np.ndarray) -> None:
-    """Format the ticks of a logarithmic axis as plain numbers, and leave room for text above `values`."""
+    """Format the ticks of a logarithmic axis as plain numbers, and extend it so that text fits above `values`."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_ylim()

@@ -117,7 +117,10 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
 
 
 def _single_factors(dataset: xr.Dataset) -> "Figure":
-    """Return a figure of the largest change of each factor, up and down, with which no flight fails, as bars."""
+    """Return a figure of the largest change of each factor alone, up and down, with which no flight fails, as bars.
+
+    Factors without any failure are named below the figure.
+    """
     breaks = first_breaks(dataset)
     inversions = [str(name) for name in dataset["inversion"].values]
 
@@ -176,7 +179,10 @@ def _draw_bar(axes: "Axes", first_break: FirstBreak, middle: float, height: floa
 
 
 def _factor_label(dataset: xr.Dataset, factor: str) -> str:
-    """Return the name of a factor; if its nominal value is 0, with the value that corresponds to 100 %."""
+    """Return the name of a factor for an axis label.
+
+    For a factor with the nominal value 0, the value that corresponds to a change of 100 % is added.
+    """
     factor_data = dataset.sel(factor=factor)
     scale, unit = float(factor_data["factor_scale"]), str(factor_data["factor_unit"].item())
     name = factor.replace("_", " ")

@@ -23,15 +23,17 @@ _NO_RECORD = "not arrived: no finite position in the record"
 
 @dataclass(frozen=True)
 class Arrival:
-    """Outcome of one aircraft's approach: time of the arrival, miss, end of the approach, and status."""
+    """Outcome of one aircraft's approach.
 
-    # time of the arrival, s, and distance from the rendezvous at the arrival, m; both NaN without an arrival
+    `time_s` is the time of the arrival, s, and `miss_m` the distance from the rendezvous at that time, m; both NaN
+    without an arrival. `approach_end_s` is the end of the approach, s: the arrival, or else the time at which the
+    aircraft left its plan or the record ended. `status` is "arrived", also if the aircraft left the fleet afterwards;
+    the first and the last failure of the flight, before or after the arrival; or the reason why there is no arrival.
+    """
+
     time_s: float
     miss_m: float
-    # end of the approach, s: the arrival, or else the time at which the aircraft left its plan or the record ended
     approach_end_s: float
-    # "arrived", also if the aircraft left the fleet afterwards; or the first and the last failure status of the flight,
-    # before or after the arrival; or why there is no arrival
     status: str
 
     @property
@@ -137,14 +139,17 @@ _MILLISECONDS_BELOW_S = 0.0995
 
 @dataclass(frozen=True)
 class ArrivalAccuracy:
-    """Accuracy of a fleet's arrival times, by the measure that suits the arrival rule."""
+    """Accuracy of the arrival times of a fleet in one flight: the worst value of one of three measures, s.
 
-    # "spread": time between the first and the last of simultaneous arrivals. "spacing": in a sequence, the largest
-    # deviation of an interval between two arrivals from the required interval. "error": for a single aircraft, or for
-    # individual times and windows, the largest deviation of an arrival from its planned time
+    `kind` "spread" (aircraft that arrive together): time between the first and the last arrival. "spacing" (sequence):
+    largest deviation of the interval between two consecutive arrivals from `required_spacing_s`, s. "error" (single
+    aircraft, individual times or windows): largest deviation of an arrival from its planned time. `value_s` is None if
+    an arrival is missing; `required_spacing_s` is None unless for "spacing".
+    """
+
     kind: Literal["spread", "spacing", "error"]
-    value_s: float | None  # None if an arrival is missing
-    required_spacing_s: float | None = None  # required interval between two arrivals of a sequence, s; otherwise None
+    value_s: float | None
+    required_spacing_s: float | None = None
 
     def describe(self, aircraft: int) -> str:
         """Return the accuracy as text, for a fleet of `aircraft` aircraft; empty if an arrival is missing."""
@@ -198,7 +203,10 @@ def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[s
 
 
 def _spacing_error(earlier: _Entry, later: _Entry, spacing_s: float) -> float:
-    """Return the deviation (s) of the interval of two arrivals from the spacing, or from its planned multiple."""
+    """Return the absolute deviation, s, of the interval between two arrivals from the required spacing.
+
+    If the plan has an interval of several spacings, the deviation is that from the nearest multiple of the spacing.
+    """
     gap_s, planned_s = (later[key] - earlier[key] for key in ("arrival_s", "planned_arrival_s"))
     places = max(1, round(planned_s / spacing_s)) if spacing_s > 0.0 else 1
     return abs(gap_s - places * spacing_s)

@@ -21,7 +21,12 @@ _SURFACE_UNIT = "of the effectiveness lost"
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of an aircraft that its adaptive autopilot detected."""
+    """A fault of an aircraft that its adaptive autopilot detected.
+
+    `name` is "centre of gravity", "ice", "engine" or the name of the faulty control surface; `time_s` the time from the
+    start of the flight at which the fault was confirmed, s; `size` the last estimated size, a fraction of the quantity
+    that `unit` names, such as "of the thrust lost".
+    """
 
     name: str  #: Name of the fault: "centre of gravity", "ice", "engine", or the name of the faulty control surface.
     time_s: float  #: Time from the start of the flight at which the fault was confirmed, s.

@@ -23,22 +23,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightRow:
-    """Results of one flight of a batch or campaign: entries of its summary, time series, and outputs of a study."""
+    """Results of one flight of a batch or campaign.
 
-    # the entries of these names in `summary.json`; empty for a flight that could not start
+    `aircraft`, `fleet` and `requirements` are the entries of these names in `summary.json`, empty for a flight that
+    could not start; `reason` is then the reason. `met` says whether every aircraft arrived (with events: every aircraft
+    that stayed) and all requirements are met. `series` has the recorded time series by key of
+    `anser.variables.CATALOGUE`, shape (aircraft, time), in dataset units; `outputs` the outputs that a study defines by
+    name, None for a missing value.
+    """
+
     aircraft: list[dict[str, Any]]
     fleet: dict[str, Any]
     requirements: list[dict[str, Any]]
-    met: bool  # whether every aircraft arrived (with events: every aircraft that stayed), and all requirements are met
-    reason: str = ""  # reason for a failed start; empty otherwise
-    # recorded time series by key of `anser.variables.CATALOGUE`: shape (aircraft, time), in dataset units
+    met: bool
+    reason: str = ""
     series: Mapping[str, np.ndarray] = field(default_factory=dict, compare=False)
-    # outputs that a study defines, by name; None for a missing value
     outputs: Mapping[str, float | None] = field(default_factory=dict)
 
     @classmethod
     def failed_start(cls, reason: str) -> "FlightRow":
-        """Return the row of a flight that could not start: no results, not met, and the reason."""
+        """Return the row of a flight that could not start: empty results, `met` False, and the reason."""
         return cls([], {}, [], met=False, reason=reason)
 
 
@@ -110,9 +114,10 @@ def _aircraft_entry(
 
 
 def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return for each aircraft the kind of goal, a key of `CLEARANCE_MIN_M`, that sets its least required distance.
+    """Return for each aircraft the kind of its goal, a key of `CLEARANCE_MIN_M`, which sets the required distance.
 
-    If goals were reassigned, the first and the last goal count, and the kind with the greater distance is returned.
+    Of an aircraft with a reassigned goal, the first and the last goal count; the kind with the greater distance is
+    returned.
     """
     kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
     return [
@@ -186,7 +191,10 @@ def tabulate_flights(
 
 
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
-    """Return those of `names` in a dataset of flights; for a single aircraft, without arrival spread and separation."""
+    """Return the `names` that a dataset of flights has, in order.
+
+    For a single aircraft, quantities of the fleet (`FLEET_QUANTITIES`: arrival spread, separation) are left out.
+    """
     given = [name for name in names if name in dataset]
     return tuple(name for name in given if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 

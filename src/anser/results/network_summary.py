@@ -1,7 +1,8 @@
 """Summary of a decentralised fleet's network: links, clock differences, and their guaranteed rate of convergence.
 
-Each aircraft flies its path by a clock. By the theorem of time coordination, the clocks converge at a guaranteed rate
-if the fleet is connected within every time window.
+Each aircraft flies its path by a clock of its own, which it adjusts to the clocks of the aircraft that it hears. By the
+theorem of time coordination, the clocks converge at a guaranteed rate if the fleet is connected within every time
+window.
 """
 
 from collections.abc import Mapping
@@ -90,10 +91,10 @@ def _coordination_of_participants(
     takes_part: np.ndarray,  # shape (time, aircraft); never true again after it was false
     network: Network,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the quality of service in each complete window, and the coordination error at each time, s.
+    """Return the quality of service in each complete window, and the coordination error (s) at each time.
 
-    The coordination error is the norm of the clocks' deviations from their mean. Only participating aircraft count, in
-    a window those at its last sample; with fewer than two, the quality is 1 and the error 0.
+    The coordination error is the norm of the clocks' deviations from their mean. Only participating aircraft count (in
+    a window, those that participate at its last sample); with fewer than two, the quality is 1 and the error 0.
     """
     count = quality_of_service(links, network.period_s, network.window_s).size
     quality, clock_error = np.ones(count), np.zeros(len(clocks))

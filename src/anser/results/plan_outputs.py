@@ -109,7 +109,11 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
 
 
 def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
-    """Return the entry on the closest pair by `quantity` ("distance", "separation"): value, names, time, distances."""
+    """Return the entry of `plan.json` on the closest pair of aircraft.
+
+    `quantity` is "distance" or "separation"; the entry has its least value (m), the two names (None without a pair),
+    the time (s), and the horizontal and vertical distance (m).
+    """
     pair = dataset[f"least_{quantity}_pair"].values
     value_m, time_s, horizontal_m, vertical_m = (
         finite_or_none(dataset[f"least_{quantity}_{suffix}"].item()) for suffix in ("m", "at_s", "level_m", "height_m")

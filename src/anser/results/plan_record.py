@@ -17,49 +17,55 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """Closest pair of aircraft in a plan and its distance (m), at each sample time and over the whole plan."""
+    """Closest pair of aircraft in a plan, at each sample time and over the whole plan.
 
-    distance_m: np.ndarray  # least distance at each time (time,); NaN with fewer than two aircraft under way
-    pair: np.ndarray  # indices of the closest pair (time, 2); -1 without a pair
-    # least distance over the plan, m, the pair, and the time, s; NaN and -1 for a single aircraft
+    `distance_m` is the least distance at each time, shape (time,), NaN with fewer than two aircraft under way; `pair`
+    has the indices of the two aircraft, shape (time, 2), -1 without a pair. `minimum_m`, `minimum_pair` and
+    `minimum_time_s` are the least distance over the plan, m, its pair and its time, s (NaN and -1 for a single
+    aircraft); `horizontal_m` and `vertical_m` are the distances of this pair at this time, m.
+    """
+
+    distance_m: np.ndarray
+    pair: np.ndarray
     minimum_m: float
     minimum_pair: tuple[int, int]
     minimum_time_s: float
-    # horizontal and vertical distance of that pair at that time
     horizontal_m: float
     vertical_m: float
 
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Length, mean airspeed and extremes of each path over closely spaced times, without proof in between.
+    """Length through the air (m), mean airspeed (m/s) and extremes of each path, over closely spaced times.
 
-    Arrays of shape (aircraft,), in SI units and radians.
+    Arrays of shape (aircraft,). `values` has the extremes, SI units and radians, by key of
+    `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ... Extremes between the times are not proven.
     """
 
-    length: np.ndarray  # length of the path through the air, m
-    speed_mean: np.ndarray  # mean airspeed, m/s
-    # extremes by key of `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ...
+    length: np.ndarray
+    speed_mean: np.ndarray
     values: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class PlanSamples:
-    """Samples of a fleet's planned paths over time, closest approaches and distances from keep-outs.
+    """Samples of a fleet's planned paths over time, with closest approaches and distances from keep-outs.
 
-    Samples of an aircraft after its arrival are NaN.
+    `time_s` are the sample times, shape (time,): regular times (mask `is_regular`) and the arrival times. `history` has
+    arrays (time, aircraft) by key of `anser.variables`, SI units and radians; `goal_positions_n` has the shape (time,
+    aircraft, NED axis), m. Values of an aircraft after its arrival are NaN. `extremes` are those of the paths;
+    `closest_by_separation` is None without a required separation. `keep_out_margin_m` is the least distance outside
+    each keep-out, shape (aircraft, keep-out), m, negative inside, and `keep_out_margin_time_s` its time, s.
     """
 
-    time_s: np.ndarray  # sample times (time,), s, increasing: regular times and the arrivals
-    is_regular: np.ndarray  # whether each time is a regular one (time,)
-    arrival_times_s: np.ndarray  # arrival time of each aircraft, one of the sample times
-    history: Mapping[str, np.ndarray]  # arrays (time, aircraft), SI units and radians, by key of `anser.variables`
-    goal_positions_n: np.ndarray  # goal positions (time, aircraft, NED axis), m
-    extremes: PlanExtremes  # extremes of each path
+    time_s: np.ndarray
+    is_regular: np.ndarray
+    arrival_times_s: np.ndarray
+    history: Mapping[str, np.ndarray]
+    goal_positions_n: np.ndarray
+    extremes: PlanExtremes
     find_closest_by_distance: Callable[[], ClosestApproach]  # function that computes `closest_by_distance`
-    # closest approaches by required separation; None without a requirement
     closest_by_separation: ClosestApproach | None
-    # least distance outside each keep-out (aircraft, keep-out), m, negative inside, and its time, s
     keep_out_margin_m: np.ndarray
     keep_out_margin_time_s: np.ndarray
 
@@ -73,7 +79,9 @@ class PlanSamples:
 class PlanDetails:
     """Scenario of a plan, and the planner's data on the paths: limits, proven bounds, lengths, holds, problems.
 
-    Arrays and tuples have one entry per aircraft, apart from `problems` and `notes`.
+    Arrays and tuples have one entry per aircraft, except `problems` (reasons for a plan that cannot be flown) and
+    `notes` (differences from the scenario). Lengths, radii and heights are in m, limits and bounds in SI units and
+    radians. An optional field is None if the planner does not report or prove the quantity.
     """
 
     scenario: Scenario  # scenario that was planned
@@ -107,7 +115,7 @@ _GOAL_KEYS = ("goal_north", "goal_east", "goal_altitude")
 
 
 def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
-    """Arrange the samples and details of a plan as a labelled dataset, in the units of `anser.variables`.
+    """Arrange a plan, its sampled paths and the planner's data on them, as a dataset in the units of `anser.variables`.
 
     Returns
     -------
@@ -164,7 +172,7 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
 
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
-    """Add the closest pair at every time and over the plan to `data`; `name` is "distance" or "separation"."""
+    """Add the variables of the closest pair, at each time and over the plan, to `data`; `name` is their prefix."""
     for key, dims, value, unit, long_name in (
         (f"{name}_pair", ("time", "end"), closest.pair, "1", "Indices of the two aircraft; -1: none"),
         (f"least_{name}_pair", "end", closest.minimum_pair, "1", "Indices of the closest pair; -1: none"),
@@ -211,10 +219,10 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
 
 
 def limit_columns(samples: PlanSamples, details: PlanDetails) -> Iterator[tuple[Limit, dict[str, np.ndarray]]]:
-    """Yield each limit with its columns, arrays (aircraft,) in the unit of datasets, by the prefix of their names.
+    """Yield each limit of `LIMITS` with a table of its values in dataset units, arrays (aircraft,).
 
-    The columns are the planned extreme (prefix ""), the limit ("limit_"; NaN: none) and, if the planner proves the
-    limit, the proven extreme ("bound_").
+    The keys of the table are prefixes of variable names: "" for the planned extreme, "limit_" for the limit (NaN: none)
+    and, if the planner proves the limit, "bound_" for the proven extreme.
     """
     planned = {
         **samples.extremes.values,

@@ -51,12 +51,13 @@ REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
 class Requirement:
     """A limit that values of a flight must not exceed (`max` in the name) or fall below (`min`).
 
-    Raises ValueError if the name is not in `REQUIREMENT_NAMES`.
+    `name`, one of `REQUIREMENT_NAMES`, ends with the unit of `limit`. `aircraft_limits` has the limit of each aircraft
+    if they differ. Raises ValueError if the name is not in `REQUIREMENT_NAMES`.
     """
 
-    name: str  # one of `REQUIREMENT_NAMES`, which ends with the unit
-    limit: float  # limit in the unit of the name
-    aircraft_limits: tuple[float, ...] | None = None  # limits by aircraft, if different; the least margin is reported
+    name: str
+    limit: float
+    aircraft_limits: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.name not in REQUIREMENT_NAMES:
@@ -112,10 +113,10 @@ def evaluate_requirements(
 
 
 def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Entry], fleet: _Entry) -> dict[str, Any]:
-    """Return the entry {name, limit, value, met} of one requirement, with the value of least margin to its limit.
+    """Return the entry {name, limit, value, met} of one requirement, for the aircraft with the least margin.
 
     Aircraft that left the fleet count for the separations only. A missing value (None) does not meet the requirement. A
-    requirement without any value, such as the separation of a single aircraft, is met with the value None.
+    requirement that applies to no value, such as the separation of a single aircraft, is met with the value None.
     """
     name, is_upper = requirement.name, requirement.name in _AT_MOST
     if name in _OF_PAIRS and len(aircraft) == 1:

@@ -15,26 +15,37 @@ _NO_STEADY_FLIGHT = "no_steady_flight"
 
 @dataclass(frozen=True)
 class SuccessRate:
-    """Success rate of the autopilot over flights of a study; a successful flight reached the commanded values."""
+    """Success rate of the autopilot over flights of a study; a successful flight reached the commanded values.
 
-    drawn: int  # number of sampled aircraft
-    no_steady_flight: int  # number of aircraft without a steady flight at the start
-    flown: int  # number of flights
-    reached: int  # number of flights that reached the commanded values
-    # success rate of the flights, and the bounds of its 95 % confidence interval
+    Of `drawn` sampled aircraft, `no_steady_flight` could not be trimmed at the start; of `flown` flights, `reached`
+    succeeded. `share` is the success rate of the flown flights, `low` and `high` are the bounds of its 95 % confidence
+    interval. `reasons` has the number of failed flights by "outcome: reason", most frequent first.
+    """
+
+    drawn: int
+    no_steady_flight: int
+    flown: int
+    reached: int
     share: float
     low: float
     high: float
-    reasons: dict[str, int]  # number of failed flights by "outcome: reason", the most frequent first
+    reasons: dict[str, int]
 
 
 def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
-    """Return the mask, shape (flights,), of the flights in a part of a study: "dispersed", "spread" or "alone"."""
+    """Return the mask, shape (flights,), of the flights in one part of a study.
+
+    `part` is "dispersed" (all factors dispersed, one spread), "spread" (all factors, several spreads) or "alone" (a
+    single factor changed).
+    """
     return _decode_flags(dataset["part"]) == part
 
 
 def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> SuccessRate:
-    """Return the success rate of one type of dynamic inversion over the flights of a mask `selection` (flights,)."""
+    """Return the success rate of one type of dynamic inversion over the flights of a mask `selection` (flights,).
+
+    Without a flown flight, the rate is NaN and its interval 0 to 1.
+    """
     flights = dataset.sel(inversion=inversion)
     outcome = _decode_flags(flights["outcome"])
     flown, is_success = selection & (outcome != "not_flown"), selection & (outcome == "reached")
@@ -78,15 +89,20 @@ def _failure_reason(flights: xr.Dataset, flight: int) -> str:
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest change of a single factor, up or down, with which a flight fails to reach the commanded values."""
+    """Smallest change of one factor, up or down, with which a flight fails to reach the commanded values.
+
+    `factor` and `inversion` are names; `sign` is +1 or -1. `change` is the change of the factor in the first failure, a
+    fraction (the largest change of the study if no flight fails), and `value` the factor's value with this change.
+    `survived` is the greatest change flown up to which no flight fails; 0 if none. `reason` and `condition` are the
+    reason for and the flight condition of the failure; None if no flight fails.
+    """
 
     factor: str
     inversion: str
-    sign: int  # sign of the change, +1 or -1
-    change: float  # change of the factor at the failure, a fraction; the largest in the study if no flight fails
-    value: float  # value of the factor at that change
-    survived: float  # largest change below the failure, at which no flight fails
-    # reason and flight condition of the first failure; None if no flight fails
+    sign: int
+    change: float
+    value: float
+    survived: float
     reason: str | None
     condition: str | None
 
@@ -131,17 +147,20 @@ def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
 
 @dataclass(frozen=True)
 class FailureCorrelation:
-    """Correlation of failure (1: failed, 0: success) with the change of one factor, over the flights of a study."""
+    """Pearson's correlation of failure (1: failed, 0: success) with the change of one factor, over flights of a study.
+
+    `measure` is "value" (the signed change) or "amount" (the magnitude of the change), whichever correlates more.
+    """
 
     factor: str
-    # the stronger of two correlations: "value", with the factor's change; "amount", with the magnitude of the change
     measure: str
-    correlation: float  # pearson's correlation coefficient
+    correlation: float
 
 
 def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> list[FailureCorrelation]:
-    """Return the factors that correlate with failure over the flights of a mask, the strongest correlation first.
+    """Return the factors whose change correlates with failure, the strongest correlation first.
 
+    The flights are those of the mask `selection` (flights,) with the type of dynamic inversion `inversion`.
     Correlations below 3 / sqrt(n), three standard deviations of the correlation of n independent values, are omitted.
     The list is empty if no flight or every flight failed.
     """

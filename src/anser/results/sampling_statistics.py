@@ -83,7 +83,11 @@ def order_statistic_interval(
 
 @functools.lru_cache(maxsize=1024)
 def _bounding_ranks(count: int, share: float, confidence: float) -> tuple[int, int]:
-    """Return the ranks, from 1, of two sorted values that bound a quantile; 0 or `count` + 1: no such bound."""
+    """Return the ranks, from 1, of the two sorted values that bound a quantile's confidence interval.
+
+    `share` is the probability of the quantile. Rank 0 or `count` + 1 means that no value bounds the interval on this
+    side.
+    """
     count_below, tail = stats.binom(count, share), 0.5 * (1.0 - confidence)
     # the k-th smallest value is above the quantile if fewer than k values are below the quantile
     low = int(count_below.ppf(tail))  # the greatest k with P(fewer than k below) <= tail
@@ -162,12 +166,14 @@ _RESAMPLING_SEED = 1
 
 
 class SobolIndices(NamedTuple):
-    """Sobol indices: fraction of an output's variance due to each input; arrays with one entry per input."""
+    """Sobol indices of an output: fraction of its variance due to each input; arrays with one entry per input.
 
-    # share of the input alone, and half the width of its confidence interval
+    `first` is the fraction due to the input alone, `total` includes its interactions with further inputs; the half
+    widths are those of the confidence intervals.
+    """
+
     first: np.ndarray
     first_half_width: np.ndarray
-    # share of the input including interactions, and half the width of its confidence interval
     total: np.ndarray
     total_half_width: np.ndarray
 

@@ -85,9 +85,10 @@ def nearest_aircraft_distance(
 
 
 def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tuple[float, float]) -> float | None:
-    """Return the least ratio of distance to required separation at the samples of a record; None for a single aircraft.
+    """Return the least ratio of distance to required separation over all samples of a record, holds included.
 
-    Approaches and holds count. `separation_m` is the required horizontal and vertical separation, m.
+    `history` has the positions, arrays (time, aircraft) by key; `separation_m` is the required horizontal and vertical
+    separation, m. None for a single aircraft.
     """
     positions = np.stack([history[key] for key in ("north", "east", "altitude")], axis=-1)
     minimum = np.nanmin(nearest_aircraft_distance(positions, separation_m), initial=np.inf)
@@ -97,7 +98,8 @@ def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tu
 def least_keep_out_room(time_s: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray:
     """Return the least distance of each aircraft outside the keep-outs, m, at the samples of a record; negative inside.
 
-    The keep-out of an event counts from the event on. Returns shape (aircraft,); infinite without keep-outs.
+    `history` has the positions, arrays (time, aircraft) by key. The keep-out of an event counts from the event on.
+    Returns shape (aircraft,); infinite without keep-outs.
     """
     appearing = [(event.keep_out, event.time_s) for event in scenario.event if event.keep_out is not None]
     least = np.full(history["north"].shape[1], np.inf)

@@ -165,7 +165,10 @@ def summarize(
 
 
 def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> FleetSummary:
-    """Compute from a complete record the `FleetSummary` that `SummaryRecorder` updates step by step in a flight."""
+    """Compute the `FleetSummary` of a flight from its complete record, arrays (time, aircraft) by key.
+
+    The result equals that which `SummaryRecorder` updates step by step during a flight.
+    """
     columns = range(history["north"].shape[1])
     aircraft = [_summarize_aircraft(time, {key: values[:, k] for key, values in history.items()}) for k in columns]
     fleet: dict[str, Any] = jax.tree.map(lambda *values: np.array(values), *aircraft)
@@ -179,7 +182,8 @@ def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scena
 def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray) -> float:
     """Return the planned arrival time of one aircraft's last plan, s, from its status and planned arrival over time.
 
-    For an aircraft that left the fleet: the end of its exit path; if it had arrived before, the arrival at its goal.
+    For an aircraft that left the fleet, the time is the end of the exit path, on which the aircraft leaves; or, if the
+    aircraft had arrived before, the planned arrival at its goal.
     """
     is_in_hold = (arrival_s <= time) & (np.cumsum(status == LEFT_FLEET) == 0)
     has_left = (status == LEFT_FLEET).any() and is_in_hold.any()
@@ -251,7 +255,11 @@ def read_summary(path: Path) -> dict[str, Any]:
 def _gust_entries(
     time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
 ) -> dict[str, float | None]:
-    """Return gust size, load-factor extremes, times beyond limits and surface travel of an aircraft, by key."""
+    """Return the entries of a summary on gusts, from the record of one aircraft (arrays (time,) by key), by key.
+
+    They are the greatest gust speed, the extremes of the load factor, the times with the load factor beyond the
+    scenario's limits and with surfaces limited, s, and the total travel of each surface, deg.
+    """
     load, limits, intervals = record["load_factor"], scenario.limits, np.diff(time)
     is_exceeded = (load < limits.load_factor_min) | (load > limits.load_factor_max)
     travel = {

@@ -44,7 +44,8 @@ def unit_attributes(unit: str, long_name: str) -> dict[str, Any]:
 def flag_attributes(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
     """Return the dataset attributes of a coded variable (int32) with the meanings of the codes 0, 1, 2, ...
 
-    `flag_meanings` is one text with the meanings separated by blanks; blanks within a meaning become underscores.
+    `long_name` describes the variable. `flag_meanings` is one text with the meanings separated by blanks; blanks within
+    a meaning become underscores.
     """
     names = " ".join(meaning.replace(", ", ",").replace(" ", "_") for meaning in meanings)
     return {
@@ -90,7 +91,7 @@ def convert_series(key: str, values: np.ndarray) -> np.ndarray:
 
 
 def missing_series(key: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of missing values of the variable `key`: NaN, or `MISSING_CODE` for a discrete variable."""
+    """Return an array, of a shape, of missing values of the variable `key`: NaN, or `MISSING_CODE` if discrete."""
     return (
         np.full(shape, np.nan) if is_quantity(catalogue_variable(key)) else np.full(shape, MISSING_CODE, dtype=np.int32)
     )

@@ -155,7 +155,7 @@ class Outcome:
 
     @property
     def verdict(self) -> str:
-        """Verdict on the check as text: `passed`, `failed` or `NOT_JUDGED`."""
+        """Verdict on the check as text: `passed`, `failed`, or `NOT_JUDGED` if no published value exists."""
         return "failed" if self.fails else "passed" if self.judged else NOT_JUDGED
 
 
@@ -180,7 +180,10 @@ def read_data_file(name: str) -> str:
 
 
 def make_check(key: str, measure: Callable[[], Iterable[Comparison]], *, long: bool = False) -> Check:
-    """Return the check `key` with the texts (title, source, tolerance reason, explanation) of `data/checks.toml`."""
+    """Return the check `key` with the texts (title, source, tolerance reason, explanation) of `data/checks.toml`.
+
+    `measure` computes the comparisons; `long` marks a slow check.
+    """
     texts = {name: " ".join(text.split()) for name, text in load_definitions("checks")[key].items()}
     return Check(key=key, **texts, measure=lambda: tuple(measure()), long=long)
 
@@ -201,7 +204,10 @@ def half_of_significant(figure: float, digit_count: int) -> float:
 
 
 def compare_as_printed(group: str, point: str, unit: str, printed: str, obtained: float) -> Comparison:
-    """Compare a computed value with a printed number; the tolerance is half a unit of the last printed digit."""
+    """Compare a computed value, `obtained`, with a printed number; the tolerance is half a unit of the last digit.
+
+    `group`, `point` and `unit` are as in `Comparison`.
+    """
     return Comparison(group, point, unit, float(printed), float(obtained), half_of_last_digit(printed))
 
 

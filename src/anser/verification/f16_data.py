@@ -229,9 +229,8 @@ def random_states() -> Float[np.ndarray, "state 13"]:
 def compare_models(built_in: F16, of_files: DaveMlAircraft, states: Array) -> tuple[dict, dict]:
     """Compute the coefficients and the thrust (lbf) of each state by the DAVE-ML files, and by the built-in model.
 
-    Both results are by name, shape (state,); `states` has the columns of `random_states`. The moments of the files
-    refer to their moment reference point, those of `built_in` to its centre of gravity, which must therefore be at that
-    point.
+    Returns both results by name, each array of shape (state,); `states` has the columns of `random_states`. The files'
+    moments refer to their moment reference point, those of `built_in` to its centre of gravity: place it at that point.
     """
 
     def compare_state(state: Array) -> tuple[dict[str, Scalar], dict[str, Scalar]]:
@@ -251,14 +250,18 @@ def compare_models(built_in: F16, of_files: DaveMlAircraft, states: Array) -> tu
 
 
 def with_degrees_per_radian(of_files: DaveMlAircraft, degrees: float) -> DaveMlAircraft:
-    """Return a copy of the files' F-16 with another number of degrees per radian: the files round pi to nine digits."""
+    """Return a copy of the files' F-16 that converts angles with `degrees` per radian.
+
+    The files round pi to nine digits.
+    """
     return eqx.tree_at(lambda airframe: airframe.evaluator.constants["rtd"], of_files, as_array(degrees))
 
 
 def _compare_coefficients() -> tuple[Comparison, ...]:
-    """Compare coefficients and thrust of both models, each at the random state of its greatest difference.
+    """Compare coefficients and thrust of the DAVE-ML files' F-16 and the built-in s119 F-16 at random states.
 
-    CZ is compared a second time, with pi rounded as in the file.
+    Each quantity is compared at the state of its greatest difference. CZ is compared a second time, with pi rounded as
+    in the file.
     """
     airframe, as_filed, states = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE), f16_of_files(), random_states()
     from_file, built_in = compare_models(airframe, with_degrees_per_radian(as_filed, RAD_DEG), as_array(states))

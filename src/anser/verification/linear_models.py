@@ -65,9 +65,9 @@ def _textbook_model(pitch_rate: float) -> LinearModel:
 def printed_block(
     model: LinearModel, matrix: str, row_states: list[str], column_states: list[str]
 ) -> Float[np.ndarray, "r c"]:
-    """Return a part of the matrix A, B, C or D in the textbook's units.
+    """Return a block of a linear model's matrix (`matrix`: "A", "B", "C" or "D"), in the textbook's units.
 
-    Rows and columns are selected by the textbook's names of states and inputs.
+    `row_states` and `column_states` select rows and columns by the textbook's names of states, outputs and inputs.
     """
     row_names = model.outputs if matrix in "CD" else model.states
     column_names = model.inputs if matrix in "BD" else model.states

@@ -34,10 +34,10 @@ _MEAN_RADIUS_M = float(sum(map(float, radii_of_curvature(np.pi / 4)))) / 2
 
 @functools.cache
 def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
-    """Fly the reference mission until after its arrival; cached by the arguments.
+    """Fly the reference mission with an Earth model and a step until after its arrivals; cached by the arguments.
 
-    `step_s` is the step of the integration and of the autopilots, s. Raises RuntimeError if the flight ends before the
-    search for the arrival does.
+    `step_s` is the step of the integration and of the autopilots, s. Raises RuntimeError if the flight is too short for
+    the search for the arrivals.
     """
     flight = run(mission_scenario(earth, step_s))
     arrival_s = max(aircraft["planned_arrival_s"] for aircraft in flight.summary["aircraft"])
@@ -145,7 +145,10 @@ def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) -> float:
-    """Return the greatest distance, m, between aircraft `k` in two flights at the same time, until its arrival."""
+    """Return the greatest distance, m, between aircraft `k` in `flight` and in `reference` at equal times.
+
+    Times up to the arrival in `flight` count.
+    """
     arrived = flight.dataset.time.values <= flight.summary["aircraft"][k]["arrival_s"]
     offsets = [
         (flight.dataset[name].isel(aircraft=k) - reference.dataset[name].isel(aircraft=k)).values[arrived]
@@ -155,11 +158,11 @@ def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) ->
 
 
 def _drift_m(flight: FlightResult, k: int) -> float:
-    """Return a bound, m, of the drift of aircraft `k`, since its plan neglects the Earth's rotation and curvature.
+    """Return a bound, m, of the drift of aircraft `k`, whose plan neglects the Earth's rotation and curvature.
 
-    Their acceleration a causes the steady velocity error a / K_P of the velocity loop (proportional gain K_P), here
-    assumed from start to arrival. Plans made in flight start at the aircraft's position, so only those of the last
-    seconds correct the drift.
+    Rotation and curvature add an acceleration a, which causes a steady error a / K_P of the velocity loop (proportional
+    gain K_P). The bound is this error multiplied by the time to the arrival: plans made in flight start at the
+    aircraft's position, so only those of the last seconds correct the drift.
     """
     scenario, aircraft = flight.scenario, flight.summary["aircraft"][k]
     speed = aircraft["speed_mean_m_s"]

@@ -92,7 +92,10 @@ def _checkpoints(case: _Case) -> dict[str, Any] | None:
 
 @functools.cache
 def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str, Log]:
-    """Fly all cases of a class in one batch (of `LawFlight`, those with the law `law`); return logs by case number."""
+    """Fly all cases of a class of cases in one batch, and return the logs by case number; cached.
+
+    Of class `LawFlight`, only the cases under the control law `law` are flown.
+    """
     if case_class is LawFlight:
         return fly_laws([case for case in LAW_FLIGHTS if case.law == law])
     return trimmed_logs() if case_class is TrimmedFlight else fly_free(FREE_FLIGHTS)
@@ -101,8 +104,9 @@ def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str
 def _measure(case: _Case) -> tuple[Comparison, ...]:
     """Compare a case with both reference simulations at the judged checkpoints.
 
-    Quantities within their tolerance of zero and times that are not judged are listed without published values. Without
-    checkpoints, all logged values are listed, and settled airspeeds are compared.
+    Listed without published values are the checkpoints that are not judged, and quantities whose published values are
+    so near zero that zeros would agree. A case without checkpoints lists all logged values; only airspeeds published as
+    settled values are compared, at the end of the flight.
     """
     log, published = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
     if published is None:
@@ -129,10 +133,10 @@ def _judged_indices(published: dict[str, Any]) -> list[int]:
 
 
 def _column_names(published: dict[str, Any]) -> tuple[list[str], list[str]]:
-    """Return the names of the columns that are zero up to rounding, and of those within their tolerance of zero.
+    """Return the names of two groups of published columns: zero up to rounding, and within their tolerance of zero.
 
-    Columns of the first list are judged: their tolerance limits the value computed in place of zero. Columns of the
-    second list are not zero, but zeros would agree, too; they are not judged.
+    Columns of the first group are judged: the tolerance limits the computed value. Columns of the second group are not
+    judged: they are not zero, but computed zeros would agree.
     """
     zero, within_scatter = [], []
     for name, column in _columns(published).items():
@@ -168,7 +172,10 @@ def _comparison(
 
 
 def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
-    """Compare the equivalent airspeed, kt, at the end of the flight (`time_s`) with that of a reference simulation."""
+    """Compare the logged equivalent airspeed, kt, at the end of the flight, `time_s`, with `expected`.
+
+    `expected` is the settled airspeed of the reference simulation `simulation`.
+    """
     obtained = float(log[_KEAS][round(time_s / LOG_PERIOD_S)])
     point = f"settled, {simulation}"
     return Comparison(f"{_KEAS}, settled", point, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)

@@ -109,11 +109,12 @@ class LawFlight(TrimmedStart):
     law
         Name of the control law's DAVE-ML file.
     change, change_time_s
-        Input of the law that is changed and the amount (kt, ft, deg), and time of the change, s.
+        Step of one command: name of the law's input and increment (kt, ft, deg); time of the step, s.
     follows_line
-        Whether the law's input is the deviation from the ground track through the position at `change_time_s`.
+        Whether the law gets the lateral deviation from the straight ground track through the position at
+        `change_time_s`.
     circles_pole
-        Whether the law F16_gnc circles the North Pole; otherwise the point of the date line on the equator.
+        Whether the law F16_gnc circles the North Pole; otherwise the point where date line and equator meet.
     settled_keas
         Names of simulations and their settled equivalent airspeeds, kt, to two decimals, if nothing else is published.
     """

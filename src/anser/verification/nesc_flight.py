@@ -136,13 +136,16 @@ def trimmed_starts(airframe: AbstractAirframe, cases: Sequence[TrimmedStart]) ->
 def _logs(
     cases: Sequence[FreeFlight | TrimmedFlight], airframes: AbstractAirframe, starts: Starts, steps: int
 ) -> dict[int | str, Log]:
-    """Fly all cases for the longest duration, with `steps` integration steps in 0.1 s; return logs by case number."""
+    """Fly all cases with fixed controls for the longest duration of a case; return logs by case number.
+
+    `steps` is the number of integration steps in a log period of 0.1 s.
+    """
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
     return split_logs(cases, _fly_fixed(airframes, *starts, periods, steps))
 
 
 def split_logs(cases: Sequence[FreeFlight | TrimmedStart], logs: Mapping[str, Array]) -> dict[int | str, Log]:
-    """Divide logs with a leading axis over the cases into logs by case number."""
+    """Divide logs, arrays (case, time) by column name, into one log per case, by case number."""
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
 
 
@@ -224,9 +227,10 @@ def _fly_fixed(
     periods: int,
     steps: int,
 ) -> dict[str, Array]:
-    """Fly with fixed controls and return the log columns, shape (case, time), every `LOG_PERIOD_S` from time 0.
+    """Fly from `starts` with fixed controls; return the log columns, shape (case, time), from time 0.
 
-    `periods` is the number of log periods, `steps` the number of integration steps in each.
+    All arguments but the last two have an axis over the cases. `periods` is the number of log periods of
+    `LOG_PERIOD_S`, `steps` the number of integration steps in each.
     """
 
     def fly(
@@ -358,7 +362,8 @@ def prompt_f16(step_s: float) -> F16:
 def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[int | str, Log]:
     """Trim and fly check-cases under one control law in one batch; return logs by case number, every 0.1 s from time 0.
 
-    All cases must have the same law. `steps` is the number of integration steps, and of samples of the law, in 0.1 s.
+    All cases must have the same law. `steps` is the number of integration steps, and of evaluations of the law, in 0.1
+    s.
     """
     airframe = prompt_f16(LOG_PERIOD_S / steps)
     starts = trimmed_starts(airframe, cases)
@@ -433,11 +438,11 @@ def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: Eart
 
 
 def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands) -> NamedCommands:
-    """Replace the feed-forward of stick and throttle by values with which the law outputs the controls of the trim.
+    """Replace the feed-forward of stick and throttle in `commands` so that the law outputs the controls of the trim.
 
-    With the trim controls as feed-forward, the law does not keep the start: it feeds back pitch and angle of attack
-    relative to its design values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError if no
-    such values exist.
+    With the trim controls themselves as feed-forward, the law does not keep the start: it feeds back pitch and angle of
+    attack relative to its design values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError
+    if no such values exist.
     """
     trims, residual = _solve_law_trims(airframe, law, starts, commands)
     if not np.all(np.asarray(residual) < 1e-10):
@@ -473,9 +478,10 @@ def _solve_law_trims(
 def _fly_law(
     airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands, periods: int, steps: int
 ) -> dict[str, Array]:
-    """Fly under the law and return the log columns, shape (case, time), every `LOG_PERIOD_S` from time 0.
+    """Fly from `starts` under the law with `commands`; return the log columns, shape (case, time), from time 0.
 
-    `periods` is the number of log periods, `steps` the number of integration steps in each.
+    A log period is `LOG_PERIOD_S`; `periods` is the number of log periods, `steps` the number of integration steps in
+    each.
     """
     step = jnp.asarray(LOG_PERIOD_S / steps)
 

@@ -50,7 +50,7 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
 @jax.jit
 @jax.vmap
 def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Compute the length of a path in three ways, m.
+    """Compute the length, m, of the path `published_path` in three ways.
 
     The results are: the six-point estimate, the sum of the speeds at `_SAMPLES` times multiplied by the time step, and
     the trapezoidal rule over these speeds. All arguments and results have an axis over the paths.

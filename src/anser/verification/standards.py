@@ -89,7 +89,10 @@ def _ellipsoid() -> Iterator[Comparison]:
 
 
 def _compare_closed_form(group: str, point: str, unit: str, expected: float, obtained: float) -> Comparison:
-    """Compare a value, in m or rad, with a closed form; the tolerance is the rounding error."""
+    """Compare a computed value, in m or rad, with its closed form `expected`; the tolerance is the rounding error.
+
+    `group`, `point` and `unit` are as in `Comparison`.
+    """
     tolerance = _ROUNDING_M / float(WGS84.a) if unit == "rad" else _ROUNDING_M
     return Comparison(group, point, unit, expected, obtained, tolerance, tolerance_reason="closed form; rounding")
 

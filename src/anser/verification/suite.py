@@ -62,7 +62,11 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
 
 
 def _expand_key(key: str, known_keys: Sequence[str]) -> list[str]:
-    """Return the keys of the checks that a requested key means: the parts of a NESC case in several parts, else one."""
+    """Return the keys of the checks that a requested key means.
+
+    For a NESC case in several parts: the keys of all parts. Otherwise one key, `nesc-09` for the number `9`; it may be
+    unknown.
+    """
     number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})(\.\d.*)?", key)
     if number:
         key = f"nesc-{int(number[1]):02d}{number[2] or ''}"

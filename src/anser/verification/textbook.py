@@ -63,10 +63,10 @@ class TextbookAtmosphere(AbstractAtmosphere):
 
 
 class TextbookF16(AbstractAirframe):
-    """F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2), beta in deg, and rounded inertia ratios.
+    """F-16 with the constants of the textbook's program: 57.3 deg/rad in CZ, and rounded ratios of inertia.
 
-    The rounded ratios act through the moment: with the exact inertia, the adapted moment gives the textbook's angular
-    acceleration, whatever inertia and spin momentum the aircraft has. Without `rounded_inertia`, the moment is not
+    CZ = CZ0 (1 - (beta/57.3)^2), beta in deg. With `rounded_inertia`, the moment is adapted such that the exact inertia
+    gives the angular acceleration that the textbook's rounded ratios c1 to c9 give; otherwise the moment is not
     adapted.
     """
 
@@ -79,7 +79,10 @@ class TextbookF16(AbstractAirframe):
     beta_range: tuple[Scalar, Scalar]
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute force (N) and moment (N m) with the textbook's CZ; Cm follows by the lever of the c.g."""
+        """Compute the aerodynamic force (N) and moment (N m) with the textbook's CZ; surfaces in rad.
+
+        The change of CZ also changes the pitching moment, by the lever of the centre of gravity.
+        """
         f16 = self.f16
         CZ0 = f16.tables(air_data.alpha * RAD_DEG, 0.0, 0.0)[0][0]
         change = CZ0 * (air_data.beta**2 - (air_data.beta * RAD_DEG / 57.3) ** 2)
@@ -185,7 +188,10 @@ _TURN_RATE_RAD_S = 0.3
 
 
 def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
-    """Return state (13) and controls (4) of a textbook example as one vector, shape (17,), in the textbook's units."""
+    """Return state (13) and controls (4) of a textbook example as one vector, shape (17,), in the textbook's units.
+
+    `figures` is the example's table in the file of published values.
+    """
     controls = figures["controls"]
     surfaces = [controls[f"{name}_deg"] for name in ("elevator", "aileron", "rudder")]
     return np.array([*figures["state"], controls["throttle"], *surfaces])
@@ -211,7 +217,7 @@ def _rates_of(figures: dict[str, Any]) -> tuple[Float[np.ndarray, "13"], Float[n
 
 
 def _units() -> list[str]:
-    """Return the units of the rates of the textbook's state vector."""
+    """Return the unit of each rate of the textbook's state vector, in the order of the vector."""
     units = load_published("textbook_checks")["derivative_table_3_5_2"]["rates_units"]
     return [unit.replace("/s/s", "/s^2") for unit in units]
 
@@ -220,9 +226,10 @@ def _units() -> list[str]:
 def _own_acceleration(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the angular acceleration by the aircraft's own inertia, rad/s^2, and its greatest error by rounded ratios.
+    """Return the angular acceleration of the aircraft, rad/s^2, and a bound of the effect of rounded inertia ratios.
 
-    The error is the greatest change by rounding of the textbook's inertia ratios c1 to c9, per axis, rad/s^2.
+    The acceleration has the aircraft's inertia, not the textbook's ratios c1 to c9. The bound is the greatest change
+    per axis, rad/s^2, by the rounding of the printed ratios.
     """
     state, controls = textbook_state(x_and_u[:13], x_and_u[13:]), textbook_controls(x_and_u[13:])
     rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
@@ -373,7 +380,7 @@ def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float
 def _compare_level(
     published_rows: list[dict[str, float]], trim_figures: list[dict[str, float]]
 ) -> Iterator[Comparison]:
-    """Compare trims in level flight with the printed table.
+    """Compare trims in level flight (`trim_figures`, see `_figures`) with the rows of the printed table.
 
     Tolerances: three decimals of the throttle, three significant digits of the angles (final zeros are not printed).
     """
@@ -387,8 +394,8 @@ def _compare_level(
 def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, float]]) -> Iterator[Comparison]:
     """Compare trims in level flight, turn and pull-up with the printed cases, to four significant digits.
 
-    The sideslip has two, printed as 4.8E-4 and 4.1E-5; printed angles below 1e-5 count as zero; aileron and pull-up
-    rudder have tolerances of their own.
+    The sideslip has two digits, printed as 4.8E-4 and 4.1E-5; printed angles below 1e-5 count as zero; aileron and
+    pull-up rudder have tolerances with a reason of their own.
     """
     for case, figures in zip(cases, trim_figures, strict=True):
         for name, printed in case["published"].items():

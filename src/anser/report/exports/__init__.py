@@ -1,4 +1,8 @@
-"""Exports of a flight to the file formats of other programs."""
+"""Exports of a flight to the file formats of other programs.
+
+Module `geographic` writes KML (Google Earth) and CZML (Cesium); `tables` writes CSV, Parquet and MATLAB files, and the
+tables of a campaign.
+"""
 
 import lazy_loader
 

@@ -87,7 +87,7 @@ def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: in
 
 
 def _goal_spans(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, np.ndarray]]:
-    """Return the goals of an aircraft in order of time, each with a mask (time,) of the times at which it applies."""
+    """Return the goals of an aircraft in order of time as (name, mask of the times with this goal, shape (time,))."""
     time_s = dataset["time"].values
     goals = goals_over_time(summary, json.loads(dataset.attrs.get("scenario", "{}")))[index]
     ends_s = [from_s for _, from_s in goals[1:]] + [np.inf]
@@ -119,7 +119,11 @@ def iso_timestamp(start: datetime, time_s: float) -> str:
 def _track_on_local_map(
     dataset: xr.Dataset, name: str, prefix: str, index: int | np.ndarray, is_selected: np.ndarray
 ) -> Track:
-    """Return the track of a goal or rendezvous (by prefix) at selected times, from the record of aircraft `index`."""
+    """Return the track `name` of a goal or rendezvous at the times of the mask `is_selected`.
+
+    `prefix` begins the names of the coordinates ("goal_", "rendezvous_"); `index` is the aircraft, or the aircraft at
+    each time, in whose record they stand.
+    """
     samples = np.arange(dataset.sizes["time"])
     north, east, altitude = (
         dataset[f"{prefix}{axis}_m"].values[samples, index] for axis in ("north", "east", "altitude")
@@ -197,7 +201,11 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
 def _placemark(
     parent: ET.Element, track: Track, style: str, start: datetime, description: str = ""
 ) -> ET.Element | None:
-    """Add a placemark with a track to an XML element; return the element of the track, or None for an empty track."""
+    """Add a placemark with a track to the XML element `parent`.
+
+    `style` is the name of a style in the file, `start` the date and time at time 0. Returns the element of the track,
+    None for an empty track.
+    """
     if not track.sample_index.size:
         return None
     mark = _child(parent, "Placemark")

@@ -100,8 +100,9 @@ def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
 def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
     """Return a flight's dataset with the dimensions time and aircraft alone.
 
-    A dataset of `anser.simulate`, without the dimension `aircraft`, gets it, with the name in its attribute. A variable
-    with further dimensions becomes a variable for each entry along them; without time, such a variable is left out.
+    A dataset of `anser.simulate` gets the dimension `aircraft` with one entry, the name of the aircraft. A variable
+    with a further dimension is replaced by one variable for each entry of the dimension, or left out if independent of
+    time.
     """
     for name, values in dataset.items():
         further = [str(dimension) for dimension in values.dims if dimension not in ("time", "aircraft")]
@@ -194,7 +195,11 @@ def _indices_table(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _column(values: list[Any], *, texts: bool = False) -> np.ndarray:
-    """Return a column as an array: numbers as float with NaN for None; with texts or booleans, objects with None."""
+    """Return a column of a table as an array.
+
+    Numbers become float, with NaN for None. With `texts`, or a text or boolean among the values, the array has the
+    values as objects, None included.
+    """
     if texts or any(isinstance(value, str | bool) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
