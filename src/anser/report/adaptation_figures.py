@@ -46,7 +46,12 @@ def draw_band(
 
 
 def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence[np.ndarray]) -> None:
-    """Set the range of the vertical axis: whole lines, and the edges of the bands as far as `_BAND_MAX` allows."""
+    """Set the range of the vertical axis: whole lines, and the edges of the bands as far as `_BAND_MAX` allows.
+
+    Without lines, the range is unchanged.
+    """
+    if not lines:
+        return
     values, edges = np.concatenate(lines), np.concatenate(bands)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     size = max(high - low, _RANGE_MIN * max(abs(low), abs(high)))
