@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from anser.analysis import deep_stall
-from anser.analysis.deep_stalls import deep_stall_document, deep_stall_onset
+from anser.analysis.deep_stalls import _roots, deep_stall_document, deep_stall_onset
 from anser.cli.commands import app
 from anser.report.aircraft_figures import draw_deep_stall
 from support.tp1538_build_up import coefficients
@@ -45,6 +45,13 @@ def test_a_curve_that_ends_before_it_turns_back_has_no_onset(stall):
     fold = int(np.nanargmin(whole))
     assert deep_stall_onset(stall.isel(point=slice(None, fold + 1))) is None
     assert deep_stall_onset(stall.isel(point=slice(fold, None))) is None
+
+
+def test_a_moment_of_exactly_zero_at_a_grid_angle_is_a_trim():
+    alphas = np.array([50.0, 51.0, 52.0])
+    assert _roots(alphas, np.array([0.1, 0.0, -0.1])) == [(51.0, True)]
+    assert _roots(alphas, np.array([-0.1, 0.0, 0.1])) == [(51.0, False)]
+    assert _roots(alphas, np.array([-0.1, 0.1, 0.3])) == [(50.5, False)]
 
 
 def test_every_point_of_the_followed_curve_is_a_trim_of_the_written_out_build_up(stall):

@@ -11,6 +11,7 @@ import pytest
 import anser
 from anser.aircraft_files import load_airframe
 from anser.analysis import modes_of
+from anser.analysis.step_flights import step_case
 from anser.analysis.trim_points import ConditionError
 from anser.control import published_gains
 from support.plain_files import read_alone
@@ -102,6 +103,14 @@ def test_a_sampled_loop_has_the_poles_of_its_integrators(rates_loop):
     assert len(integrals) == 3
     for mode in integrals:
         assert mode.eigenvalue == pytest.approx(np.roots([2.0, 10.0, 0.25]).max(), rel=0.01)
+
+
+def test_loops_of_another_aircraft_have_its_own_gains_and_limits():
+    """The Aerosonde at 25 m/s flies far below the F-16's least airspeed of 90 m/s."""
+    small = anser.linearize("aerosonde", speed_m_s=25.0, altitude_m=500.0, loop="velocity")
+    gains = step_case(load_airframe("aerosonde"), 25.0, 500.0, "model").gains
+    flown = anser.linearize("aerosonde", speed_m_s=25.0, altitude_m=500.0, loop="velocity", gains=gains)
+    np.testing.assert_array_equal(small.model.A, flown.model.A)
 
 
 def test_incremental_inversion_adds_the_state_of_the_sensors():

@@ -1,11 +1,13 @@
 """Delays between channels and wrong units, found by the kinematics of flight."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from anser.identification.alignment import align_record, match_channel
 from anser.identification.kinematics import RATES, SPECIFIC_FORCE, with_specific_force
-from anser.units import DEG_RAD
+from anser.units import DEG_RAD, KNOT_M_S
 from support.manoeuvres import clean_record, noisy_record
 
 
@@ -78,13 +80,28 @@ def test_delays_of_flow_angles_attitude_and_surfaces_are_removed(seed):
         ("alpha", DEG_RAD, "alpha_deg with values that kinematics multiplies by 5.*radians that are declared as deg"),
         ("pitch", 1.0 / DEG_RAD, "pitch_deg .*degrees that are declared as radians"),
         ("beta", -1.0, "beta_deg .*the opposite sign"),
-        ("airspeed", 0.3048, "altitude_m or airspeed_m_s .*declared as"),
+        ("airspeed", 0.3048, "altitude_m or airspeed_m_s .*m/s that are declared as ft/s"),
+        ("airspeed", 3.6, "altitude_m or airspeed_m_s .*: km/h that are declared as m/s"),
+        ("airspeed", 1.0 / KNOT_M_S, "altitude_m or airspeed_m_s .*: knots that are declared as m/s"),
+        ("airspeed", KNOT_M_S, "altitude_m or airspeed_m_s .*: m/s that are declared as knots"),
     ],
 )
 def test_wrong_units_and_signs_are_refused(channel, factor, text):
     record = noisy_record("multisine")
     with pytest.raises(ValueError, match=text):
         align_record(record.with_channels(**{channel: record[channel] * factor}))
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [(1.0 / 3.6, r"0\.279: km/h that are declared as m/s"), (1.94, r"1\.95: m/s that are declared as knots")],
+)
+def test_a_wrong_unit_of_the_airspeed_is_named_without_an_altitude(factor, text):
+    record = noisy_record("multisine")
+    channels = {key: values for key, values in record.channels.items() if key != "altitude"}
+    channels["airspeed"] = record["airspeed"] / factor
+    with pytest.raises(ValueError, match=f"arrived airspeed_m_s with values that kinematics multiplies by {text}"):
+        align_record(dataclasses.replace(record, channels=channels))
 
 
 def test_a_delay_beyond_the_search_is_refused():

@@ -72,6 +72,12 @@ def test_thrust_and_accelerometer_position_are_accounted_for():
     without_power = {key: values for key, values in record.channels.items() if key != "power"}
     by_thrust = compute_coefficients(dataclasses.replace(record, channels=without_power), airframe)
     np.testing.assert_allclose(by_thrust.coefficients["CD"], expected["CD"], rtol=0.0, atol=1e-12)
+    # a measured thrust replaces that of the engine model, also beside the power
+    stronger = {"thrust": record["thrust"] + 1000.0}
+    beside_power = compute_coefficients(record.with_channels(**stronger), airframe).coefficients
+    alone = compute_coefficients(dataclasses.replace(record, channels=without_power | stronger), airframe).coefficients
+    np.testing.assert_allclose(beside_power["CD"], alone["CD"], rtol=0.0, atol=1e-12)
+    assert np.min(beside_power["CD"] - expected["CD"]) > 0.001
     # accelerometers 3 m ahead of the centre of gravity and 0.5 m above measure its rotation too
     position = np.array([3.0, 0.2, -0.5])
     rates = smooth(record.stack(*RATES), record.step_s)

@@ -101,6 +101,10 @@ def test_the_confidence_ellipse_of_two_parameters_has_the_extremes_of_their_join
     )
     estimate = estimate_output_error(SHORT_PERIOD, manoeuvre, TRUTH)
     points = estimate.ellipse("M_alpha", "M_q")
+    with pytest.raises(ValueError, match=r"level: arrived 1\.5; expected a probability"):
+        estimate.ellipse("M_alpha", "M_q", level=1.5)
+    with pytest.raises(ValueError, match=r"ellipse: arrived 'M_u'; expected names among .*M_alpha"):
+        estimate.ellipse("M_alpha", "M_u")
     # the projection on an axis is sqrt(2 F) standard errors, F(2, 3 samples / lags) at 95 %: 3.26 at 45 degrees of freedom
     reach = np.max(np.abs(points[:, 0] - estimate["M_alpha"])) / estimate.standard_errors[3]
     assert reach == pytest.approx(np.sqrt(2.0 * 3.26), rel=0.1)

@@ -63,6 +63,14 @@ def test_the_figure_has_estimate_band_and_truth(flight, adaptive):
     assert "Roll effectiveness" in roll.get_ylabel()
 
 
+def test_an_estimate_that_begins_after_the_arrivals_leaves_its_panel_empty(adaptive):
+    is_last = adaptive["time"] == adaptive["time"][-1]
+    late = adaptive.assign(roll_effectiveness_estimate=adaptive["roll_effectiveness_estimate"].where(is_last))
+    sheet = FlightSheet(late, FigureFormat(170.0))
+    roll, *_ = select_figures(late, ["adaptation"])["adaptation"].draw(sheet).axes
+    assert not roll.collections
+
+
 def test_the_page_has_panels_with_bands_for_recorded_estimates_only(flight, adaptive):
     assert "adaptation" not in {section["key"] for section in page_sections(flight[0])}
     unknown = {f"{axis}_effectiveness_estimate": np.nan * adaptive["fault"] for axis in ("roll", "pitch", "yaw")}

@@ -35,6 +35,13 @@ def test_utilization_is_1_at_the_limit(limit, value, is_upper, utilization):
     assert Margin("", "limit", "", limit, limit, is_upper, True).utilization == (pytest.approx(1.0) if limit else 0.0)
 
 
+def test_a_limit_without_recorded_values_is_no_exceeded_limit(flight, whole):
+    margins = find_flight_margins(whole.assign(load_factor=np.nan * whole["load_factor"]), flight[1])
+    descriptions = {margin.description for margin in margins}
+    assert not any("load factor" in description for description in descriptions)
+    assert {margin.description for margin in find_flight_margins(whole, flight[1])} > descriptions
+
+
 @pytest.fixture(scope="module")
 def whole(flight):
     return add_derived_variables(flight[0], recorded_table(flight[0]))

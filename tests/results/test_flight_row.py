@@ -49,6 +49,24 @@ def running_summary(history):
     return build_flight_row(summary, history["arrival_time"][-1], two), summarize(TIME, history, two, 0.0)
 
 
+def with_passing_failures():
+    """The known flight; the second aircraft is outside the tables from 30 s to the end, with statuses that end before."""
+    history = flight((50.1, 50.15))
+    history["outside_tables"][TIME >= 30.0, 1] = True
+    for start_s, code in ((10.0, 3), (20.0, 4), (30.0, 0)):
+        history["status"][start_s <= TIME, 1] = code
+    return history
+
+
+def test_row_and_summary_agree_on_the_last_sample_and_on_statuses_that_end():
+    flight_row, summary = running_summary(with_passing_failures())
+    for entry in (flight_row.aircraft[1], summary["aircraft"][1]):
+        # outside from 30 s to the end at 80 s, and before for 1.5 s
+        assert entry["tables_left_s"] == pytest.approx(50.0 + STEP + 1.5)
+        assert entry["status"] == flight_row.aircraft[1]["status"]
+    assert "; then " in flight_row.aircraft[1]["status"]
+
+
 CASES = {
     "arrived": (with_failure(90.0, 0), True, "arrived"),
     "closing at the crash": (with_failure(30.0, AT_GROUND), False, STATUS_MESSAGES[AT_GROUND]),
@@ -78,7 +96,9 @@ def test_a_missing_arrival_has_no_time_and_no_miss_in_summary_and_row(case):
         assert first_entry["arrival_s"] == pytest.approx(50.1)
         assert second_entry["status"].startswith(status)
         assert (second_entry["arrival_s"] is None, second_entry["miss_m"] is None) == (not is_arrival, not is_arrival)
-        if case != "left":  # nothing is required of it
+        if case == "left":  # nothing is required of it
+            assert flight_row.met is all(entry["met"] for entry in requirements)
+        else:
             assert (fleet["arrival_spread_s"] is None) is not is_arrival
             limits = {entry["name"]: entry["met"] for entry in requirements}
             assert limits["miss_max_m"] is False  # of 3 m; the second one misses by 4 m

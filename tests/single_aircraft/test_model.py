@@ -57,6 +57,8 @@ def test_a_linear_model_about_a_trim_is_that_of_its_condition():
     for arguments in ((), (level(),)):
         with pytest.raises(ValueError, match=r"linearize: arrived (neither|both)"):
             f16().linearize(*arguments, **({"speed_m_s": 150.0, "altitude_m": 0.0} if arguments else {}))
+    with pytest.raises(ValueError, match=r"trim: arrived a trim of another aircraft of the same mass"):
+        anser.aircraft("f16", x_cg_over_c=0.25).linearize(level())
 
 
 def test_a_start_by_name_is_the_trim_again():

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import anser
 from anser.constants import STANDARD_GRAVITY_M_S2
@@ -96,6 +97,29 @@ def test_a_jump_of_the_trim_is_the_stall_and_a_passed_limit_is_named():
     assert performance._limit_beyond(flights, 1, 0).startswith("full power; stop of a surface; angle of attack")
     trim.alpha[3] = trim.alpha[2]
     assert performance._limit_beyond(flights, 2, 3) == "full power"
+
+
+def test_level_flight_without_a_turn_has_no_turn_figures():
+    """A few metres below the absolute ceiling, straight flight alone remains at one airspeed."""
+
+    def fly(speed, turn_rate=0.0):
+        straight = (np.asarray(turn_rate) == 0.0) & (np.asarray(speed) == 30.0)
+        obstacles = np.repeat(~straight.ravel()[:, None], len(TRIM_OBSTACLES), axis=1)
+        return SimpleNamespace(trims=SimpleNamespace(obstacles=obstacles))
+
+    (turn,) = performance._turn_figures(fly, np.array([20.0, 30.0, 40.0]), STANDARD_GRAVITY_M_S2)
+    assert np.isnan(turn.value)
+    assert turn.limit == "no level turn"
+
+
+def test_the_ceiling_is_searched_from_the_lowest_altitude_with_data():
+    rows = np.array([np.nan, np.nan, 4.0, 2.0, -2.0])[:, None]
+    data = xr.Dataset(
+        {"specific_excess_power_m_s": (("altitude", "airspeed"), rows)}, {"altitude": 1000.0 * np.arange(5)}
+    )
+    assert performance._ceiling(data, 0.0) == (3500.0, "m", "full power")
+    assert performance._ceiling(data, 5.0)[2] == "no climb at 2000 m"
+    assert performance._ceiling(data.isel(altitude=slice(2, None)), 5.0)[2] == "no climb at sea level"
 
 
 @pytest.mark.long

@@ -16,6 +16,7 @@ from anser.compiling import program
 from anser.config.errors import ScenarioError
 from anser.environment import SteadyWind, standard_environment
 from anser.results.netcdf import read_netcdf
+from anser.simulation.open_loop import PrescribedCommand
 from anser.single_aircraft.flight import autopilot
 from anser.single_aircraft.starts import resolve_start
 from support import stevens_lewis as textbook
@@ -272,6 +273,7 @@ def test_a_saved_flight_is_read_again_with_its_picture_and_page(tmp_path):
         ({"controller": "pid"}, "controller: arrived 'pid'"),
         ({"controller": "inversion", "controls": {"elevator": 1.0}}, "expected one of the two"),
         ({"command": {"course_deg": 1.0}}, "command: arrived without a controller"),
+        ({"command": PrescribedCommand(jnp.zeros((1, 3)))}, "command: arrived without a controller"),
         ({"controls": lambda t, x: {"elevater": 1.0}}, "arrived 'elevater' from the function"),
         ({"controls": lambda t, x: None}, "the function raised TypeError"),
         ({"controls": lambda t, x: {"elevator": 1.0 if t > 1.0 else 0.0}}, "jnp.where in place of if"),

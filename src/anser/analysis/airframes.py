@@ -58,7 +58,8 @@ def survey_airframe(
 ) -> "xr.Dataset":
     """Compute the coefficients over alpha and beta, the thrust, and the level flights of an airframe over airspeed.
 
-    Raises ValueError if the aircraft is unknown or impossible, ScenarioError if the aircraft file is not valid.
+    Raises ValueError if the aircraft is unknown or impossible, or unless the airspeeds are positive and ascending;
+    ScenarioError if the aircraft file is not valid.
 
     Returns
     -------
@@ -70,7 +71,10 @@ def survey_airframe(
     enable_compilation_cache()
     airframe, attributes = resolve_airframe(aircraft, variant)
     environment = standard_environment()
-    speeds = np.linspace(*(airspeeds_m_s or valid_airspeed_range(airframe)), _SPEEDS)
+    slowest, fastest = valid_airspeed_range(airframe) if airspeeds_m_s is None else airspeeds_m_s
+    if not 0.0 < slowest < fastest < np.inf:
+        raise ValueError(f"airspeeds_m_s: arrived {airspeeds_m_s!r}; expected two positive numbers, the lower first")
+    speeds = np.linspace(slowest, fastest, _SPEEDS)
     mean_speed = as_array(float(np.mean(speeds)))
     alphas, betas = (
         np.linspace(float(low), float(high), _ANGLES) for low, high in (airframe.alpha_range, airframe.beta_range)

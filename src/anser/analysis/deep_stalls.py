@@ -329,7 +329,7 @@ def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
 
 def _roots(alphas: np.ndarray, moments: np.ndarray) -> list[tuple[float, bool]]:
     """Return the angles of attack (deg) at which the pitching moment crosses 0, each with a flag: stable (Cm falls)."""
-    intervals = np.flatnonzero(moments[:-1] * moments[1:] < 0.0)
+    intervals = np.flatnonzero(np.diff(moments >= 0.0))  # a moment of exactly 0 bounds one interval only
     return [
         (
             float(alphas[k] + (alphas[k + 1] - alphas[k]) * moments[k] / (moments[k] - moments[k + 1])),

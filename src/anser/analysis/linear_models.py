@@ -18,9 +18,9 @@ from anser.analysis.linearization import linearize as linear_model
 from anser.analysis.modes import Mode, modes_of, wind_axis_states
 from anser.analysis.trim_points import ConditionError, flight_point, require_step, resolve_airframe, steady_trim
 from anser.compiling.options import compiled, enable_compilation_cache
-from anser.control.gains import AutopilotGains, published_gains
+from anser.control.gains import AutopilotGains
 from anser.control.inversion_autopilot import Loop
-from anser.control.limits import FlightLimits, default_limits
+from anser.control.limits import FlightLimits
 from anser.environment.environment import Environment, standard_environment
 from anser.results.documents import (
     finite_or_none,
@@ -310,7 +310,8 @@ def linearize(
     environment
         Air, wind and gravity; None: standard atmosphere and gravity, no wind.
     gains
-        Gains of the autopilot; None: the published gains of the F-16, for every aircraft.
+        Gains of the autopilot; None: the published gains of the F-16, or gains derived from the aircraft. Limits are
+        those of the step tests: default limits of the F-16, or limits derived from the aircraft.
     """
     enable_compilation_cache()
     require_step(step_s)
@@ -325,8 +326,11 @@ def linearize(
     if loop == "open":
         model = _open_model(airframe, environment, trim.state, trim.controls, actuators=actuators)
     else:
-        limits = default_limits()
-        model = linearize_loop(LoopCase(airframe, environment, gains or published_gains(), limits, trim, step_s), loop)
+        from anser.analysis.step_flights import derive_autopilot  # imports the flights of fleets
+
+        flown_gains, limits, _ = derive_autopilot(airframe, speed_m_s, altitude_m, "model", step_s, environment)
+        case = LoopCase(airframe, environment, flown_gains if gains is None else gains, limits, trim, step_s)
+        model = linearize_loop(case, loop)
         _check_held(model, limits, loop)
     if not bool(model.regular):
         raise ConditionError(

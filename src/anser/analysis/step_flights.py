@@ -114,29 +114,49 @@ def step_case(
     `speed_m_s` is the true airspeed, `step_s` the sampling period of the autopilot. Raises ConditionError, with the
     reason, if the aircraft has no level flight at this point.
     """
-    environment, limits = standard_environment(), default_limits()
-    trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
-    if isinstance(airframe, AbstractF16):
-        return StepCase(airframe, trim, gains_for(inversion), limits, PUBLISHED_TIME_SCALE, None)
-    derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, valid_airspeed_range(airframe), step_s)
-    capability, bandwidths = derived_defaults.capability, derived_defaults.bandwidths
-    slowest, fastest = min(capability.speed_min, speed_m_s), max(capability.speed_max, speed_m_s)
-    limits = dataclasses.replace(
-        limits,
-        speed_min=as_array(slowest),
-        speed_max=as_array(fastest),
-        bank_max=as_array(min(float(limits.bank_max), capability.bank_max)),
-        alpha_min=airframe.alpha_range[0],
-        alpha_max=airframe.alpha_range[1],
-    )
+    trim = steady_trim(airframe, standard_environment(), trim_target(speed_m_s, altitude_m))
+    gains, limits, derived_defaults = derive_autopilot(airframe, speed_m_s, altitude_m, inversion, step_s)
+    if derived_defaults is None:
+        return StepCase(airframe, trim, gains, limits, PUBLISHED_TIME_SCALE, None)
+    bandwidths = derived_defaults.bandwidths
     time_scale = LoopTimeScale(
         **{
             loop: float(published / np.min(getattr(bandwidths, loop)[:2]))
             for loop, published in _PUBLISHED_BANDWIDTHS.items()
         }
     )
-    gains = gains_for(inversion, derived_defaults.gains)
     return StepCase(airframe, trim, gains, limits, time_scale, derived_defaults)
+
+
+def derive_autopilot(
+    airframe: AbstractAirframe,
+    speed_m_s: float,
+    altitude_m: float,
+    inversion: Inversion,
+    step_s: float,
+    environment: Environment | None = None,
+) -> tuple[AutopilotGains, FlightLimits, DerivedDefaults | None]:
+    """Return gains and limits of the autopilot of an aircraft at a true airspeed and altitude.
+
+    An F-16 has the published gains and the default limits, without derived defaults (None); for another aircraft, all
+    three are derived. `step_s` is the sampling period of the autopilot; `environment` None: the standard atmosphere.
+    """
+    limits = default_limits()
+    if isinstance(airframe, AbstractF16):
+        return gains_for(inversion), limits, None
+    speeds_m_s = valid_airspeed_range(airframe)
+    derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, speeds_m_s, step_s, environment)
+    capability = derived_defaults.capability
+    limits = dataclasses.replace(
+        limits,
+        # fmin and fmax ignore the NaN of an aircraft without level flight
+        speed_min=as_array(np.fmin(capability.speed_min, speed_m_s)),
+        speed_max=as_array(np.fmax(capability.speed_max, speed_m_s)),
+        bank_max=as_array(np.fmin(float(limits.bank_max), capability.bank_max)),
+        alpha_min=airframe.alpha_range[0],
+        alpha_max=airframe.alpha_range[1],
+    )
+    return gains_for(inversion, derived_defaults.gains), limits, derived_defaults
 
 
 _PUBLISHED_BANDWIDTHS = {"rates": 5.0, "attitude": 2.0, "velocity": 1.0}

@@ -24,13 +24,22 @@ _SIGNIFICANCE = 5.0
 """Least delay that is corrected, in standard errors of the delay."""
 _UNIT_TOLERANCE = 0.2
 """Greatest relative deviation from a factor in `_FACTORS` at which the unit is refused."""
-_FACTORS = {
+_SIGN = {"the opposite sign": -1.0}
+_ANGLES = _SIGN | {
     "radians that are declared as degrees": RAD_DEG,
     "degrees that are declared as radians": 1.0 / RAD_DEG,
-    "feet that are declared as metres": FOOT_M,
-    "metres that are declared as feet": 1.0 / FOOT_M,
-    "knots that are declared as m/s": KNOT_M_S,
-    "the opposite sign": -1.0,
+}
+_SPEED_UNITS = {"ft/s": FOOT_M, "knots": KNOT_M_S, "km/h": 1.0 / 3.6}
+_SPEEDS = {f"{unit} that are declared as m/s": factor for unit, factor in _SPEED_UNITS.items()} | {
+    f"m/s that are declared as {unit}": 1.0 / factor for unit, factor in _SPEED_UNITS.items()
+}
+_FACTORS: dict[str, dict[str, float]] = {
+    **dict.fromkeys(("pitch", "roll", "alpha", "beta"), _ANGLES),
+    "airspeed": _SIGN | _SPEEDS,
+    # the altitude rate is in proportion to the airspeed, so that an airspeed has the inverse factor
+    "altitude": _SIGN
+    | {"feet that are declared as metres": FOOT_M, "metres that are declared as feet": 1.0 / FOOT_M}
+    | {text: 1.0 / factor for text, factor in _SPEEDS.items()},
 }
 """Factor from the values of a channel to those of the kinematics, for each kind of wrong unit or sign."""
 
@@ -133,7 +142,7 @@ def align_record(
         match = match_channel(record[key], integrate(rate, record.step_s), record.step_s, delay_max_s)
         if match.fit >= _FIT_MIN[key]:
             name = f"{names[key]} or {names['airspeed']}" if key == "altitude" else names[key]
-            _refuse_unit(name, match.factor)
+            _refuse_unit(name, match.factor, _FACTORS[key])
             matches[key] = match
     matches.pop("altitude", None)  # errors of the path angle add up in the altitude: no delay follows from it
     matches |= _surface_matches(record, delay_max_s)
@@ -150,13 +159,14 @@ def align_record(
     return _shifted(record, delays, names)
 
 
-def _refuse_unit(name: str, factor: float) -> None:
-    for text, expected in _FACTORS.items():
-        if abs(factor / expected - 1.0) < _UNIT_TOLERANCE:
-            raise ValueError(
-                f"record: arrived {name} with values that kinematics multiplies by {factor:.3g}: {text}; expected the "
-                'unit of the name, or a map with the unit, such as { column = "AOA", unit = "rad" }'
-            )
+def _refuse_unit(name: str, factor: float, factors: dict[str, float]) -> None:
+    errors = {text: abs(factor / expected - 1.0) for text, expected in factors.items()}
+    texts = [text for text in sorted(errors, key=lambda text: errors[text]) if errors[text] < _UNIT_TOLERANCE]
+    if texts:
+        raise ValueError(
+            f"record: arrived {name} with values that kinematics multiplies by {factor:.3g}: {' or '.join(texts)}; "
+            'expected the unit of the name, or a map with the unit, such as { column = "AOA", unit = "rad" }'
+        )
 
 
 def _surface_matches(record: FlightRecord, delay_max_s: float) -> dict[str, ChannelMatch]:

@@ -74,8 +74,9 @@ def compute_coefficients(
     ----------
     record
         Record with airspeed (above 1 m/s), alpha, body rates, specific force or velocity with attitude, altitude (or
-        dynamic pressure with Mach number), and for an airframe with engine, power or thrust along x; with power, a
-        recorded thrust is not used. Without beta, the sideslip angle is zero.
+        dynamic pressure with Mach number), and for an airframe with engine, power or thrust along x; with both, the
+        thrust along x is the recorded one, and the model at the recorded power gives the rest of the engine's force
+        and moment. Without beta, the sideslip angle is zero.
     airframe
         Aircraft, of which mass properties, reference lengths and engine are used, not the aerodynamics.
     accelerometer_m
@@ -114,19 +115,22 @@ def _measured_coefficients(
     """Return the coefficients `COEFFICIENT_NAMES` of each row, with moments about `reference_b` (body axes, m).
 
     Columns of a row: the six of `_air_of_row`, power (percent), thrust (N), body rates (rad/s), angular acceleration
-    (rad/s^2), specific force (m/s^2). If the power is NaN, the thrust acts along x at the engine's point.
+    (rad/s^2), specific force (m/s^2). Force and moment of the engine are those of its model at the power, 0 if the
+    power is NaN; unless the thrust is NaN, it replaces the force along x, which acts at the engine's point.
     """
 
     def evaluate(row: Float[Array, "17"]) -> Float[Array, "8"]:
-        data, power, thrust = _air_of_row(row[:6]), row[6], jnp.nan_to_num(row[7])
+        data, power, thrust = _air_of_row(row[:6]), row[6], row[7]
         propulsion = airframe.engine.propulsion(jnp.nan_to_num(power), data)
-        thrust_b = jnp.stack([thrust, jnp.zeros_like(thrust), jnp.zeros_like(thrust)])
+        engine_force_b, engine_moment_b = (
+            jnp.where(jnp.isnan(power), 0.0, part) for part in (propulsion.force_b, propulsion.moment_b)
+        )
+        missing = jnp.where(jnp.isnan(thrust), 0.0, thrust - engine_force_b[0])
+        missing_b = jnp.stack([missing, jnp.zeros_like(missing), jnp.zeros_like(missing)])
         point_b = jnp.asarray(getattr(airframe.engine, "point_b", jnp.zeros(3)))
-        is_measured = jnp.isnan(power)
-        force_b = airframe.mass_properties.mass * row[14:17]
-        force_b = force_b - jnp.where(is_measured, thrust_b, propulsion.force_b)
+        force_b = airframe.mass_properties.mass * row[14:17] - engine_force_b - missing_b
         moment_b = moment_for_acceleration(airframe.mass_properties, row[8:11], row[11:14])
-        moment_b = moment_b - jnp.where(is_measured, cross(point_b, thrust_b), propulsion.moment_b)
+        moment_b = moment_b - engine_moment_b - cross(point_b, missing_b)
         wrench = Wrench(force_b, moment_b - cross(reference_b, force_b))
         body = reference_lengths(airframe).coefficients(data.qbar, wrench)
         return jnp.concatenate([_in_lift_axes(body, data.alpha), body[::2][:2]])

@@ -126,18 +126,27 @@ class ParameterSet:
         `values` are the estimated parameters in the order of `names`. Before each step, `gain` times the difference of
         measured and predicted outputs is added to the state; None: no correction by measured outputs.
         """
-        gain = np.zeros((len(self.model.states), len(self.model.outputs))) if gain is None else gain
-        return Prediction(*map(np.asarray, _predict(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(gain))))
+        arguments = self.case(manoeuvre), jnp.asarray(values), self._gain(gain)
+        return Prediction(*map(np.asarray, _predict(*arguments)))
 
     def input_influence(
-        self, values: Values, manoeuvre: Manoeuvre, weights: Float[np.ndarray, "sample output parameter"]
+        self,
+        values: Values,
+        manoeuvre: Manoeuvre,
+        weights: Float[np.ndarray, "sample output parameter"],
+        gain: Gain | None = None,
     ) -> Float[np.ndarray, "parameter sample input"]:
         """Return the derivatives of weighted sums of the outputs with respect to every sample of the inputs.
 
-        The sum of a parameter is over samples and outputs, with the weights of this parameter. The response is that of
-        the model without correction by measured outputs; reverse-mode automatic differentiation.
+        The sum of a parameter is over samples and outputs, with the weights of this parameter. `gain` corrects the
+        state as in `predict`; reverse-mode automatic differentiation.
         """
-        return np.asarray(_input_influence(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights)))
+        arguments = self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights), self._gain(gain)
+        return np.asarray(_input_influence(*arguments))
+
+    def _gain(self, gain: Gain | None) -> Array:
+        zero = np.zeros((len(self.model.states), len(self.model.outputs)))
+        return jnp.asarray(zero if gain is None else gain)
 
     def linearize(self, values: Values, manoeuvre: Manoeuvre) -> StateSpace:
         """Return the model linearized at the initial state of a manoeuvre, with the mean inputs over the manoeuvre."""
@@ -228,9 +237,7 @@ def _predict(case: Case, values: Array, gain: Array) -> tuple[Array, Array]:
 
 
 @compiled_quickly
-def _input_influence(case: Case, values: Array, weights: Array) -> Array:
-    gain = jnp.zeros((len(case.states), case.measured.shape[1]))
-
+def _input_influence(case: Case, values: Array, weights: Array, gain: Array) -> Array:
     def weighted(inputs: Array) -> Array:
         return jnp.einsum("iap,ia->p", weights, _outputs(case._replace(inputs=inputs), values, gain))
 

@@ -62,13 +62,19 @@ class Estimate(Fit, PrintedTable):
 
         Raises ValueError unless the probability `level` is above 0 and below 1.
         """
-        if not 0.0 < level < 1.0:
-            raise ValueError(f"level: arrived {level!r}; expected a probability between 0 and 1, such as 0.95")
+        _require_level(level)
         half = stats.t.ppf(0.5 + 0.5 * level, self.degrees_of_freedom) * self.standard_errors
         return np.stack([self.values - half, self.values + half], axis=1)
 
     def ellipse(self, first: str, second: str, level: float = 0.95) -> Float[np.ndarray, "point 2"]:
-        """Return 101 points (first, second) on the closed joint confidence ellipse of two parameters, given by name."""
+        """Return 101 points (first, second) on the closed joint confidence ellipse of two parameters, given by name.
+
+        Raises ValueError for an unknown name, or unless the probability `level` is above 0 and below 1.
+        """
+        _require_level(level)
+        unknown = [name for name in (first, second) if name not in self.names]
+        if unknown:
+            raise ValueError(f"ellipse: arrived {unknown[0]!r}; expected names among {', '.join(self.names)}")
         indices = [self.names.index(name) for name in (first, second)]
         root = np.linalg.cholesky(self.covariance[np.ix_(indices, indices)])
         radius = np.sqrt(2.0 * stats.f.ppf(level, 2, self.degrees_of_freedom))
@@ -130,6 +136,11 @@ class Estimate(Fit, PrintedTable):
             "notes": "; ".join(self.notes),
         }
         return xr.Dataset(data, coordinates, attributes)
+
+
+def _require_level(level: float) -> None:
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level: arrived {level!r}; expected a probability between 0 and 1, such as 0.95")
 
 
 def table_entries(rows: Sequence[dict[str, Any]]) -> list[dict[str, str]]:

@@ -58,7 +58,7 @@ def estimate_output_error(
         prediction stable: for unstable aircraft (R. V. Jategaonkar, *Flight Vehicle System Identification*, chapter 9).
     input_noise
         Standard deviations of white noise in the recorded inputs, in the order and units of the model's inputs, which
-        widens the intervals (to first order, computed without the correction of `stabilized`); None: exact inputs.
+        widens the intervals (to first order); None: exact inputs.
 
     Returns
     -------
@@ -74,6 +74,14 @@ def estimate_output_error(
     """
     parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
     levels = start_levels(model, manoeuvre, noise)
+    input_levels = None if input_noise is None else np.asarray(input_noise, dtype=float)
+    if input_levels is not None and not (
+        input_levels.shape == (len(model.inputs),) and np.all((input_levels >= 0.0) & np.isfinite(input_levels))
+    ):
+        raise ValueError(
+            f"input_noise: arrived {input_levels.tolist()}; expected finite numbers, 0 or more, for "
+            f"{', '.join(model.inputs)}"
+        )
     growth = "" if stabilized else describe_growth(parameters, values, manoeuvre)
     gain: Gain | None = None
     try:
@@ -90,9 +98,9 @@ def estimate_output_error(
         checked = collinearity(flat.T @ flat, parameters.names, "parameters")
         inverse = np.linalg.inv(flat.T @ flat)
         errors = coloured_covariance(S, residuals, inverse)
-        if input_noise is not None:
-            influence = parameters.input_influence(values, manoeuvre, S / levels[:, None]) * np.asarray(input_noise)
-            B = inverse @ influence.reshape(values.size, -1)
+        if input_levels is not None:
+            influence = parameters.input_influence(values, manoeuvre, S / levels[:, None], gain)
+            B = inverse @ (influence * input_levels).reshape(values.size, -1)
             errors = errors._replace(covariance=errors.covariance + B @ B.T)
         return Estimate(
             method=method,

@@ -53,11 +53,13 @@ def draw_band(
 
 
 def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence[np.ndarray]) -> None:
-    """Set the range of the vertical axis, so that the lines are visible as a whole.
+    """Set the range of the vertical axis, so that the lines are visible as a whole; unchanged without lines.
 
     `lines` are the values of the estimates and true values, `bands` the edges of their bands. The edges extend the
     range beyond the lines by at most `_BAND_MAX` times the range of the lines.
     """
+    if not lines:
+        return
     values, edges = np.concatenate(lines), np.concatenate(bands)
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     size = max(high - low, _RANGE_MIN * max(abs(low), abs(high)))

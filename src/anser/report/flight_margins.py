@@ -103,7 +103,8 @@ def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list
         margins = []
         for limit in dict.fromkeys(limit_values[np.isfinite(limit_values)].tolist()):
             values = np.where(limit_values == limit, dataset[name].values, np.nan)
-            margins.append(_limit(dataset, is_before_arrival, values, limit, sign, description, unit))
+            margin = _limit(dataset, is_before_arrival, values, limit, sign, description, unit)
+            margins += [] if margin is None else [margin]
         flight_margins += sorted(margins, key=_sort_key)[:1]
     return sorted(flight_margins, key=_sort_key)
 
@@ -165,8 +166,8 @@ def _limit(
     sign: int,
     description: str,
     unit: str,
-) -> Margin:
-    """Return the margin of `values` (time, aircraft; NaN where the limit does not apply) to a limit.
+) -> Margin | None:
+    """Return the margin of `values` (time, aircraft; NaN where the limit does not apply) to a limit; None without any.
 
     `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at -`limit`, reported as an upper limit on
     the negated values. `is_before_arrival` is a mask (time, aircraft); `description` and `unit` label the limit.
@@ -175,7 +176,7 @@ def _limit(
     is_upper = sign != 0
     value, aircraft, time_s = _extreme_value(dataset, values, is_upper)
     if value is None:
-        return Margin(description, "limit", unit, limit, None, is_upper, False)
+        return None
     is_met = value <= limit if is_upper else value >= limit
     exceeded = values > limit if is_upper else values < limit
     after_arrival = not is_met and not bool(np.any(exceeded & is_before_arrival))

@@ -71,7 +71,8 @@ def _shortened(name: str, length: int) -> str:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Return the values of an axis' ticks: multiples of a round step that span `low` to `high`."""
+    """Return the values of an axis' ticks: multiples of a round step that span `low` to `high`, or 1 if both agree."""
+    high = high if high > low else low + 1.0
     reach = max(high - low, 1e-9)
     size = 10.0 ** np.floor(np.log10(reach))
     step = next(size * m for m in (0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if reach / (size * m) <= 5.5)

@@ -59,7 +59,7 @@ def build_flight_row(
 ) -> FlightRow:
     """Compute the results of one flight from its summary, without time series and outputs of a study.
 
-    `met` requires an arrival of every aircraft, also of an aircraft that left the fleet by an event.
+    `met` requires an arrival of every aircraft that stayed in the fleet.
     """
     end_s = scenario.timing.duration_s if end_s is None else end_s
     aircraft = [_aircraft_entry(summary, k, float(planned_s[k]), scenario, end_s) for k in range(len(planned_s))]
@@ -74,7 +74,8 @@ def build_flight_row(
         fleet["separation_ratio_min"] = finite_or_none(summary.separation_ratio_min)
     clearances = [(kind, CLEARANCE_MIN_M[kind]) for kind in _clearance_kinds(scenario, aircraft)]
     requirements = evaluate_requirements(scenario_requirements(scenario), aircraft, fleet, clearances)
-    is_met = all(entry["status"] == ARRIVED for entry in aircraft) and all(config["met"] for config in requirements)
+    has_arrived = all(entry["status"] == ARRIVED or "left_s" in entry for entry in aircraft)
+    is_met = has_arrived and all(config["met"] for config in requirements)
     return FlightRow(aircraft, fleet, requirements, is_met)
 
 

@@ -211,7 +211,7 @@ def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> d
         "position_error_on_plan": _finite_extreme(np.max, error[: end_index + 1]),
         "off_plan_time": float(time[end_index]) if off_plan.size else np.inf,
         "clearance_min": _finite_extreme(np.min, record["clearance"]),
-        "tables_left_time": float(np.sum(np.diff(time)[record["outside_tables"][:-1]])),
+        "tables_left_time": float(np.sum(np.diff(time)[record["outside_tables"][1:]])),
         "first_status": int(failures[0]) if failures.size else 0,
         "last_status": int(failures[-1]) if failures.size else 0,
         "finite": bool(np.isfinite(airspeed).all() and np.isfinite(offset).all()),

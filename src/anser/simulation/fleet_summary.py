@@ -63,10 +63,12 @@ class FleetSummary(eqx.Module):
     #: Time of the first sample with an `is_off_plan` status, s; infinite before.
     off_plan_time: Float[Array, " aircraft"]
     clearance_min: Float[Array, " aircraft"]  #: Least distance from the goal at the samples, m.
-    tables_left_time: Float[Array, " aircraft"]  #: Total time outside the range of the airframe's data, s.
+    #: Time outside the range of the airframe's data, s: the steps that end with a sample outside.
+    tables_left_time: Float[Array, " aircraft"]
     #: First non-zero status, index into `STATUS_MESSAGES`; 0 without an event.
     first_status: Int[Array, " aircraft"]
-    last_status: Int[Array, " aircraft"]  #: Status of the latest sample, index into `STATUS_MESSAGES`.
+    #: Last non-zero status, index into `STATUS_MESSAGES`; 0 without an event.
+    last_status: Int[Array, " aircraft"]
     #: Least distance between any two aircraft, also between the samples, m; infinite for a single aircraft.
     separation_min: Scalar
     #: Least ratio of distance to required separation at the samples; infinite if no separation is required.
@@ -186,9 +188,9 @@ class SummaryRecorder(AbstractRecorder):
             position_error_on_plan=error_on_plan,
             off_plan_time=jnp.where(on_plan & is_off_plan(code), time, past.off_plan_time),
             clearance_min=jnp.minimum(past.clearance_min, inputs["clearance"]),
-            tables_left_time=past.tables_left_time + jnp.where(inputs["outside_tables"], step, 0.0),
+            tables_left_time=past.tables_left_time + jnp.where(inputs["outside_tables"], length_s, 0.0),
             first_status=jnp.where(past.first_status == 0, code, past.first_status),
-            last_status=code,
+            last_status=jnp.where(code == 0, past.last_status, code),
             separation_min=jnp.minimum(past.separation_min, _interval_separation(previous.position_n, position_n)),
             separation_ratio_min=jnp.minimum(past.separation_ratio_min, self._ratio(position_n)),
             keep_out_room_min=jnp.minimum(past.keep_out_room_min, self._keep_out_room(position_n, time)),

@@ -241,15 +241,15 @@ def simulate(
         raise ValueError(
             "controls: arrived beside a controller; expected one of the two (a controller takes `command`)"
         )
+    if command is not None and controller is None:
+        raise ValueError("command: arrived without a controller; expected a controller that follows it")
     if isinstance(command, AbstractGuidance):
         guidance = command
-    elif controller is not None:
-        table = sample({} if command is None else command, air_path(environment, point), "command")
-        guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
-    elif command is None:
+    elif controller is None:
         guidance = PrescribedCommand(jnp.full((count, 3), jnp.nan))
     else:
-        raise ValueError("command: arrived without a controller; expected a controller that follows it")
+        table = sample({} if command is None else command, air_path(environment, point), "command")
+        guidance = PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
     test_inputs = read_excitation(airframe.actuators, excitation, flight_controller, step_s)
     changes = read_changes(airframe, change, duration_s)
     is_adaptive = controller == "adaptive"

@@ -20,7 +20,14 @@ from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.shapes import Scalar
 from anser.single_aircraft.air import read_air
-from anser.single_aircraft.starts import input_names, named_state, reference_inputs, resolve_start, start_names
+from anser.single_aircraft.starts import (
+    input_names,
+    named_state,
+    reference_inputs,
+    require_trim_of,
+    resolve_start,
+    start_names,
+)
 from anser.spatial.rotations import euler_from_quaternion, quaternion_from_euler
 
 if TYPE_CHECKING:
@@ -100,7 +107,7 @@ class AircraftModel:
 
         The steady flight of the condition is trimmed anew; `condition` takes the arguments of `anser.linearize`.
         `actuators`: the inputs are commands, and the actuators' states are added. Raises ValueError for neither or both
-        of trim and condition, ConditionError if the steady flight does not exist.
+        of trim and condition and for a trim of another aircraft, ConditionError if the steady flight does not exist.
         """
         from anser.analysis.linear_models import linearize
 
@@ -111,6 +118,7 @@ class AircraftModel:
             raise ValueError(f"linearize: arrived {type(trim).__name__}; expected a trim of this aircraft")
         values: dict[str, Any] = dict(condition) if trim is None else dict(trim.condition)
         if trim is not None:
+            require_trim_of(self.airframe, trim, "trim")
             values["environment"] = _still_air(trim)
         result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})

@@ -273,12 +273,13 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
     """Return greatest load factor and rate (deg/s) and least radius (m) of sustained level turns, each with airspeed.
 
-    The search ends at a load factor of 9. Without level flight, the result is a single NaN.
+    The search ends at a load factor of 9. Without a level turn, the result is a single NaN.
     """
     low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
     limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size
+    no_turn = [PerformanceFigure("greatest sustained turn rate", np.nan, "deg/s", "no level turn")]
     if not _is_flyable(fly(speed=speeds)).any():
-        return [PerformanceFigure("greatest sustained turn rate", np.nan, "deg/s", "no level turn")]
+        return no_turn
     for _ in range(_TURN_PASSES):  # each pass narrows the load factor of every airspeed to a part of the range
         factors = np.linspace(low, high, _TURN_GRID, axis=1)
         rates = gravity * np.sqrt(factors**2 - 1.0) / speeds[:, None]
@@ -293,6 +294,8 @@ def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[Performa
                 low[k] = high[k] = high[k] if count else np.nan
     rates = gravity * np.sqrt(low**2 - 1.0) / speeds
     is_turning = np.isfinite(low) & (low > 1.0)
+    if not is_turning.any():
+        return no_turn
     figures = []
     for name, values, unit, sign in (
         ("greatest sustained load factor", low, "1", 1.0),
@@ -321,12 +324,15 @@ def _excess_power(field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gr
 def _ceiling(dataset: xr.Dataset, threshold: float) -> tuple[float, str, str]:
     """Return the altitude at which the greatest specific excess power falls to `threshold` (m/s), the unit, the limit.
 
-    The altitude (m) is NaN if the excess power at sea level does not exceed the threshold, and the highest altitude
-    with data if the excess power exceeds the threshold everywhere.
+    The search begins at the lowest altitude of the grid with data, sea level for most aircraft. The altitude (m) is NaN
+    if the excess power there does not exceed the threshold, and the highest altitude with data if the excess power
+    exceeds the threshold everywhere.
     """
     best, altitudes = dataset["specific_excess_power_m_s"].max("airspeed").values, dataset["altitude"].values
+    first = int(np.argmax(np.isfinite(best)))
+    best, altitudes = best[first:], altitudes[first:]
     if not best[0] > threshold:
-        return np.nan, "m", "no climb at sea level"
+        return np.nan, "m", f"no climb at {f'{altitudes[0]:g} m' if first else 'sea level'}"
     count = int(np.argmin([*np.isfinite(best), False]))
     below = np.flatnonzero(best[:count] <= threshold)
     if below.size == 0:

@@ -54,17 +54,7 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     if isinstance(start, TrimResult):
         if start.diagnosis is not None:
             raise ConditionError(f"start: no steady flight: {start.diagnosis}")
-        mass_kg = float(airframe.mass_properties.mass)
-        if start.mass_kg != mass_kg:
-            raise ValueError(
-                f"start: arrived a trim of an aircraft of {start.mass_kg:g} kg; expected one of this aircraft, of "
-                f"{mass_kg:g} kg"
-            )
-        if start.airframe_hash not in ("", airframe_hash(airframe)):
-            raise ValueError(
-                "start: arrived a trim of another aircraft of the same mass; expected one of this aircraft, with its "
-                "variant and centre of gravity"
-            )
+        require_trim_of(airframe, start, "start")
         if not _same_air(start.atmosphere, environment.atmosphere):
             raise ValueError(
                 "start: arrived a trim in another atmosphere than the flight's; expected one with the same, such as "
@@ -96,6 +86,21 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     if not 0.0 <= values[-1] <= 1.0:
         raise ValueError(f"start: arrived throttle {values[-1]:g}; expected 0 to 1 (not percent)")
     return _named_start(airframe, environment, as_array(values))
+
+
+def require_trim_of(airframe: AbstractAirframe, trim: TrimResult, argument: str) -> None:
+    """Raise ValueError, with the name of the argument, if a trim is that of another aircraft, by mass and hash."""
+    mass_kg = float(airframe.mass_properties.mass)
+    if trim.mass_kg != mass_kg:
+        raise ValueError(
+            f"{argument}: arrived a trim of an aircraft of {trim.mass_kg:g} kg; expected one of this aircraft, of "
+            f"{mass_kg:g} kg"
+        )
+    if trim.airframe_hash not in ("", airframe_hash(airframe)):
+        raise ValueError(
+            f"{argument}: arrived a trim of another aircraft of the same mass; expected one of this aircraft, with its "
+            "variant and centre of gravity"
+        )
 
 
 def _same_air(trimmed: AbstractAtmosphere, flown: AbstractAtmosphere) -> bool:
