@@ -189,7 +189,7 @@ def _has_variable(model: Model, name: str) -> bool:
 
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
-    """Return a model with the variable names and the default values of inputs that the aircraft file defines."""
+    """Return a DAVE-ML model with the additional variable names and constant inputs of an aircraft file's [dave_ml]."""
     names = {name: variable for name, variable in file.dave_ml.names.items() if _has_variable(model, variable)}
     defaults = {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
     return adapt_model(model, names, defaults)
@@ -290,7 +290,7 @@ def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Probl
 
 
 def _evaluate_airframe(airframe: DaveMlAircraft) -> object:
-    """Evaluate aerodynamics and propulsion at 50 m/s at sea level; raises ValueError for unknown units."""
+    """Return aerodynamic and propulsive `Wrench` at 50 m/s at sea level; raises ValueError for unknown units."""
     data = air_data(as_array([50.0, 0.0, 1.0]), as_array(0.0), StandardAtmosphere().at(as_array(0.0)))
     neutral = as_array([0.0] * len(airframe.inputs))
     return airframe.aerodynamics(data, as_array([0.0] * 3), neutral), airframe.engine.propulsion(as_array(50.0), data)

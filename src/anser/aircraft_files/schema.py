@@ -112,7 +112,10 @@ class AirframeFile(AnyAirframeFile):
         return [*problems, *check_problems(self.check, self.surfaces)]
 
     def _replacement_problems(self) -> list[Problem]:
-        """List replacement values, in check data, of derivatives that a table replaces."""
+        """List the values for derivatives in [[check.forces]] (key `instead`) that have no effect because of a table.
+
+        A coefficient table of the file already replaces the derivative.
+        """
         replaced: dict[str, str] = {}
         for j, table in enumerate(self.table):
             index = coefficient_index(table.replaces, self.surfaces)
@@ -204,7 +207,7 @@ _GIVEN = "a table of numbers by name or varID, in the units of the file, such as
 
 
 class DaveMlText(Table):
-    """DAVE-ML file: its name and text. With the text, results contain the whole aircraft without the file."""
+    """DAVE-ML file by name and text: a scenario's results contain the text, so the file is not needed again."""
 
     file: str = text_field("name of the file")
     text: str = text_field("text of the file", expected="the text of a DAVE-ML file")

@@ -269,7 +269,7 @@ AXES_MAX = 3
 
 
 class _Build(Table):
-    """Aerodynamic options besides the derivatives."""
+    """Options of the aerodynamic model besides the derivatives: angle unit, induced drag, stall."""
 
     per: Literal["rad", "deg"] = Field(
         default="rad",

@@ -196,9 +196,9 @@ _VARIANTS_ALPHA_DEG = {"tp1538": (-20.0, 90.0), "global": (-4.0, 30.0)}
 class AirframeRange:
     """Ranges (minimum, maximum) of true airspeed, altitude and angle of attack of an airframe's data.
 
-    A range is None if unknown without construction of the airframe; the altitude also if a file states no range. The
-    default limits of a scenario keep to the angles of attack; if the ranges come from an aircraft file
-    (`is_from_file`), they follow the airspeeds too.
+    A range is None if it is unknown before the airframe is built; the altitude also if a file states no range. The
+    default limits of a scenario stay within the range of alpha, and, for an aircraft file (`is_from_file`), also of
+    airspeed.
     """
 
     name: str

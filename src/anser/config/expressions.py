@@ -52,7 +52,10 @@ class ExpressionError(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """Parsed expression of a flight's variables."""
+    """Parsed expression of a flight's variables, whose dataset names are `names`.
+
+    `evaluate(arrays by name, array module)` returns the value: true or false if `is_condition`, otherwise a number.
+    """
 
     names: tuple[str, ...]  # variables by dataset name
     is_condition: bool  # whether the value is true or false, otherwise a number

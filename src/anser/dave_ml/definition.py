@@ -51,7 +51,11 @@ class SourceLocation:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """Variable of a DAVE-ML file: input, output, state, constant or computed quantity; numbers are in `units`."""
+    """Variable of a DAVE-ML file: input, output, state, constant or computed quantity.
+
+    Values (`initial`, also of constants and defaults of inputs, and the limits `minimum` and `maximum`) are in `units`;
+    `formula` is None unless the value follows from other variables.
+    """
 
     #: varID, name (of ANSI/AIAA S-119 for standard variables) and units, as written. The texts below are documentation.
     id: str

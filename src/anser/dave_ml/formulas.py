@@ -97,7 +97,11 @@ def is_logical(formula: Formula) -> bool:
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Evaluation of formulas with an array library, NumPy or JAX."""
+    """Evaluation of formulas with an array library, NumPy or JAX.
+
+    The fields are the functions of the library: `operations` by name, `power` (base, constant exponent), and `select`
+    (condition, value if true, value if false).
+    """
 
     operations: Mapping[str, Callable[..., Any]]  #: Function of each operation, by name.
     power: Callable[[Any, float], Any]  #: Power with a constant exponent: function of base and exponent.

@@ -100,7 +100,7 @@ def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> N
 class _Axis:
     """Axis of a table: variable (varID), breakpoints, and limits to which the variable is clipped before the lookup.
 
-    `even` marks linear interpolation between evenly spaced breakpoints. Equal axes of a lookup share one search.
+    `even`: the interpolation is linear and the breakpoints are evenly spaced. Equal axes of a lookup share one search.
     """
 
     variable: str

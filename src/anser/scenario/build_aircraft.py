@@ -69,7 +69,11 @@ class DerivedDefaults(NamedTuple):
 
 @dataclass(frozen=True)
 class ResolvedAircraft:
-    """One aircraft of a scenario, with limits and gains completed by derived values or defaults."""
+    """One aircraft of a scenario, with limits (units of the file) and gains completed by derived values or defaults.
+
+    `correction_max_m_s` is the greatest velocity correction by position feedback, `plan_roll_rate` (rad/s) the mean
+    roll rate that plans assume; `capability` is None for the library's F-16.
+    """
 
     table: Aircraft
     airframe: AbstractAirframe  # nominal airframe, as assumed by autopilot and planner
@@ -304,7 +308,10 @@ def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:
-    """Build the guidance settings of one aircraft, or common settings of several: the smallest of their limits."""
+    """Build the guidance settings of a group of aircraft, one or more.
+
+    Of the velocity correction and the climb rate, the smallest limit in the group holds.
+    """
     guidance, hold = scenario.guidance, scenario.hold
     return GuidanceSettings(
         position_gain=as_array(guidance.position_gain_per_s),
@@ -332,7 +339,10 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
-    """Build the path limits that every aircraft of the scenario can keep: the fleet's tightest, without a reserve."""
+    """Build path limits that every aircraft of the scenario can keep: the tightest in the fleet.
+
+    The limits are whole, without the reserve that plans leave to the autopilot (`planned_limits`).
+    """
     fleet_limits = [aircraft.limits for aircraft in resolve_fleet(scenario)]
     slowest = max(limits.speed_min_m_s for limits in fleet_limits)
     fastest = min(limits.speed_max_m_s for limits in fleet_limits)
@@ -370,7 +380,10 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fra
 
 
 def push_over_limit(limits: Limits) -> float:
-    """Return the least load factor of a path: the scenario's, or `NORMAL_TURNING_G` of the autopilot if greater."""
+    """Return the least load factor of a path: the scenario's, but not below 0.5 (`NORMAL_TURNING_G`).
+
+    Neither the autopilot in a turn nor a plan pushes over below 0.5.
+    """
     return max(limits.load_factor_min, NORMAL_TURNING_G)
 
 

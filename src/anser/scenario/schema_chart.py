@@ -53,9 +53,9 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Return texts on the defect of the chart around an origin's latitude, and on a remedy other than a new origin.
+    """Return two texts for a message if the chart around an origin's latitude is unfit for the flight; otherwise None.
 
-    None for a chart without a defect.
+    The texts describe the defect, and a remedy other than a new origin. `positions` are those of `_positions`.
     """
     speed_m_s, duration_s = scenario.fleet.airspeed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":

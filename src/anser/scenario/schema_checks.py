@@ -79,10 +79,10 @@ def name_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def speed_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List preferred airspeeds not within the limits, a wind not slower than an aircraft, and too small a hold radius.
+    """List preferred airspeeds outside the limits, winds not slower than an aircraft, and too small a hold radius.
 
-    The least hold radius is the turn radius with `limits.bank_max_deg` at the airspeed plus the greatest horizontal
-    wind. A wind field counts as still air: the file is not read here.
+    The least radius of the circle after the arrival is the turn radius with `limits.bank_max_deg` at the airspeed plus
+    the greatest horizontal wind. A wind field counts as still air: the file is not read here.
     """
     problems: dict[str, Problem] = {}
     for index, aircraft in enumerate(scenario.aircraft):

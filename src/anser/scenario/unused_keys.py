@@ -33,7 +33,7 @@ class UnusedKeys:
     is_refused: bool = True
 
     def contains(self, path: str) -> bool:
-        """Whether a key path (list items by index) leads to one of the keys, or into a table or list there."""
+        """Whether a key path (list items by index) is one of the keys, or leads into a table or list that is one."""
         keys = (f"{self.path}.{key}" for key in self.keys)
         return any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in keys)
 

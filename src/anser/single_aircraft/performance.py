@@ -54,7 +54,10 @@ _LIMITS = {  # text on a limit, by obstacle of a trim
 
 
 class _Points(NamedTuple):
-    """Steady flights to be trimmed, an element each."""
+    """Steady flights to be trimmed, an element each: airspeed (m/s), altitude (m), turn rate (rad/s), mass, power.
+
+    The mass is relative to the airframe's mass. The power (percent) determines the climb angle; NaN: level flight.
+    """
 
     speed: Float[Array, " point"]  # airspeed, m/s
     altitude: Float[Array, " point"]  # m
@@ -112,7 +115,11 @@ class PerformanceFigure:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class PerformanceSheet:
-    """Performance of an aircraft in the standard atmosphere and still air; prints as a table."""
+    """Performance of an aircraft in the standard atmosphere and still air; prints as a table of `figures`.
+
+    The dataset has specific excess power (m/s) at full power in level flight, and Mach number, over altitude (m) and
+    true airspeed (m/s).
+    """
 
     #: Figures at `altitude_m`: least airspeed of level flight (stall) for five masses, greatest level airspeed, best
     #: climb rate and glide ratio with their airspeeds, best sustained turns; and the ceilings.
@@ -229,7 +236,8 @@ def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight (NaN: none), the unit, and a text on the limit there.
 
-    `mass` is relative to the airframe's mass.
+    `fly` computes `_Flights` for named columns of `_Points`; `speeds` (m/s) rise over the search range; `mass` is
+    relative to the airframe's mass.
     """
     value, grid, limit = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
@@ -247,7 +255,11 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
 
 
 def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
-    """Return best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), then its airspeed; a NaN if none."""
+    """Return two figures: best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), and its airspeed.
+
+    `fly` and `speeds` are those of `_edge`; `name` and `unit` are for the first figure. Without a climb or glide the
+    result is a single NaN.
+    """
     flights = fly(speed=speeds, power=power)
     angle = np.asarray(flights.path_angle)
     # The power is given: its own limits are met by rounding only.
@@ -273,7 +285,8 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
     """Return greatest load factor and rate (deg/s) and least radius (m) of sustained level turns, each with airspeed.
 
-    The search ends at a load factor of 9. Without level flight, the result is a single NaN.
+    `fly` and `speeds` are those of `_edge`, `gravity` is in m/s^2. The search ends at a load factor of 9. Without level
+    flight, the result is a single NaN.
     """
     low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
     limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size
