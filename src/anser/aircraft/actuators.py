@@ -76,7 +76,10 @@ class AbstractActuators(eqx.Module):
         return eqx.tree_at(lambda a: a.time_constant, self, self.time_constant / factor)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
-        """Return the command (rad, within the stops) that moves a first-order lag from `position` at `rate` (rad/s)."""
+        """Return the command (rad, within the stops) that moves the surfaces from `position` (rad) at `rate` (rad/s).
+
+        The surfaces are modelled as first-order lags with the time constants `time_constant`.
+        """
         return self.limit_command(position + self.time_constant * rate)
 
 

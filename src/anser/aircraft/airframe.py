@@ -19,7 +19,7 @@ from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
 class AircraftState(eqx.Module):
-    """State of one aircraft relative to the local NED axes: motion, actuators and engine, in SI units.
+    """State of one aircraft relative to the local NED axes: motion (SI units, rad), actuators and engine.
 
     Position in the chart (local map), velocity over ground in body axes, attitude from NED to body axes (scalar first),
     and body rates relative to the NED axes. Over a flat Earth this state is integrated; over a round Earth

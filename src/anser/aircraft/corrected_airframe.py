@@ -60,7 +60,7 @@ def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
 
 
 def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "2 p"]:
-    """Return the regressors, the quantities to whose deviations the coefficient increments are proportional.
+    """Return the regressors: the quantities on which the increments of the coefficients depend linearly.
 
     Shape (2, 4 + surfaces), one row for CX, CZ, Cm: (1, alpha, q c/2V, 0, surfaces), and one for CY, Cl, Cn: (1, beta,
     p b/2V, r b/2V, surfaces); angles in rad. Body rates are relative to the air, rad/s. An airspeed V below 1 m/s
@@ -90,7 +90,7 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
-    """Return a row of regressors for each of CX, CY, CZ, Cl, Cm, Cn: rows 0 and 1 of `rows` in alternation."""
+    """Return a row of regressors for each of CX, CY, CZ, Cl, Cm, Cn, from the two rows of `regressors`."""
     return jnp.tile(rows, (3, 1))  # CX, CZ, Cm are longitudinal, CY, Cl, Cn lateral: the rows alternate
 
 

@@ -140,8 +140,8 @@ _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.
 class DaveMlAircraft(AbstractAirframe):
     """Airframe with the aerodynamics of a DAVE-ML file: body-axis coefficients about a moment reference centre.
 
-    `centre_b` (m) is the centre of mass relative to that centre; `inputs` names the file's input for each surface;
-    airspeeds below `airspeed_min` (m/s) are raised to this value before the file is evaluated.
+    `centre_b` (m) is the centre of mass relative to the reference centre; `inputs` names the file's input for each
+    surface; airspeeds below `airspeed_min` (m/s) are raised to this value before the file is evaluated.
     """
 
     mass_properties: MassProperties

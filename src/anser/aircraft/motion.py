@@ -59,8 +59,8 @@ def air_data_and_forces(
     """Compute air data, forces and moments of a state at a time (s).
 
     Aerodynamic damping depends on the body rates relative to the Earth, with which the air rotates: `rates_air_b`,
-    rad/s; None: computed from the rates relative to the NED axes, except at the poles, at which these are singular.
-    `disturbance` adds gusts and a factor on the thrust; None: undisturbed.
+    rad/s. None: computed from the rates relative to the NED axes, which are singular at the poles. `disturbance` adds
+    gusts and a factor on the thrust; None: undisturbed.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
@@ -155,10 +155,9 @@ class EarthFixedState(eqx.Module):
     (scalar first), inertial angular velocity (body axes, rad/s), states of actuators and engine.
     """
 
-    position_e: Vector3  # position of the centre of gravity, ECEF, m
-    # velocity relative to the rotating Earth, m/s, and inertial angular velocity, rad/s, in body axes
+    position_e: Vector3
     velocity_b: Vector3
-    quaternion: Quaternion  # attitude (q0, q1, q2, q3), scalar first, from ECEF to body axes
+    quaternion: Quaternion
     rates_b: Vector3
     actuators: Any
     engine: Any

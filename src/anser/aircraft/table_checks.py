@@ -32,12 +32,10 @@ class SuspectPoint(NamedTuple):
     the locations in the same row whose departures probably stem from this entry. `value` is NaN for "all".
     """
 
-    table: str  # name of the table; "all" if most tables have an outlier at the same point of the first two axes
-    # coordinates along the axes of the table, and tabulated value; nan for "all"
+    table: str
     location: tuple[float, ...]
     value: float
-    score: float  # departure of the entry, in units of the surrounding scatter: see `suspect_points`
-    # locations in the same table row whose departures probably stem from this entry
+    score: float
     neighbours: tuple[tuple[float, ...], ...]
 
 

@@ -360,8 +360,8 @@ def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
 def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
     """Yield findings for level flight at sea level, over the valid airspeeds and angles of attack.
 
-    A finding is lift below the weight at every airspeed, or else at the least; and full thrust below the drag at every
-    airspeed.
+    Findings are a lift that carries the weight at no airspeed, or else not at the least; and a full thrust that exceeds
+    the drag at no airspeed.
     """
     speed_min, speed_max = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2

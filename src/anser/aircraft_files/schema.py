@@ -182,8 +182,8 @@ def coefficient_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] |
 def replaced_columns(table: CoefficientTable, index: tuple[int, int]) -> tuple[int, ...]:
     """Return the columns of the derivatives that a table replaces; `index` is row and column of its coefficient.
 
-    A table of a whole coefficient replaces the constant and the derivatives by alpha or beta if these are arguments of
-    the table. Columns of surfaces are not included.
+    A table of a whole coefficient replaces the constant, and the derivatives by alpha and beta as far as these angles
+    are arguments of the table. Columns of surfaces are not included.
     """
     if table.replaces not in COEFFICIENTS:
         return (index[1],)
@@ -236,7 +236,7 @@ class DaveMlSurface(ActuatedSurface):
 
     @property
     def input_name(self) -> str:
-        """Name or varID of the aerodynamic input for the deflection; by default name and "Deflection"."""
+        """Name or varID of the aerodynamic input for the deflection; by default `name` + "Deflection"."""
         return f"{self.name}Deflection" if self.input is None else self.input
 
 

@@ -376,7 +376,7 @@ def split_like(flat: Float[Array, " element"], templates: Sequence[Array]) -> li
 
 
 def state_fields_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the fields of `AutopilotState` that act in a loop and its inner loops, with the names of the elements."""
+    """Return pairs of a field of `AutopilotState` and the names of its elements, for a loop and its inner loops."""
     elements, fields = {**CHANNELS, "surfaces": airframe.actuators.names}, []
     for inner in CHANNELS:
         for field in _LOOP_STATE_FIELDS[inner]:

@@ -173,9 +173,9 @@ _BALANCING_STEPS = 6
 class Margins(eqx.Module):
     """Gain, phase, delay and disk margins of a loop that is broken at one breakpoint; inf (`gain_down`: 0) for none.
 
-    Gains are factors; `phase` is in rad, `delay` in s, `disk` the radius of the symmetric disk margin, 0 to 2. The
-    fields `..._searched` bound the factors for which the frequencies suffice; `..._at` and `crossover` (rad/s) are the
-    frequencies of gain and phase margins.
+    Gains are factors; `phase` is in rad, `delay` in s, `disk` the radius of the symmetric disk margin, 0 to 2. Beyond
+    the factors `..._searched`, a boundary of stability could lie below the lowest frequency. `..._at` and `crossover`
+    (rad/s) are the frequencies of gain and phase margins.
     """
 
     # factors of gain increase and decrease up to the boundary of stability, a pole on the unit circle; inf and 0 if no
@@ -220,10 +220,9 @@ class LoopResponse(eqx.Module):
     at once.
     """
 
-    omega: Float[Array, " frequency"]  # frequency, rad/s
-    open: Complex[Array, "frequency breakpoint"]  # loop transfer function L, negative feedback
-    difference: Complex[Array, "frequency breakpoint"]  # sensitivity less complementary sensitivity, S - T
-    # structured gain (upper bound of the structured singular value) of S - T, all actuators broken at once
+    omega: Float[Array, " frequency"]
+    open: Complex[Array, "frequency breakpoint"]
+    difference: Complex[Array, "frequency breakpoint"]
     actuators_difference: Float[Array, " frequency"]
 
 

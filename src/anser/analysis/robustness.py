@@ -115,12 +115,11 @@ class Cases:
     the change), index of the single changed factor (`alone`; -1 if all are changed), and change of each of `FACTORS`.
     """
 
-    # indices into `PARTS` and of the flight point, shape (n,)
     part: np.ndarray
     condition: np.ndarray
-    spread: np.ndarray  # greatest change, as a fraction, shape (n,); in the part "alone" the flown change
-    alone: np.ndarray  # index into `FACTORS` of the single changed factor, or -1 if all are changed, shape (n,)
-    changes: np.ndarray  # change of each of `FACTORS`, shape (n, factors)
+    spread: np.ndarray
+    alone: np.ndarray
+    changes: np.ndarray
 
     @property
     def values(self) -> np.ndarray:

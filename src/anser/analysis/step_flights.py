@@ -219,7 +219,10 @@ def step_time_scale(
 
 @compiled
 def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Return the sideslip (rad) whose moments need all of the surfaces' remaining travel at a trim point."""
+    """Return the sideslip (rad) at which the first of the surfaces that balance its moments reaches a stop.
+
+    The surfaces start from their deflections in the trim.
+    """
     condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     data, surfaces = condition.air_data, trim.state.surfaces
     sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)

@@ -57,9 +57,8 @@ class Expression:
     `evaluate(arrays by name, array module)` returns the value: true or false if `is_condition`, otherwise a number.
     """
 
-    names: tuple[str, ...]  # variables by dataset name
-    is_condition: bool  # whether the value is true or false, otherwise a number
-    # function (arrays by variable name, array module `numpy` or `jax.numpy`) that returns the value
+    names: tuple[str, ...]
+    is_condition: bool
     evaluate: _Evaluate
 
 

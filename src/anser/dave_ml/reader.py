@@ -77,7 +77,10 @@ def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, flo
 
 
 class TableReader:
-    """Reader of breakpoints and tables, collected by identifier; `used_identifiers` (varIDs) must not be repeated."""
+    """Reader of breakpoints and tables, collected by identifier.
+
+    No identifier may repeat another identifier or one of `used_identifiers`, the varIDs of the file.
+    """
 
     def __init__(self, used_identifiers: Iterable[str]) -> None:
         self.breakpoints: dict[str, Breakpoints] = {}
@@ -112,9 +115,11 @@ class TableReader:
     def _add_grid(
         self, element: Element, data: Element, axes_element: Element, axes: list[str], identifier: str, **fields: Any
     ) -> str:
-        """Store the table in `data`, values in the shape of the axes (last axis fastest), and return the identifier.
+        """Store the gridded table `identifier` with the numbers in the text of `data`, and return the identifier.
 
-        Raises DaveMlError if the number of axes or of values is wrong.
+        `axes` are the bpIDs of the breakpoints, last axis fastest in the text; `fields` replace name, units and
+        documentation of `element`. Raises DaveMlError, for the number of axes at `axes_element`, if the number of axes
+        or of values is wrong.
         """
         if not 1 <= len(axes) <= AXES_MAX:
             raise axes_element.fault(f"{len(axes)} axes of table {identifier}", f"1 to {AXES_MAX}")

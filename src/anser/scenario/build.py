@@ -238,7 +238,10 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
 
 
 def _onboard_model(aircraft: Aircraft, airframe: AbstractAirframe) -> AbstractAirframe:
-    """Return the airframe that estimator and autopilot assume: `airframe`, without aerodynamics if unknown to them."""
+    """Return the airframe that estimator and autopilot assume: `airframe`, or a copy without aerodynamics.
+
+    The table [aircraft.adaptation] tells whether the aerodynamics are known.
+    """
     return airframe if aircraft.adaptation.aerodynamics_known else without_aerodynamics(airframe)
 
 
@@ -248,7 +251,7 @@ def _adaptive(aircraft: Aircraft, estimator: AbstractEstimator, model: AbstractA
 
 
 def _controller(aircraft: Aircraft, autopilot: AbstractController, airframe: AbstractAirframe) -> AbstractController:
-    """Return the autopilot; if the table [aircraft.adaptation] has test inputs, with these added to the surfaces."""
+    """Return the autopilot, with test inputs added to the surface commands if [aircraft.adaptation] has test inputs."""
     table = aircraft.adaptation
     if table.probing == 0.0:
         return autopilot

@@ -204,7 +204,7 @@ def _capability_and_bandwidths(
 def _with_derived_gains(
     scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
 ) -> AutopilotGains:
-    """Return the gains derived from the bandwidths, with the scenario's gains in the loops that the scenario defines.
+    """Return the derived gains of `defaults`; loops for which the scenario has a table keep the scenario's gains.
 
     The bandwidth of the sensor filter is always the scenario's.
     """
@@ -216,7 +216,7 @@ def _with_derived_gains(
 
 
 def _derived_limits(limits: Limits, capability: Capability) -> Limits:
-    """Return the limits with the keys that the file left out tightened to the aircraft's performance.
+    """Return the limits in which keys that the file leaves out are tightened to the performance `capability`.
 
     The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
     so that the aircraft can still turn with that bank. Without level flight, the limits are unchanged.

@@ -214,7 +214,10 @@ def _positions(scenario: ScenarioTables) -> Iterator[tuple[str, str, Vector]]:
 
 
 def _outside(field: WindField, earth: Earth, position_m: Vector) -> tuple[str, str] | None:
-    """Return texts on the coordinate of a position beyond the field and on the field's extent; None for one inside."""
+    """Return two texts if a position (north, east, up; m) is beyond the field: its coordinate, and the field's extent.
+
+    None for a position inside.
+    """
     north, east, up = position_m
     axes, unit = chart_axes(field, earth), "m north or east of the origin"
     if field.is_geographic:

@@ -63,7 +63,10 @@ def parse_scenario(text: str, source: str) -> dict[str, Any]:
 
 
 def _duplicate_table_hint(line: str) -> str:
-    """Return the header that the line of a table declared twice should probably have, as text; empty otherwise."""
+    """Return a text with the right header, such as [[goal]], for the line of a table that is declared twice.
+
+    The text is empty if no such header exists.
+    """
     header = _HEADER.match(line)
     table = header[1] if header is not None else ""
     for model, introduction in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):

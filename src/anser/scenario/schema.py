@@ -183,10 +183,10 @@ class Scenario(ScenarioTables):
         return reach_problems(self) or [*arrival_time_problems(self)]
 
     def __eq__(self, other: object) -> bool:
-        """Whether another scenario has the same values and leaves the same limits and gains to the aircraft.
+        """Whether another scenario has the same values, and leaves out the same limits and gains.
 
-        A default value written in the file counts as different from a limit or gain that follows from the aircraft;
-        Pydantic's comparison does not make this difference.
+        A default value written in the file counts as different from a limit or gain that is left out, which follows
+        from the aircraft; Pydantic's comparison does not make this difference.
         """
         if not isinstance(other, Scenario):
             return NotImplemented

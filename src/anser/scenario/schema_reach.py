@@ -78,8 +78,8 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[Problem]:
     """List goals that outrun their aircraft, flights that are too short, and rendezvous outside the altitude limits.
 
-    Requires that every aircraft has a goal and that the wind is slower than the fleet. `unaided` leaves out the gain in
-    speed by a descent, or by a tail wind at altitudes above or below the start.
+    Requires that every aircraft has a goal and that the wind is slower than the fleet. With `unaided`, neither a
+    descent nor a tail wind at altitudes above or below the start counts as a gain in speed.
     """
     problems = []
     for index, goal in enumerate(scenario.goal):

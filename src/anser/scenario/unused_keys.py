@@ -47,7 +47,10 @@ class UnusedKeys:
 
 
 def unused_key_problems(scenario: Scenario, *, is_refused: bool = True) -> list[Problem]:
-    """List problems for keys without effect that make a file invalid, or (without `is_refused`) cause cautions."""
+    """List problems for the keys without effect that make a file invalid.
+
+    `is_refused` False: for the keys without effect that only cause cautions.
+    """
     candidates = [unused_keys for unused_keys in find_unused_keys(scenario) if unused_keys.is_refused == is_refused]
     return [problem for unused_keys in candidates for problem in unused_keys.problems()]
 

@@ -210,8 +210,8 @@ def simulate(
     Returns
     -------
     AircraftFlight
-        Its `dataset` ends at `duration_s`, or before the first row on the ground (altitude 0), beyond the wind field of
-        a file or with a non-finite value; the attribute `end` states which.
+        Its `dataset` ends with the last row up to `duration_s`, or before the first row on the ground (altitude 0),
+        beyond the wind field of a file or with a non-finite value; the attribute `end` states which.
     """
     enable_compilation_cache()
     model = load_aircraft(aircraft)
@@ -332,7 +332,7 @@ _fly = compiled_by_older_generator(("count",), "flight")(_flown)
 def set_lags(
     airframe: AbstractAirframe, points: list[TrimPoint], *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
-    """Return the airframe without actuator or engine lag if switched off, and the trim points for this airframe.
+    """Return the airframe, and trim points for it, without the lag of actuators or engine if the flag is False.
 
     Deflections and power of the trim points are unchanged.
     """

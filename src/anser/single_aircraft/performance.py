@@ -59,11 +59,10 @@ class _Points(NamedTuple):
     The mass is relative to the airframe's mass. The power (percent) determines the climb angle; NaN: level flight.
     """
 
-    speed: Float[Array, " point"]  # airspeed, m/s
-    altitude: Float[Array, " point"]  # m
-    turn_rate: Float[Array, " point"]  # rate of the course, rad/s
-    mass: Float[Array, " point"]  # mass over the airframe's mass
-    # engine power that determines the climb angle, percent; NaN: level flight, with the power as result
+    speed: Float[Array, " point"]
+    altitude: Float[Array, " point"]
+    turn_rate: Float[Array, " point"]
+    mass: Float[Array, " point"]
     power: Float[Array, " point"]
 
 

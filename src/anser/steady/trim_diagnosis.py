@@ -220,7 +220,7 @@ def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: Tr
 def _solve_grids(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, grids: dict[str, np.ndarray]
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
-    """Trim the target with each value of each grid in place of the quantity's own, and last the target unchanged.
+    """Trim the target with each value of each grid, which replaces one quantity, and last the unchanged target.
 
     Return the trim points, in the order of the grids, and for each quantity the flags of the values with a trim.
     """
