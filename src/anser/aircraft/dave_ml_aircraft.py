@@ -59,7 +59,8 @@ class DaveMlEngine(AbstractLaggedEngine):
     """Engine with thrust and thrust moment from a DAVE-ML file, functions of power (percent) and air data.
 
     The power follows the throttle with the first-order `lag` (s). `point_b` (m) is the file's moment reference point
-    relative to the centre of gravity, `extrapolation_thrust` (N) the thrust per 100 percent beyond 0 to 100 percent.
+    relative to the centre of gravity. Beyond 0 to 100 percent of power, which only a trim search uses, the thrust rises
+    by `extrapolation_thrust` (N) per 100 percent.
     """
 
     evaluator: Evaluator

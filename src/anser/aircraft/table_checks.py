@@ -192,7 +192,10 @@ def _departures(table: GriddedTable) -> np.ndarray:
 
 
 def _departure_from_line(points: np.ndarray, values: np.ndarray, axis: int) -> np.ndarray:
-    """Return the values minus the linear interpolation between their neighbours along an axis; nan at the ends."""
+    """Return the values minus the linear interpolation between their neighbours along an axis; NaN at the ends.
+
+    `points` are the breakpoints of the axis.
+    """
     leading = np.moveaxis(values, axis, 0)
     shape = (-1,) + (1,) * (values.ndim - 1)
     share = ((points[1:-1] - points[:-2]) / (points[2:] - points[:-2])).reshape(shape)

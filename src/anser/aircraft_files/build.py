@@ -166,7 +166,7 @@ def _read_cached(text: str, name: str) -> Model:
 
 
 def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
-    """Build the airframe of a validated aircraft file with DAVE-ML models; raises as `dave_ml_airframe`."""
+    """Build the airframe of a validated aircraft file with DAVE-ML models; raises ValueError for unsuitable models."""
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
     (alpha_min, alpha_max), (beta_min, beta_max) = file.validity.alpha_deg, file.validity.beta_deg
@@ -437,8 +437,9 @@ _FORCE_KEYS = ("drag", "lift_slope")
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
     """Return the nominal airframe with a constant deviation applied, as the simulation flies it.
 
-    The coefficient factors multiply the F-16's coefficients, `DerivativeAircraft.derivatives`, or CX to Cn of a DAVE-ML
-    aircraft. Raises TypeError for airframes of other classes, and for an engine that cannot be dispersed.
+    The deviation's factors on coefficients multiply the coefficients of an F-16, the `derivatives` of a
+    `DerivativeAircraft`, or CX to Cn of a DAVE-ML aircraft. Raises TypeError for airframes of other classes, and for an
+    engine that cannot be dispersed.
     """
     dispersed = _with_coefficients_and_body(nominal, deviation)
     if not deviation.changes_forces:

@@ -302,9 +302,8 @@ def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
     """Return the poles of a loop's three channels: ideal, in the limit of fast sampling and filters, and as flown.
 
     Each ideal pole is matched with the nearest pole of the linearized loop that is not yet matched, so channels with
-    equal poles cannot be told apart. Arguments are those of `linearize_loop`. The flight must be straight: the trim of
-    a turn has a little sideslip, the velocity loop commands none, and in the fast limit the difference drives the
-    engine to a limit.
+    equal poles cannot be told apart. The trim point of `case` must be a straight flight: a turn has a little sideslip,
+    the velocity loop commands none, and in the fast limit the difference drives the engine to a limit.
     """
 
     def poles(loop_case: LoopCase) -> list[complex]:

@@ -49,7 +49,11 @@ def loads(text: str, source: str = "<string>") -> Scenario:
 
 
 def from_values(values: dict[str, Any], source: str = "<values>") -> Scenario:
-    """Validate a scenario given as nested dictionaries and lists; `source` and errors are those of `loads`."""
+    """Validate a scenario given as nested dictionaries and lists.
+
+    `source` names the scenario in messages; if it is a file's path, relative paths start from the file's folder. Raises
+    ScenarioError if the scenario is not valid, or has keys without effect.
+    """
     scenario = validate(values, source)
     problems = unused_key_problems(scenario)
     if problems:

@@ -37,10 +37,10 @@ def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
 def _coinciding(
     aircraft: Sequence[Aircraft], coincide: Callable[[int, int], bool]
 ) -> Iterator[tuple[int, str, str, str]]:
-    """Yield four items for a message on each group of two or more aircraft for which `coincide` is true in pairs.
+    """Yield the parts of a message on each group of two or more aircraft that coincide in pairs.
 
-    Index and label of the second aircraft, the first aircraft as text, and a text on the remaining aircraft (empty for
-    a group of two). `coincide` has two indices as arguments.
+    The parts are index and label of the second aircraft, a text that names the first, and a text that names the
+    aircraft after the second (empty for a group of two). `coincide(i, j)` tells whether the aircraft i and j coincide.
     """
     for reference, duplicate, *further_indices in connected_groups(len(aircraft), coincide):
         addition = f", also that of {_list_aircraft(aircraft, further_indices)}" if further_indices else ""
@@ -212,7 +212,10 @@ def keep_out_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _have_equal_motion(goal: Goal, keep_out: KeepOut) -> bool:
-    """Whether goal and keep-out have the same velocity; a goal with waypoints only if both are at rest."""
+    """Whether goal and keep-out move with the same constant velocity, or are both at rest.
+
+    A goal with waypoints counts as moving unless all its waypoints coincide.
+    """
     if goal.waypoints is None:
         return goal.velocity_m_s() == keep_out.velocity_m_s()
     positions = {point.position_m for point in goal.waypoints}

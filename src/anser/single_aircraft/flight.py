@@ -93,7 +93,7 @@ class AircraftFlight:
         return aircraft_flight_figure(self.dataset)
 
     def margins(self, time_s: float | None = None) -> xr.Dataset:
-        """Compute the margins of the adaptive autopilot with its estimates frozen at `time_s`, s (None: the end).
+        """Compute the stability margins of the adaptive autopilot with its estimates frozen at `time_s` (s; None: the end).
 
         Result and errors are those of `anser.single_aircraft.frozen_adaptation.frozen_margins`; ValueError for a flight
         without an adaptive autopilot.
@@ -352,8 +352,8 @@ def _open_loop(
 ) -> AbstractController:
     """Return the controller that applies `controls`: a table of samples, or a function of time and state.
 
-    Absent inputs keep the values of the start `point`. `sample` and `increments` are `sample_inputs` for the flight's
-    times and the argument of `simulate`.
+    Absent inputs keep their values at the start `point`. `sample` computes the values of inputs at the times of the
+    flight; `increments` tells whether numbers, arrays and tables are increments to the start.
     """
     law: Any = controls
     if callable(controls) and not isinstance(controls, InputSignal | Mapping):

@@ -224,8 +224,9 @@ def _limit_of(flights: _Flights, index: int) -> str:
 def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
     """Return a text on the limit between a flyable level flight and its neighbour in airspeed that cannot be flown.
 
-    `inside` and `outside` are the indices of both. If alpha jumps between them, the limit is the greatest lift: the
-    neighbour's trim, if any, lies far beyond the stall. Otherwise the limits are those that the neighbour violates.
+    `inside` and `outside` are their indices in `flights`. If alpha jumps between the two flights, the limit is the
+    greatest lift: the neighbour's trim, if any, lies far beyond the stall. Otherwise the limits are those that the
+    neighbour violates.
     """
     alpha = np.asarray(flights.trims.trim.alpha)
     is_stall = abs(alpha[outside] - alpha[inside]) > _STALL_JUMP
@@ -235,8 +236,8 @@ def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight (NaN: none), the unit, and a text on the limit there.
 
-    `fly` computes `_Flights` for named columns of `_Points`; `speeds` (m/s) rise over the search range; `mass` is
-    relative to the airframe's mass.
+    `fly` trims flights at arrays of airspeeds and with a mass relative to the airframe's; `speeds` (m/s, rising) is the
+    search range.
     """
     value, grid, limit = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
@@ -256,8 +257,8 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
 def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
     """Return two figures: best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), and its airspeed.
 
-    `fly` and `speeds` are those of `_edge`; `name` and `unit` are for the first figure. Without a climb or glide the
-    result is a single NaN.
+    `fly` trims flights at the airspeeds `speeds` (m/s, rising) and a power; `name` and `unit` are for the first figure.
+    Without a climb or glide the result is a single NaN.
     """
     flights = fly(speed=speeds, power=power)
     angle = np.asarray(flights.path_angle)
@@ -284,8 +285,8 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
     """Return greatest load factor and rate (deg/s) and least radius (m) of sustained level turns, each with airspeed.
 
-    `fly` and `speeds` are those of `_edge`, `gravity` is in m/s^2. The search ends at a load factor of 9. Without level
-    flight, the result is a single NaN.
+    `fly` trims flights at the airspeeds `speeds` (m/s) and turn rates (rad/s); `gravity` is in m/s^2. The search ends
+    at a load factor of 9. Without level flight, the result is a single NaN.
     """
     low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
     limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size
