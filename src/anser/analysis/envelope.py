@@ -262,7 +262,7 @@ def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray
 class EnvelopeSurvey(SurveyResult):
     """Result of `survey_envelope`: dataset with trims over (condition, altitude, mach) and flights from them.
 
-    Variables of the flights also have the axis (command); values are NaN without a trim or flight.
+    Variables of the flights also have the axis (command). Without a trim or flight, numbers are NaN and codes 0.
     """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:

@@ -127,7 +127,10 @@ def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraf
 
 @dataclass(frozen=True)
 class _FlightCase:
-    """Arguments of `compute_defaults` as a cache key; the airframe is compared by `aircraft_content`."""
+    """Arguments of `compute_defaults` as a cache key.
+
+    Two airframes are equal if their contents (`aircraft_content`) are, two environments if their air is.
+    """
 
     aircraft_content: tuple[str, str, float | None, str]  # type, variant, x_cg_over_c, hash of the aircraft file
     airframe: AbstractAirframe = field(compare=False)

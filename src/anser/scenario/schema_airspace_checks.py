@@ -37,7 +37,7 @@ def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
 def _coinciding(
     aircraft: Sequence[Aircraft], coincide: Callable[[int, int], bool]
 ) -> Iterator[tuple[int, str, str, str]]:
-    """Yield the parts of a message on each group of two or more aircraft that coincide in pairs.
+    """Yield the parts of a message on each group of two or more aircraft that pairs of coinciding aircraft connect.
 
     The parts are index and label of the second aircraft, a text that names the first, and a text that names the
     aircraft after the second (empty for a group of two). `coincide(i, j)` tells whether the aircraft i and j coincide.

@@ -93,10 +93,10 @@ class AircraftFlight:
         return aircraft_flight_figure(self.dataset)
 
     def margins(self, time_s: float | None = None) -> xr.Dataset:
-        """Compute the stability margins of the adaptive autopilot with its estimates frozen at `time_s` (s; None: the end).
+        """Compute the stability margins of the adaptive autopilot with its estimates frozen at `time_s`.
 
-        Result and errors are those of `anser.single_aircraft.frozen_adaptation.frozen_margins`; ValueError for a flight
-        without an adaptive autopilot.
+        `time_s` is in s; None: the end. Result and errors are those of
+        `anser.single_aircraft.frozen_adaptation.frozen_margins`; ValueError for a flight without an adaptive autopilot.
         """
         return frozen_margins(self.dataset, time_s)
 
