@@ -307,7 +307,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
 
 
 def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
-    """Return all tables of `data` by name, in the units of the file, with the entries that a variant changes.
+    """Return all tables of `data` by name, in the units of the file, after a variant has changed its entries.
 
     Raises ValueError if an entry to be changed differs from the textbook value that the variant states.
     """

@@ -73,7 +73,8 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
 
     A row has least value, 5th percentile and median of the gain (dB), phase (deg), delay (ms) and disk margin over the
     stable points, and the number of points with less than `GAIN_MIN_DB` or `PHASE_MIN_DEG`. `with_reserve` counts only
-    points with a tenth of power and deflections left. Infinite statistics are None, as are all statistics of no point.
+    points with a tenth of power and deflections left. Infinite statistics are None, and so are all without such a
+    point.
     """
     is_selected = dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("stable")
     if with_reserve:

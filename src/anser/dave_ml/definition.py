@@ -53,8 +53,9 @@ class SourceLocation:
 class Variable:
     """Variable of a DAVE-ML file: input, output, state, constant or computed quantity.
 
-    Values (`initial`, also of constants and defaults of inputs, and the limits `minimum` and `maximum`) are in `units`;
-    `formula` is None unless the value follows from other variables.
+    `initial` is the value of a constant, the initial value of a state or the default of an input; `minimum` and
+    `maximum` limit the variable. All three are in `units`. `formula` is None unless the value follows from other
+    variables.
     """
 
     #: varID, name (of ANSI/AIAA S-119 for standard variables) and units, as written. The texts below are documentation.

@@ -13,7 +13,7 @@ from anser.scenario.unused_keys import unused_key_cautions
 def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[str, ...]:
     """Return the cautions about a scenario, one sentence each; empty without any.
 
-    `with_trim_maps` compares the limits with the trim map of each aircraft, which takes seconds the first time.
+    `with_trim_maps`: the limits are compared with the trim map of each aircraft, which takes seconds the first time.
     """
     gains = [text for index, aircraft in enumerate(scenario.aircraft) for text in _gain_cautions(index, aircraft)]
     limits = _limit_cautions(scenario) if with_trim_maps else []

@@ -55,7 +55,8 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
     """Return two texts for a message if the chart around an origin's latitude is unfit for the flight; otherwise None.
 
-    The texts describe the defect, and a remedy other than a new origin. `positions` are those of `_positions`.
+    The texts describe the defect, and a remedy other than a new origin. `positions` are starts, and corners around
+    goals.
     """
     speed_m_s, duration_s = scenario.fleet.airspeed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":

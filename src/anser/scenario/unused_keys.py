@@ -17,7 +17,7 @@ _GUST_KEYS = ("wind_time_s", "gust_time_s")
 class UnusedKeys:
     """Keys of one table that have no effect.
 
-    `path` is the key path of the table, `cause` the reason as a continuation of the value (such as ``with intensity
+    `path` is the key path of the table, `cause` the reason, a text that follows the value in messages (``with intensity
     "none"``), `remedy` the setting with which the keys have an effect. If `is_whole`, the whole table has no effect,
     and messages name the first key alone. Keys set in a file make the file invalid if `is_refused`; the direction of
     something at rest and a goal without aircraft are only cautions, because speed and aircraft may be set elsewhere. A

@@ -190,13 +190,13 @@ def solve_trim(
     """Trim an aircraft: solve the equations of a steady flight `target` for alpha, beta, mu, surfaces and power.
 
     Equations: body velocity and body rates are constant in a steady (helical) turn or at the instant of a pull-up, and
-    the side force vanishes (coordination; [SL] section 3.6 has the same condition; in a pull-up by pitch rate it levels
-    the wings). Over a round Earth "constant" refers to the travelling NED axes: Coriolis and centrifugal accelerations
-    are balanced too. An aircraft without yaw control has no equation for the side force. Limits are not enforced, so a
-    diagnosis can state their violation: see `trim_violations`. Levenberg-Marquardt from several angles of attack; the
-    result is the solution inside the limits with the smallest angle of attack, or else the solution with the least
-    excess, or else the attempt with the least residual. Differentiable by the implicit function theorem, first
-    derivatives only.
+    the side force vanishes (coordination; [SL] section 3.6 has the same condition, which levels the wings in a pull-up
+    by pitch rate). Over a round Earth "constant" refers to the travelling NED axes: Coriolis and centrifugal
+    accelerations are balanced too. An aircraft without yaw control has no equation for the side force. Limits are not
+    enforced, so a diagnosis can state their violation: see `trim_violations`. Levenberg-Marquardt from several angles
+    of attack; the result is the solution inside the limits with the smallest angle of attack, or else the solution with
+    the least excess, or else the attempt with the least residual. Differentiable by the implicit function theorem,
+    first derivatives only.
 
     Parameters
     ----------
