@@ -15,8 +15,9 @@ from anser.variables import STANDARD_SURFACES
 class AbstractActuators(eqx.Module):
     """Interface of the actuators of any number of control surfaces.
 
-    Each class defines its own actuator state; every state has an attribute `position` (rad). Arrays have the shape
-    (surfaces,).
+    Arrays have the shape (surfaces,): lag from command to position (`time_constant`, s), which controllers invert;
+    lower and upper stop (rad); greatest rate (rad/s). Each class defines its own actuator state, always with an
+    attribute `position` (rad).
     """
 
     #: Time constant of the lag from command to position, s; controllers invert the actuators with this lag.
@@ -58,7 +59,7 @@ class AbstractActuators(eqx.Module):
 
     @property
     def controls_yaw(self) -> bool:
-        """Whether three surfaces or more are commanded: enough to control roll, pitch and yaw."""
+        """Whether roll, pitch and yaw can all be controlled: three surfaces or more are commanded."""
         return sum(self.is_commanded) >= len(STANDARD_SURFACES)
 
     @property
@@ -75,7 +76,10 @@ class AbstractActuators(eqx.Module):
         return eqx.tree_at(lambda a: a.time_constant, self, self.time_constant / factor)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
-        """Return the command (rad, within the stops) that moves a first-order lag from `position` at `rate` (rad/s)."""
+        """Return the command (rad, within the stops) that moves the surfaces from `position` (rad) at `rate` (rad/s).
+
+        The surfaces are modelled as first-order lags with the time constants `time_constant`.
+        """
         return self.limit_command(position + self.time_constant * rate)
 
 
@@ -184,7 +188,7 @@ class SecondOrderActuators(AbstractActuators):
 
 
 class InstantActuators(AbstractActuators):
-    """Actuators without lag and rate limit: the surfaces jump to the limited command at the start of each step."""
+    """Actuators without lag or rate limit: the surfaces jump to the limited command at the start of each step."""
 
     time_constant: Vector
     lower: Vector
@@ -206,7 +210,7 @@ class InstantActuators(AbstractActuators):
 
 
 def without_lag(actuators: AbstractActuators) -> InstantActuators:
-    """Return actuators of the same surfaces and position limits, without lag and rate limit.
+    """Return actuators of the same surfaces with the same position limits, but without lag or rate limit.
 
     Raises
     ------

@@ -19,10 +19,11 @@ from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
 class AircraftState(eqx.Module):
-    """State of one aircraft relative to the local NED axes, over a flat or a round Earth.
+    """State of one aircraft relative to the local NED axes: motion (SI units, rad), actuators and engine.
 
-    Over a flat Earth an `AircraftState` is integrated directly. Over a round Earth an `EarthFixedState` is integrated,
-    and the `AircraftState` is computed from the result (`anser.aircraft.motion`).
+    Position in the chart (local map), velocity over ground in body axes, attitude from NED to body axes (scalar first),
+    and body rates relative to the NED axes. Over a flat Earth this state is integrated; over a round Earth
+    `EarthFixedState` is integrated, and the `AircraftState` is computed from the result (`anser.aircraft.motion`).
     """
 
     #: Position North, East, Down in the Earth's chart (local map), m; altitude is minus the third component.
@@ -78,7 +79,10 @@ def rigid_body(mass: float, inertia_b: np.ndarray, spin: float = 0.0) -> MassPro
 
 
 class AbstractAirframe(eqx.Module):
-    """Interface of an airframe; a new airframe is a direct subclass, and concrete airframes are not subclassed."""
+    """Interface of an airframe: mass properties, actuators, engine, and valid ranges (rad) of alpha and beta.
+
+    A new airframe is a direct subclass with a method `aerodynamics`; concrete airframes are not subclassed.
+    """
 
     mass_properties: eqx.AbstractVar[MassProperties]  #: Mass, inertia and angular momentum of the engine.
     actuators: eqx.AbstractVar[AbstractActuators]  #: Dynamics, limits and names of the control surfaces.
@@ -92,7 +96,7 @@ class AbstractAirframe(eqx.Module):
     def symmetric(self) -> bool:
         """Whether the side force is zero without sideslip, rates and deflections; False if unknown.
 
-        The value is fixed at compilation: if True, the autopilot does not compensate a side force.
+        If True, the autopilot compiles without the compensation of a side force.
         """
         return False
 
@@ -121,10 +125,10 @@ _LENGTHS = ("span", "wing_area", "mean_chord")
 
 
 def refuse_impossible_body(airframe: AbstractAirframe, name: str) -> None:
-    """Raise ValueError if mass, inertia, wing area, span or chord of an airframe is physically impossible.
+    """Raise ValueError if mass properties, wing area, span or chord of an airframe are physically impossible.
 
-    Also if `inertia_b` is not symmetric or `inertia_inverse_b` is not its inverse. The numbers must not be traced by
-    JAX; `name` stands for the airframe in the message.
+    Impossible are also an asymmetric `inertia_b`, and an `inertia_inverse_b` that is not the inverse of `inertia_b`.
+    The numbers must not be traced by JAX; the message calls the airframe `name`.
     """
     properties = airframe.mass_properties
     J_b = np.asarray(properties.inertia_b, dtype=float)

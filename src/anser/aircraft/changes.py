@@ -21,7 +21,11 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 
 
 class AirframeChange(eqx.Module):
-    """Factors on properties of an airframe, and a shift of its centre of gravity; 1 and 0 mean no change."""
+    """Change of an airframe: factors (1: no change), and a shift of the centre of gravity (0: no change).
+
+    The factors act on surface deflections, drag, lift slope, thrust, mass, second moments of mass along body x, y, z,
+    and actuator bandwidth; `cg_shift` is a fraction of the mean chord, positive aft.
+    """
 
     #: Factor on the aerodynamically effective deflection of each surface; actuators and stops are unchanged.
     surface_effectiveness: Vector
@@ -42,13 +46,16 @@ class AirframeChange(eqx.Module):
 
 
 class AirframeChanges(eqx.Module):
-    """Changes of an aircraft during the flight, each in force from its time on; factors multiply, shifts add."""
+    """Changes of an aircraft during the flight; each lasts from its time to the end of the flight.
+
+    While several changes last, their factors are multiplied and their shifts added.
+    """
 
     times: Float[Array, " changes"]  #: Time of each change, s.
     changes: AirframeChange  #: The changes as one object, each array with a leading axis of the shape of `times`.
 
     def at(self, time: ScalarLike) -> AirframeChange:
-        """Return the changes in force at a time (s) as one: products of the factors, sum of the shifts."""
+        """Return one change equal to all changes with times up to `time` (s): factors multiplied, shifts added."""
         is_active = jnp.asarray(time) >= self.times
 
         def total(values: Array) -> Array:
@@ -60,7 +67,11 @@ class AirframeChanges(eqx.Module):
 
 
 class ChangedAirframe(AbstractAirframe):
-    """An airframe with a change in force, except for the change of thrust, which the simulation applies."""
+    """An airframe to which an `AirframeChange` is applied, except for the factor on the thrust.
+
+    The simulation applies the factor on the thrust. `airframe` is the unchanged airframe, `shift_b` (m, body axes) the
+    original centre of gravity relative to the shifted one.
+    """
 
     airframe: AbstractAirframe  #: The airframe without the change.
     mass_properties: MassProperties
@@ -97,7 +108,7 @@ class ChangedAirframe(AbstractAirframe):
         """Compute the force (N) and the moment about the shifted centre of gravity (N m), body axes.
 
         The factors on drag D and lift L act on D = -(X cos(alpha) + Z sin(alpha)) and L = X sin(alpha) - Z cos(alpha),
-        with the aerodynamic force X, Z along body x and z.
+        with the aerodynamic force X, Z along body x and z. Arguments: `AbstractAirframe.aerodynamics`.
         """
         wrench = self.airframe.aerodynamics(air_data, rates_b, surfaces * self.surface_effectiveness)
         X, _, Z = wrench.force_b
@@ -116,7 +127,7 @@ class ChangedAirframe(AbstractAirframe):
 
 
 def changed_airframe(airframe: AbstractAirframe, change: AirframeChange) -> ChangedAirframe:
-    """Return an airframe with a change applied, except for the change of thrust.
+    """Return an airframe with a change applied, except for the factor on the thrust.
 
     The centre of gravity is not shifted if the airframe has no `mean_chord`.
 

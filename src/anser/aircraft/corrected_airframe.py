@@ -32,7 +32,10 @@ class ReferenceLengths(eqx.Module):
         return Wrench(scale * coefficients[:3], scale * lengths * coefficients[3:])
 
     def coefficients(self, qbar: Scalar, wrench: Wrench) -> Float[Array, "6"]:
-        """Return CX, CY, CZ, Cl, Cm, Cn of a force (N) and a moment (N m), body axes; qbar is at least 1 Pa."""
+        """Return CX, CY, CZ, Cl, Cm, Cn of a force (N) and a moment (N m), body axes, at a dynamic pressure (Pa).
+
+        A dynamic pressure below 1 Pa counts as 1 Pa.
+        """
         scale = jnp.maximum(qbar, 1.0) * self.wing_area
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         return jnp.concatenate([wrench.force_b / scale, wrench.moment_b / (scale * lengths)])
@@ -57,9 +60,11 @@ def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
 
 
 def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "2 p"]:
-    """Return the regressors of the longitudinal and of the lateral coefficients, shape (2, 4 + surfaces).
+    """Return the regressors: the quantities on which the increments of the coefficients depend linearly.
 
-    Rows: (1, alpha, q c/2V, 0, surfaces) and (1, beta, p b/2V, r b/2V, surfaces), angles in rad; V is at least 1 m/s.
+    Shape (2, 4 + surfaces), one row for CX, CZ, Cm: (1, alpha, q c/2V, 0, surfaces), and one for CY, Cl, Cn: (1, beta,
+    p b/2V, r b/2V, surfaces); angles in rad. Body rates are relative to the air, rad/s. An airspeed V below 1 m/s
+    counts as 1 m/s.
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     p, r = rates_b[0] * lengths.span / double_V, rates_b[2] * lengths.span / double_V
@@ -74,9 +79,10 @@ def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfa
 
 
 def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]:
-    """Return the reference regressors (2, 4 + surfaces): `alpha` and `surfaces` (rad), no sideslip and rates.
+    """Return the regressors of flight at `alpha` without sideslip and rates, with deflections `surfaces` (rad).
 
-    The entry of the constant is 0, so that the deviation of the constant from the reference remains 1.
+    Shape (2, 4 + surfaces) as in `regressors`, to be subtracted from their result; the entry of the constant is 0
+    instead of 1, so the difference keeps a constant of 1.
     """
     zero = jnp.zeros_like(alpha)
     states = jnp.stack([jnp.stack([zero, alpha, zero, zero]), jnp.zeros(STATE_REGRESSORS)])
@@ -84,15 +90,15 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
-    """Return the regressors of CX, CY, CZ, Cl, Cm, Cn from the longitudinal and the lateral row."""
+    """Return a row of regressors for each of CX, CY, CZ, Cl, Cm, Cn, from the two rows of `regressors`."""
     return jnp.tile(rows, (3, 1))  # CX, CZ, Cm are longitudinal, CY, Cl, Cn lateral: the rows alternate
 
 
 class CorrectedAirframe(AbstractAirframe):
-    """An airframe with increments of its six coefficients, linear in the regressors' deviations from a reference.
+    """An airframe with increments of CX to Cn: `increments` times (regressors - `reference`), see `regressors`.
 
-    If `aerodynamics_known` is False, the increments are the whole coefficients. Mass, inertia, geometry, actuators and
-    engine are those of the base airframe.
+    If `aerodynamics_known`, the increments are added to the coefficients of the airframe `base`, otherwise they replace
+    these coefficients. Mass, inertia, geometry, actuators and engine are those of `base`.
     """
 
     base: AbstractAirframe
@@ -131,12 +137,16 @@ class CorrectedAirframe(AbstractAirframe):
         return self.lengths.wing_area
 
     def increment(self, data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Return the increments of force (N) and of moment about the centre of gravity (N m), body axes."""
+        """Return force (N) and moment about the centre of gravity (N m), body axes, due to the increments alone."""
         rows = by_coefficient(regressors(self.lengths, data, rates_b, surfaces) - self.reference)
         return self.lengths.wrench(data.qbar, jnp.sum(self.increments * rows, axis=1))
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute force (N) and moment about the centre of gravity (N m), body axes: base airframe plus increments."""
+        """Compute force (N) and moment about the centre of gravity (N m), body axes.
+
+        The result is the sum of base airframe and increments, or the increments alone unless `aerodynamics_known`.
+        Arguments: `AbstractAirframe.aerodynamics`.
+        """
         increment = self.increment(air_data, rates_b, surfaces)
         return self.base.aerodynamics(air_data, rates_b, surfaces) + increment if self.aerodynamics_known else increment
 
@@ -155,7 +165,7 @@ def corrected_airframe(
 ) -> CorrectedAirframe:
     """Return an airframe whose six aerodynamic coefficients are those of `base` plus linear increments.
 
-    The increments are `increments`, shape (coefficient, regressor), times the deviations of the regressors from
+    The increments are `increments`, shape (coefficient, regressor), times the deviations of the `regressors` from
     `reference`. If `aerodynamics_known` is false, the coefficients are the increments alone.
     """
     return CorrectedAirframe(

@@ -45,7 +45,7 @@ _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
 def _used_inputs(evaluator: Evaluator, values: Mapping[str, ScalarLike]) -> dict[str, ScalarLike]:
-    """Return those of `values`, by variable name, that are inputs of the file."""
+    """Return the entries of `values` (by variable name) whose variable is an input of the file."""
     input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
     return {name: value for name, value in values.items() if name in input_names}
 
@@ -58,7 +58,9 @@ def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]
 class DaveMlEngine(AbstractLaggedEngine):
     """Engine with thrust and thrust moment from a DAVE-ML file, functions of power (percent) and air data.
 
-    The power follows the throttle with the first-order `lag`, s.
+    The power follows the throttle with the first-order `lag` (s). `point_b` (m) is the file's moment reference point
+    relative to the centre of gravity. Beyond 0 to 100 percent of power, which only a trim search uses, the thrust rises
+    by `extrapolation_thrust` (N) per 100 percent.
     """
 
     evaluator: Evaluator
@@ -137,9 +139,10 @@ _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.
 
 
 class DaveMlAircraft(AbstractAirframe):
-    """Airframe with the aerodynamics of a DAVE-ML file.
+    """Airframe with the aerodynamics of a DAVE-ML file: body-axis coefficients about a moment reference centre.
 
-    The file's coefficients are in body axes; the moment coefficients refer to the file's moment reference centre.
+    `centre_b` (m) is the centre of mass relative to the reference centre; `inputs` names the file's input for each
+    surface; airspeeds below `airspeed_min` (m/s) are raised to this value before the file is evaluated.
     """
 
     mass_properties: MassProperties
@@ -184,7 +187,8 @@ class DaveMlAircraft(AbstractAirframe):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the force (N) and the moment about the centre of mass (N m), in body axes.
 
-        Force F = qbar S (CX, CY, CZ); moment qbar S (b Cl, c Cm, b Cn) - r x F, where r is `centre_b`.
+        Force F = qbar S (CX, CY, CZ); moment qbar S (b Cl, c Cm, b Cn) - r x F, where r is `centre_b`. Arguments:
+        `AbstractAirframe.aerodynamics`.
         """
         c = self.coefficients(air_data, rates_b, surfaces)
         scale = air_data.qbar * self.wing_area
@@ -316,7 +320,7 @@ def dave_ml_airframe(
 
 
 def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether airframe or engine has a side force without sideslip, rates and deflections at sea level.
+    """Whether airframe or engine has a side force at sea level without sideslip, rates and deflections.
 
     The side force is evaluated on a grid of angle of attack, airspeed and engine power.
     """

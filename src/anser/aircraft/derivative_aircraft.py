@@ -23,7 +23,9 @@ _STATIC_COLUMNS = tuple(DERIVATIVE_ARGUMENTS.index(argument) for argument in STA
 class DerivativeAircraft(AbstractAirframe):
     """Airframe whose aerodynamic coefficients are sums of derivatives times angles, rates and deflections.
 
-    Induced drag, stall and tables add nonlinear parts.
+    `derivatives` has a row for each of CL, CD, CY, Cl, Cm, Cn and a column for each argument (`DERIVATIVE_ARGUMENTS`,
+    then the surfaces), per rad or dimensionless rate. Tables add to entries of this array; induced drag and stall add
+    nonlinear parts. `cg_offset_b` (m) is the centre of gravity relative to the reference point of the moments.
     """
 
     mass_properties: MassProperties
@@ -62,11 +64,11 @@ class DerivativeAircraft(AbstractAirframe):
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
-        """Compute CL, CD, CY, Cl, Cm, Cn (`COEFFICIENTS`), moments about the reference point, from rates in rad/s.
+        """Compute CL, CD, CY, Cl, Cm, Cn (`COEFFICIENTS`); moments are about the reference point.
 
-        Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients of an
-        aircraft at rest finite. Stall and drag: [BM] section 4.2; the lift due to angle of attack fades into the lift
-        of a flat plate, 2 sign(alpha) sin^2(alpha) cos(alpha).
+        `rates_b` (rad/s, relative to the air) are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to
+        keep the coefficients of an aircraft at rest finite; `surfaces` are in rad. Stall and drag: [BM] section 4.2;
+        the lift due to angle of attack fades into the lift of a flat plate, 2 sign(alpha) sin^2(alpha) cos(alpha).
         """
         alpha, beta = air_data.alpha, air_data.beta
         V = jnp.maximum(air_data.V, 1.0)
@@ -102,7 +104,7 @@ class DerivativeAircraft(AbstractAirframe):
         """Compute the force (N) and the moment about the centre of gravity (N m), in body axes.
 
         Lift and drag are rotated into body axes by alpha alone; the moment is transferred from the reference point of
-        the coefficients to the centre of gravity.
+        the coefficients to the centre of gravity. Arguments: `AbstractAirframe.aerodynamics`.
         """
         CL, CD, CY, Cl, Cm, Cn = self.coefficients(air_data, rates_b, surfaces)
         sa, ca = jnp.sin(air_data.alpha), jnp.cos(air_data.alpha)

@@ -20,7 +20,11 @@ AnyAirframe = TypeVar("AnyAirframe", bound=AbstractAirframe)
 
 
 class BodyDispersion(eqx.Module):
-    """Deviations of mass, inertia, thrust, actuators and centre of gravity; factors of 1 and shift 0: no change."""
+    """Deviations of an aircraft apart from aerodynamics: factors (1: no change) and a shift (0: no change).
+
+    The factors act on thrust, mass, second moments of mass along body x, y, z (`dispersed_mass`), and actuator
+    bandwidth; `cg_shift` is the shift of the centre of gravity, a fraction of the mean chord, positive aft.
+    """
 
     # factors on thrust and mass
     thrust: Scalar
@@ -113,7 +117,7 @@ AnyF16 = TypeVar("AnyF16", bound=AbstractF16)
 
 
 class F16Dispersion(BodyDispersion):
-    """Dispersion of an F-16, with a factor of any sign on each of `F16_COEFFICIENTS`, shape (22,)."""
+    """Dispersion of an F-16: a `BodyDispersion`, and a factor on each of `F16_COEFFICIENTS` (negative allowed)."""
 
     coefficients: Float[Array, "22"]
 

@@ -115,7 +115,7 @@ class NoEngine(AbstractEngine):
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Return a zero rate of power."""
+        """Return a zero rate of power at any throttle."""
         return EnginePower(jnp.zeros_like(state.power))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -254,7 +254,7 @@ class InstantEngine(AbstractEngine):
         return self.engine.outside_tables(air_data)
 
     def with_point_shifted(self, shift_b: Vector3) -> "InstantEngine":
-        """Return a copy with the thrust point of the inner engine moved by `shift_b` (m, body axes)."""
+        """Return a copy with the thrust point of the field `engine` moved by `shift_b` (m, body axes)."""
         return InstantEngine(self.engine.with_point_shifted(shift_b))
 
 

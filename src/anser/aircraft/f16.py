@@ -94,11 +94,10 @@ class F16Engine(AbstractEngine):
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """Return the power command (0..100 percent) for a required power rate (percent/s), the inverse of `power_rate`.
 
-        From 50 percent of power on (afterburner) the rate constant is 5 1/s; below 50 percent the constant is 1 1/s for
-        commands up to 25 percent above the power. Greater steps reduce the rate constant, so the command is limited to
-        25 percent above the power. Near 50 percent of power the published lag cannot produce certain rates. The command
-        for such a rate lies beyond 50 percent, and the power usually changes faster than required, so that a closed
-        loop cannot stick at 50 percent.
+        The rate is k times (command - power). From 50 percent of power on (afterburner) k is 5 1/s. Below, k is 1 1/s
+        up to a difference of 25 percent, the limit of the command here, because k decreases beyond. Certain rates near
+        50 percent are impossible; the power then usually changes faster than required, so a closed loop cannot stick at
+        50 percent.
         """
         command_with_afterburner = power + power_rate / 5.0
         command_without = power + jnp.minimum(power_rate, 25.0)
@@ -121,7 +120,10 @@ class F16Coefficients(eqx.Module):
 
 
 class AbstractF16(AbstractAirframe):
-    """Base class of the F-16 models: engine, geometry and forces; subclasses define the aerodynamic coefficients."""
+    """Base class of the F-16 models: engine, geometry and forces; subclasses define the aerodynamic coefficients.
+
+    `x_cg` and `x_cg_reference` (moment reference) are fractions of the mean chord.
+    """
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -145,7 +147,10 @@ class AbstractF16(AbstractAirframe):
         """Return a copy of the aircraft with each coefficient of `F16_COEFFICIENTS` multiplied by its factor."""
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute the force qbar S (CX, CY, CZ), N, and the moment qbar S (b Cl, c Cm, b Cn), N m, in body axes."""
+        """Compute the force qbar S (CX, CY, CZ), N, and the moment qbar S (b Cl, c Cm, b Cn), N m, in body axes.
+
+        The moment is about the centre of gravity. Arguments: `AbstractAirframe.aerodynamics`.
+        """
         c = self.coefficients(air_data, rates_b, surfaces)
         scale = air_data.qbar * self.wing_area
         return Wrench(
@@ -169,8 +174,10 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 class F16(AbstractF16):
     """F-16 with the tables of Stevens & Lewis; `f16_from_data` builds the published variants.
 
-    The textbook's elevator table ends at 24 deg while the surface moves to 25 deg. The last degree is part of the
-    published model; `outside_tables` does not report such deflections.
+    Angles in the fields are in deg: `surface_reference` has the deflections (elevator, aileron, rudder) for which
+    `normal_force_elevator` (CZ) and the last two of `side_force` (CY; the first is per deg of sideslip) hold. The
+    textbook's elevator table ends at 24 deg, the surface moves to 25 deg: `outside_tables` does not report the last
+    degree.
     """
 
     surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
@@ -300,7 +307,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
 
 
 def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
-    """Return all tables of `data` by name, in the units of the file, with the entries that a variant changes.
+    """Return all tables of `data` by name, in the units of the file, after a variant has changed its entries.
 
     Raises ValueError if an entry to be changed differs from the textbook value that the variant states.
     """

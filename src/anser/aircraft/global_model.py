@@ -69,7 +69,10 @@ def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array
 
 
 def _factor_name(coefficient: str, term: str) -> str:
-    """Return the name in `F16_COEFFICIENTS` of the table with the same effect as a term of the global model."""
+    """Return the name in `F16_COEFFICIENTS` of the table that corresponds to a `term` of the global model.
+
+    The term belongs to the polynomial of `coefficient`.
+    """
     table = {"CD": "CX", "CL": "CZ"}.get(coefficient, coefficient)
     rates = [rate for rate in "pqr" if rate in term.split()]
     if rates:

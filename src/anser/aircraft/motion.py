@@ -28,7 +28,11 @@ from anser.spatial.rotations import (
 
 
 class AirDataAndForces(eqx.Module):
-    """Air data, forces and moments of one aircraft at one time, computed once per evaluation and passed on."""
+    """Air data, forces and moments of one aircraft at one time.
+
+    `R_bn` rotates from NED to body axes; `wind_n` (m/s) is the mean wind, whereas the air data include gusts; `earth`
+    has the Earth's terms of the equations of motion.
+    """
 
     R_bn: Matrix33  #: Rotation matrix from NED to body axes.
     wind_n: Vector3  #: Mean wind over ground, without gusts, NED, m/s; the air data include gusts.
@@ -54,10 +58,9 @@ def air_data_and_forces(
 ) -> AirDataAndForces:
     """Compute air data, forces and moments of a state at a time (s).
 
-    The air rotates with the Earth, so aerodynamic damping depends on the body rates relative to the Earth, neither on
-    the rates relative to the travelling NED axes nor on the inertial rates. `rates_air_b` are the body rates relative
-    to the Earth, rad/s; None: computed from the state, with a singularity at the poles, at which the rates of the
-    travelling axes are unbounded. `disturbance` adds gusts and a factor on the thrust; None: undisturbed.
+    Aerodynamic damping depends on the body rates relative to the Earth, with which the air rotates: `rates_air_b`,
+    rad/s. None: computed from the rates relative to the NED axes, which are singular at the poles. `disturbance` adds
+    gusts and a factor on the thrust; None: undisturbed.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
@@ -86,9 +89,10 @@ def air_data_and_forces(
 def modelled_air_data_and_forces(
     airframe: AbstractAirframe, condition: AirDataAndForces, data: AirData, state: AircraftState
 ) -> AirDataAndForces:
-    """Return `condition` with the measured air data `data` and the forces and moments of the airframe model there.
+    """Return `condition` with the air data `data`, and the forces of the airframe model at these air data.
 
-    A loss of thrust and the rotation of gusts are unknown to the model and not included.
+    Deflections, power and rates are those of `state`. A loss of thrust and the rotation of the air in gusts are unknown
+    to the model and left out.
     """
     rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
     return AirDataAndForces(
@@ -145,12 +149,15 @@ def flat_earth_derivative(
 
 
 class EarthFixedState(eqx.Module):
-    """State of one aircraft in Earth-fixed axes for integration over a round Earth; regular at poles and date line."""
+    """State of one aircraft in Earth-fixed axes for integration over a round Earth; regular at poles and date line.
 
-    position_e: Vector3  # position of the centre of gravity, ECEF, m
-    # velocity relative to the rotating Earth, m/s, and inertial angular velocity, rad/s, in body axes
+    Position in ECEF axes (m), velocity relative to the rotating Earth (body axes, m/s), attitude from ECEF to body axes
+    (scalar first), inertial angular velocity (body axes, rad/s), states of actuators and engine.
+    """
+
+    position_e: Vector3
     velocity_b: Vector3
-    quaternion: Quaternion  # attitude (q0, q1, q2, q3), scalar first, from ECEF to body axes
+    quaternion: Quaternion
     rates_b: Vector3
     actuators: Any
     engine: Any
@@ -248,7 +255,10 @@ AnyMotionState = TypeVar("AnyMotionState", bound=MotionState)
 
 
 def to_motion_state(environment: Environment, state: AircraftState) -> MotionState:
-    """Convert a state in local NED axes to the state for integration: Earth-fixed axes over a `RotatingEarth`."""
+    """Convert a state in local NED axes to the state that is integrated: an `EarthFixedState` over a `RotatingEarth`.
+
+    Over a flat Earth the state is returned unchanged.
+    """
     earth = environment.earth
     return earth_fixed_state(earth, state) if isinstance(earth, RotatingEarth) else state
 
@@ -268,7 +278,11 @@ def motion_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> AnyMotionState:
-    """Return the time derivative of a state, as a state of rates per second, by the equations for the state's class."""
+    """Return the time derivative of a state, as an object of the state's class with rates per second.
+
+    An `AircraftState` moves over a flat Earth, an `EarthFixedState` over a round Earth. `disturbance` None: neither
+    gust nor loss of thrust.
+    """
     if isinstance(state, AircraftState):
         return cast(AnyMotionState, flat_earth_derivative(airframe, environment, time, state, controls, disturbance))
     return cast(AnyMotionState, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))

@@ -15,9 +15,10 @@ class ElectricPropeller(AbstractLaggedEngine):
     """Motor with voltage proportional to power, and a propeller with coefficients quadratic in the advance ratio.
 
     R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers: C_T(J) and
-    C_Q(J) with J = V / (n D); thrust rho n^2 D^4 C_T and torque rho n^2 D^5 C_Q at n revolutions per second; motor
-    torque K_Q ((V_in - K_V Omega) / R - i0) with K_Q = K_V in SI. Equating the torques gives a quadratic equation for
-    Omega. A slow propeller at high airspeed brakes (negative thrust) and drives the motor; Omega is never negative.
+    C_Q(J) with J = V / (n D); thrust rho n^2 D^4 C_T and torque rho n^2 D^5 C_Q at n revolutions per second. The motor
+    has the angular velocity Omega = 2 pi n and the torque K_Q ((V_in - K_V Omega) / R - i0), with voltage V_in,
+    resistance R, no-load current i0, and K_Q = K_V in SI. Equating the torques gives a quadratic equation for Omega. A
+    slow propeller at high airspeed brakes (negative thrust) and drives the motor; Omega is never negative.
     """
 
     diameter: Scalar  #: Propeller diameter D, m.
@@ -110,10 +111,10 @@ _LEAST_SHARE = 0.01
 class PistonPropeller(AbstractLaggedEngine):
     """Piston engine with a propeller of constant efficiency, limited by the static thrust at low speed.
 
-    Shaft power falls with density as in an engine without supercharger: P = P0 (1.132 rho / rho0 - 0.132) (F. Gagg, E.
-    Farrar, *Altitude performance of aircraft engines equipped with gear-driven superchargers*, SAE Transactions 29,
-    1934). Thrust is eta P / sqrt(V^2 + V0^2) with V0 = eta P0 / T0: eta P / V in fast flight, and the static thrust T0
-    at rest at sea level.
+    Shaft power P at full throttle falls with the density rho as in an engine without supercharger: P = P0 (1.132 rho /
+    rho0 - 0.132) with its value P0 at sea level (F. Gagg, E. Farrar, *Altitude performance of aircraft engines equipped
+    with gear-driven superchargers*, SAE Transactions 29, 1934). Thrust is eta P / sqrt(V^2 + V0^2) with the efficiency
+    eta and V0 = eta P0 / T0: eta P / V in fast flight, and the static thrust T0 at rest at sea level.
     """
 
     shaft_power: Scalar  #: P0, shaft power at full throttle at sea level, W.

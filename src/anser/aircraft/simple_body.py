@@ -16,7 +16,10 @@ from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class SimpleBody(AbstractAirframe):
-    """A body with a constant drag coefficient and with moments proportional to the rates (damping)."""
+    """A body with a constant drag coefficient, and with damping moments proportional to the body rates.
+
+    `damping` has Clp, Cmq, Cnr with respect to p b/2V, q c/2V, r b/2V, in which V is at least `speed_min` (m/s).
+    """
 
     mass_properties: MassProperties
     actuators: AbstractActuators

@@ -26,34 +26,41 @@ class GriddedTable(NamedTuple):
 
 
 class SuspectPoint(NamedTuple):
-    """A table entry that departs from its neighbours, or a point at which most tables depart."""
+    """A table entry that departs from its neighbours, or a point at which most tables depart (`table` "all").
 
-    table: str  # name of the table; "all" if most tables have an outlier at the same point of the first two axes
-    # coordinates along the axes of the table, and tabulated value; nan for "all"
+    `location` has the coordinates along the axes, `score` the departure in units of the scatter around, `neighbours`
+    the locations in the same row whose departures probably stem from this entry. `value` is NaN for "all".
+    """
+
+    table: str
     location: tuple[float, ...]
     value: float
-    score: float  # departure of the entry, in units of the surrounding scatter: see `suspect_points`
-    # locations in the same table row whose departures probably stem from this entry
+    score: float
     neighbours: tuple[tuple[float, ...], ...]
 
 
 def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPECT) -> tuple[SuspectPoint, ...]:
     """Return the table entries that depart from their neighbours and mirror images, highest score first.
 
-    Each entry is compared with the line through its neighbours along the first axis (angle of attack) and along the
-    second (sideslip); with the mirror image in the second axis, if that axis is symmetric about 0 (even or odd about
-    the value in the middle, whichever fits the table better); and, for three axes, the difference to the neighbours
-    along the third axis (elevator) is compared along the second. At the ends of the first axis the difference to the
-    next row is compared along the second. A departure is divided by the median departure of the surrounding rows, plus
-    4 % of the standard deviation of the values, plus three last digits. The score is the geometric mean of the three
-    greatest departures (of two in the absence of a third test): an outlier departs in several tests, its neighbours and
-    mirror image in one. Entries in the same row, close to a suspect entry and with more than a third of the score, are
-    listed as its neighbours. In a table with one axis, the score is the departure of an entry from the line through its
-    neighbours, divided by the greatest departure nearby without the entry, plus the same two terms.
+    Tests of an entry in a table with two or three axes (angle of attack, sideslip, elevator):
 
-    A point of the first two axes is suspect in every table if the median departure along the second axis, over five or
-    more tables with this point, exceeds 3, in units of the noise of row and column; only the worst of each row is
-    reported, and its entries are not reported again for single tables.
+    1. departure from the line through the neighbours along the first axis; at its ends, the difference to the next row
+       is compared along the second axis;
+    2. departure from the line through the neighbours along the second axis;
+    3. departure from the mirror image in the second axis, if that axis is symmetric about 0 (even or odd about the
+       value in the middle, whichever fits the table better);
+    4. difference to the neighbours along the third axis, compared along the second.
+
+    A departure is divided by the noise: the median departure of the surrounding rows, plus 4 % of the standard
+    deviation of the values, plus three last digits. The score is the geometric mean of the three greatest departures
+    (of two in the absence of a third test): an outlier departs in several tests, its neighbours and mirror image in
+    one. Entries in the same row, close to a suspect entry and with more than a third of its score, are listed as its
+    neighbours. In a table with one axis, the score is the departure of an entry from the line through its neighbours,
+    divided by the greatest departure nearby without the entry, plus the last two terms of the noise.
+
+    A point of the first two axes is suspect in every table ("all") if the median departure along the second axis, over
+    five or more tables with this point, exceeds 3, in units of the noise of row and column; only the worst of each row
+    is reported, and its entries are not reported again for single tables.
 
     Parameters
     ----------
@@ -135,7 +142,10 @@ def _table_suspects(
 
 
 def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
-    """Return the points of the first two axes at which most tables depart from neighbours along the second axis."""
+    """Return the points of the first two axes at which most tables depart from neighbours along the second axis.
+
+    At least five tables must have the point; of each row, only the worst point is returned.
+    """
     departures_by_location: dict[tuple[float, ...], list[float]] = {}
     for table in tables.values():
         departure = _departure_from_line(table.axes[1], table.values, 1)
@@ -161,8 +171,8 @@ def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
 def _departures(table: GriddedTable) -> np.ndarray:
     """Return the absolute departure of each entry in each test, in units of the noise around; shape (test, *table).
 
-    The tests of `suspect_points`: lines along the first and the second axis, the mirror image if the second axis is
-    symmetric, and the third axis if it has three breakpoints or more. A departure is 0 without neighbours for the test.
+    The tests are those of `suspect_points` that the table's axes allow. The departure is 0 at an entry that lacks the
+    neighbours for a test.
     """
     values, (axis_1, axis_2) = table.values, table.axes[:2]
     tests = [_departure_from_line(axis_1, values, 0), _departure_from_line(axis_2, values, 1)]
@@ -182,7 +192,10 @@ def _departures(table: GriddedTable) -> np.ndarray:
 
 
 def _departure_from_line(points: np.ndarray, values: np.ndarray, axis: int) -> np.ndarray:
-    """Return the values minus the linear interpolation between their neighbours along an axis; nan at the ends."""
+    """Return the values minus the linear interpolation between their neighbours along an axis; NaN at the ends.
+
+    `points` are the breakpoints of the axis.
+    """
     leading = np.moveaxis(values, axis, 0)
     shape = (-1,) + (1,) * (values.ndim - 1)
     share = ((points[1:-1] - points[:-2]) / (points[2:] - points[:-2])).reshape(shape)
@@ -200,8 +213,8 @@ def _departure_from_mirror(values: np.ndarray) -> np.ndarray:
 def _noise(departure: np.ndarray, values: np.ndarray, spread_share: float, digit: float) -> np.ndarray:
     """Return the noise around each row along the first axis, in the unit of `values`, above 0; shape (rows, 1, ...).
 
-    The noise is the median of |departure| and `spread_share` times the standard deviation of the values, both over five
-    rows, plus `digit`.
+    The noise is a sum: the median of |departure|, plus `spread_share` times the standard deviation of the values (both
+    over the row and two rows on either side), plus `digit`.
     """
     windows = [slice(max(0, k - _NEIGHBOURS), k + _NEIGHBOURS + 1) for k in range(values.shape[0])]
     noise = np.array([_median(np.abs(departure[window])) + spread_share * np.std(values[window]) for window in windows])
@@ -209,9 +222,9 @@ def _noise(departure: np.ndarray, values: np.ndarray, spread_share: float, digit
 
 
 def _column_noise(departure: np.ndarray) -> np.ndarray:
-    """Return the median departure of each column and its mirror image over that of all entries, at least 1.
+    """Return the noise of each column (second axis) over the table's noise, at least 1; shape (1, columns, 1, ...).
 
-    The shape is (1, columns, 1, ...); columns are along the second axis.
+    The noise of a column is the median |departure| of the column and its mirror image.
     """
     column_medians = np.array([_median(np.abs(departure[:, [j, -1 - j]])) for j in range(departure.shape[1])])
     factor = np.maximum(column_medians / (_median(np.abs(departure)) + 1e-12), 1.0)
@@ -224,7 +237,10 @@ def _median(values: np.ndarray) -> float:
 
 
 def _last_digit(values: np.ndarray) -> float:
-    """Return the unit of the last decimal digit of nine tenths of the values, 1 to 1e-6; 0 for more digits."""
+    """Return the unit (1, 0.1, ..., 1e-6) of the last decimal digit of the values; a tenth of the values may have more.
+
+    Values with more than six decimals give 1e-6.
+    """
     for count in range(7):
         scaled = values * 10.0**count
         if np.mean(np.abs(scaled - np.round(scaled)) < 1e-6 * 10.0**count) >= 0.9:

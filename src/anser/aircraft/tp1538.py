@@ -122,7 +122,11 @@ less CZ at zero elevator, Cm, Cl, Cn."""
 
 
 class F16TP1538(AbstractF16):
-    """F-16 with the complete wind-tunnel tables of NASA TP-1538."""
+    """F-16 with the complete wind-tunnel tables of NASA TP-1538, over alpha, beta and elevator (deg).
+
+    `surface_reference` has the deflections (aileron, rudder, leading-edge flap; deg) at which the increments of these
+    surfaces were measured.
+    """
 
     surface_reference: Vector3  #: Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
     #: Tables over angle of attack, sideslip and elevator, degrees, constant beyond the ends: see `TP1538_FUNCTIONS`;
@@ -247,7 +251,7 @@ def _tables(data: Mapping[str, Any]) -> Tables:
         return np.concatenate([increment, np.zeros((len(alphas) - len(flap_alphas), *increment.shape[1:]))])
 
     def on_all_elevators(name: str) -> np.ndarray:
-        """Interpolate a table with fewer elevator deflections linearly to the deflections `dh1`."""
+        """Return the table `name` with fewer elevator deflections, interpolated linearly to the deflections `dh1`."""
         own_elevators = _elevators_of(name)
         return np.stack(
             [np.stack([np.interp(elevators, own_elevators, r) for r in by_alpha]) for by_alpha in values_by_name[name]]

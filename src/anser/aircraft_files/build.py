@@ -166,7 +166,7 @@ def _read_cached(text: str, name: str) -> Model:
 
 
 def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
-    """Build the airframe of a validated aircraft file with DAVE-ML models; raises as `dave_ml_airframe`."""
+    """Build the airframe of a validated aircraft file with DAVE-ML models; raises ValueError for unsuitable models."""
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
     (alpha_min, alpha_max), (beta_min, beta_max) = file.validity.alpha_deg, file.validity.beta_deg
@@ -189,7 +189,7 @@ def _has_variable(model: Model, name: str) -> bool:
 
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
-    """Return a model with the variable names and the default values of inputs that the aircraft file defines."""
+    """Return a DAVE-ML model with the additional variable names and constant inputs of an aircraft file's [dave_ml]."""
     names = {name: variable for name, variable in file.dave_ml.names.items() if _has_variable(model, variable)}
     defaults = {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
     return adapt_model(model, names, defaults)
@@ -290,7 +290,7 @@ def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Probl
 
 
 def _evaluate_airframe(airframe: DaveMlAircraft) -> object:
-    """Evaluate aerodynamics and propulsion at 50 m/s at sea level; raises ValueError for unknown units."""
+    """Return aerodynamic and propulsive `Wrench` at 50 m/s at sea level; raises ValueError for unknown units."""
     data = air_data(as_array([50.0, 0.0, 1.0]), as_array(0.0), StandardAtmosphere().at(as_array(0.0)))
     neutral = as_array([0.0] * len(airframe.inputs))
     return airframe.aerodynamics(data, as_array([0.0] * 3), neutral), airframe.engine.propulsion(as_array(50.0), data)
@@ -437,8 +437,9 @@ _FORCE_KEYS = ("drag", "lift_slope")
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
     """Return the nominal airframe with a constant deviation applied, as the simulation flies it.
 
-    The coefficient factors multiply the F-16's coefficients, `DerivativeAircraft.derivatives`, or CX to Cn of a DAVE-ML
-    aircraft. Raises TypeError for airframes of other classes, and for an engine that cannot be dispersed.
+    The deviation's factors on coefficients multiply the coefficients of an F-16, the `derivatives` of a
+    `DerivativeAircraft`, or CX to Cn of a DAVE-ML aircraft. Raises TypeError for airframes of other classes, and for an
+    engine that cannot be dispersed.
     """
     dispersed = _with_coefficients_and_body(nominal, deviation)
     if not deviation.changes_forces:

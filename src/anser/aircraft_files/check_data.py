@@ -214,7 +214,7 @@ def _unit_findings(model: Model) -> Iterator[Finding]:
 
 
 def _unused_findings(model: Model) -> Iterator[Finding]:
-    """Yield findings for unused tables, unused inputs, and a file without outputs."""
+    """Yield a finding for each unused table and unused input, and for a file without outputs."""
     definition, structure = model.definition, model.evaluator.structure
     used = {function.table for function in definition.functions}
     for name, table in {**definition.gridded, **definition.ungridded}.items():

@@ -141,7 +141,10 @@ def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[t
 
 
 def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[int]:
-    """Return the indices of a table's axes in the order angle of attack, sideslip, remaining arguments."""
+    """Return the indices of a gridded table's axes, sorted: angle of attack, sideslip, remaining arguments.
+
+    `aliases` map standard names (ANSI/AIAA S-119) to the names in the file. A table without function keeps its order.
+    """
     function = next((f for f in model.definition.functions if f.table == table), None)
     axes = range(len(model.definition.gridded[table].axes))
     if function is None:
@@ -237,10 +240,10 @@ def _lift_and_drag(force_b: jax.Array, alpha: jax.Array) -> tuple[jax.Array, jax
 def _derivatives(
     airframe: _Airframe, at: AirData, angles: jax.Array, reduced: jax.Array, surfaces: jax.Array
 ) -> tuple[Any, jax.Array]:
-    """Return the derivatives of `COEFFICIENTS` in a flight condition, and the coefficients.
+    """Return the derivatives of `COEFFICIENTS` in the flight condition `at`, and the coefficients.
 
-    The derivatives are three arrays (coefficient, argument): by (alpha, beta), rad; by the dimensionless rates
-    (p b/2V, q c/2V, r b/2V); and by the deflections, rad. Moments are about the centre of gravity.
+    The derivatives are three arrays (coefficient, argument): by `angles` (alpha, beta), rad; by the dimensionless rates
+    `reduced` (p b/2V, q c/2V, r b/2V); and by the deflections `surfaces`, rad. Moments are about the centre of gravity.
     """
     b, c, S = airframe.span, airframe.mean_chord, airframe.wing_area
 
@@ -355,9 +358,10 @@ def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
-    """Yield findings for level flight at sea level: lift below the weight, or drag above full thrust.
+    """Yield findings for level flight at sea level, over the valid airspeeds and angles of attack.
 
-    The lift is checked at the least valid airspeed and at any, the thrust at all valid airspeeds that carry the weight.
+    Findings are a lift that carries the weight at no airspeed, or else not at the least; and a full thrust that exceeds
+    the drag at no airspeed.
     """
     speed_min, speed_max = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2

@@ -110,7 +110,10 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
 
 
 def is_aircraft_path(name: str | os.PathLike[str]) -> bool:
-    """Whether a name ends with the suffix of an aircraft file or of a DAVE-ML file, which `read_airframe` refuses."""
+    """Whether a name is the path of an aircraft file (suffix .toml) or of a DAVE-ML file (suffix .dml).
+
+    A DAVE-ML file alone is no aircraft: `read_airframe` refuses its path.
+    """
     return Path(name).suffix in (*SUFFIXES, DAVE_ML_SUFFIX)
 
 

@@ -112,7 +112,10 @@ class AirframeFile(AnyAirframeFile):
         return [*problems, *check_problems(self.check, self.surfaces)]
 
     def _replacement_problems(self) -> list[Problem]:
-        """List replacement values, in check data, of derivatives that a table replaces."""
+        """List the values for derivatives in [[check.forces]] (key `instead`) that have no effect because of a table.
+
+        A coefficient table of the file already replaces the derivative.
+        """
         replaced: dict[str, str] = {}
         for j, table in enumerate(self.table):
             index = coefficient_index(table.replaces, self.surfaces)
@@ -179,8 +182,8 @@ def coefficient_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] |
 def replaced_columns(table: CoefficientTable, index: tuple[int, int]) -> tuple[int, ...]:
     """Return the columns of the derivatives that a table replaces; `index` is row and column of its coefficient.
 
-    A table of a whole coefficient replaces the constant and the derivatives by alpha or beta if these are arguments of
-    the table. Columns of surfaces are not included.
+    A table of a whole coefficient replaces the constant, and the derivatives by alpha and beta as far as these angles
+    are arguments of the table. Columns of surfaces are not included.
     """
     if table.replaces not in COEFFICIENTS:
         return (index[1],)
@@ -204,7 +207,7 @@ _GIVEN = "a table of numbers by name or varID, in the units of the file, such as
 
 
 class DaveMlText(Table):
-    """DAVE-ML file: its name and text. With the text, results contain the whole aircraft without the file."""
+    """DAVE-ML file by name and text: a scenario's results contain the text, so the file is not needed again."""
 
     file: str = text_field("name of the file")
     text: str = text_field("text of the file", expected="the text of a DAVE-ML file")
@@ -233,7 +236,7 @@ class DaveMlSurface(ActuatedSurface):
 
     @property
     def input_name(self) -> str:
-        """Name or varID of the aerodynamic input for the deflection; by default name and "Deflection"."""
+        """Name or varID of the aerodynamic input for the deflection; by default `name` + "Deflection"."""
         return f"{self.name}Deflection" if self.input is None else self.input
 
 

@@ -269,7 +269,7 @@ AXES_MAX = 3
 
 
 class _Build(Table):
-    """Aerodynamic options besides the derivatives."""
+    """Options of the aerodynamic model besides the derivatives: angle unit, induced drag, stall."""
 
     per: Literal["rad", "deg"] = Field(
         default="rad",
@@ -406,7 +406,7 @@ class Jet(Table):
     def consistency_problems(self) -> list[Problem]:
         """List a missing axis, breakpoints that do not rise, values whose shape does not fit the axes, and no thrust.
 
-        Full thrust must exceed idle thrust; in tables, somewhere.
+        An engine has no thrust if the full thrust nowhere exceeds the idle thrust.
         """
         if bool(self.altitude_m) != bool(self.mach):
             missing_key = "mach" if self.altitude_m else "altitude_m"

@@ -68,7 +68,10 @@ def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Return the problem with advice if its key is a derivative by the rate of an angle, such as `Cm_alphadot`."""
+    """Return a problem with advice in place of the expected value, if its key is a derivative such as `Cm_alphadot`.
+
+    Derivatives by the rate of an angle are not supported. A problem with another key is returned unchanged.
+    """
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem
@@ -113,7 +116,10 @@ def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, source: str) -> dict[str, Any]:
-    """Return the values with the paths of DAVE-ML files, relative to `folder`, replaced by tables of name and text."""
+    """Return the values with the paths of DAVE-ML files, relative to `folder`, replaced by tables of name and text.
+
+    `source` names the aircraft file in messages.
+    """
     dave_ml = values.get("dave_ml")
     if not isinstance(dave_ml, dict):
         return values
@@ -196,9 +202,9 @@ _VARIANTS_ALPHA_DEG = {"tp1538": (-20.0, 90.0), "global": (-4.0, 30.0)}
 class AirframeRange:
     """Ranges (minimum, maximum) of true airspeed, altitude and angle of attack of an airframe's data.
 
-    A range is None if unknown without construction of the airframe; the altitude also if a file states no range. The
-    default limits of a scenario keep to the angles of attack; if the ranges come from an aircraft file
-    (`is_from_file`), they follow the airspeeds too.
+    A range is None if it is unknown before the airframe is built; the altitude also if a file states no range. The
+    default limits of a scenario stay within the range of alpha, and, for an aircraft file (`is_from_file`), also of
+    airspeed.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Deep stall of the F-16: pitch trims with fixed surfaces as the centre of gravity moves, and the steady descents."""
+"""Deep stall of the F-16: pitch trims with fixed surfaces over the centre of gravity, and steady descents there."""
 
 from collections.abc import Sequence
 from typing import Any, cast
@@ -81,12 +81,12 @@ def follow_pitch_trim(
     step: ScalarLike,  # length of a step, rad; positive: alpha grows at first
     count: int,  # number of points
 ) -> PitchBranch:
-    """Return `count` points on the curve of pitch trims through a start point, also around folds of the curve.
+    """Return `count` points on the curve Cm(alpha, x_cg) = 0 through a start point, also around folds of the curve.
 
-    Pseudo-arclength continuation in (alpha in rad, x_cg): a step along the tangent of Cm(alpha, x_cg) = 0, then Newton
-    steps back to Cm = 0 perpendicular to the tangent (H. B. Keller, "Numerical solution of bifurcation and nonlinear
-    eigenvalue problems", 1977). Slopes of tables jump at the breakpoints; the next Newton step uses the slope of the
-    neighbouring interval.
+    At a fold, x_cg has an extremum along the curve. Pseudo-arclength continuation in (alpha in rad, x_cg): a step along
+    the tangent of the curve, then Newton steps back to Cm = 0 perpendicular to the tangent (H. B. Keller, "Numerical
+    solution of bifurcation and nonlinear eigenvalue problems", 1977). Slopes of tables jump at the breakpoints; the
+    next Newton step uses the slope of the neighbouring interval.
     """
 
     def Cm(point: Float[Array, "2"]) -> Scalar:
@@ -191,11 +191,11 @@ def deep_stall(
     mach: float = 0.2,
     altitude_m: float = 5000.0,
 ) -> xr.Dataset:
-    """Compute the pitch trims of the F-16 at high angle of attack with a fixed elevator (deep stall), and the descents.
+    """Compute the deep stalls of the F-16: pitch trims (Cm = 0) at high alpha with a fixed elevator, and descents.
 
-    Sideslip and rates are 0, the flap is at its schedule. The curve of trims over the centre of gravity starts at the
-    stable trim with the rearmost centre of gravity, and is followed through the fold, the foremost centre of gravity
-    with a deep stall, at which the stable and the unstable trim merge.
+    Sideslip and rates are 0; the flap follows its schedule. The angles of attack of the trims against the centre of
+    gravity form a curve. The curve is computed from the stable trim with the rearmost of `x_cg_over_c`; at its fold,
+    the foremost centre of gravity with a deep stall, the stable and the unstable trim merge.
 
     Raises ValueError if the deflection is beyond the stops, the data do not contain `alpha_from_deg`, or `x_cg_over_c`
     is empty.
@@ -219,8 +219,8 @@ def deep_stall(
     -------
     xr.Dataset
         Coefficient `pitching_moment` over (x_cg, alpha); the curve of trims `branch_alpha` (deg), `branch_x_cg`,
-        `branch_slope` (1/rad) over (point), a single NaN without a stable trim; the trims at the requested centres of
-        gravity `trim_alpha` (deg), `trim_x_cg`, `trim_stable`, with the steady descent `trim_speed` (m/s),
+        `branch_slope` (dCm/dalpha, 1/rad) over (point), a single NaN without a stable trim; the trims at the requested
+        centres of gravity `trim_alpha` (deg), `trim_x_cg`, `trim_stable`, with the steady descent `trim_speed` (m/s),
         `trim_path_angle` and `trim_pitch` (deg), over (trim).
     """
     enable_compilation_cache()
@@ -290,7 +290,10 @@ _TRIM_KEYS = {
 
 
 def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return greatest pitching moments, trims and onset of the deep stall (`appears`) as plain data for JSON."""
+    """Return the dataset of `deep_stall` as plain data for JSON, with the greatest pitching moment at each x_cg.
+
+    Key `appears`: the foremost centre of gravity with a deep stall and the alpha there, or None (`deep_stall_onset`).
+    """
     onset = deep_stall_onset(dataset)
     return {
         "format_version": 1,
@@ -315,7 +318,8 @@ def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
 def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
     """Return the foremost centre of gravity with a deep stall (fraction of the mean chord), and the alpha there, deg.
 
-    None if the curve of trims is empty, or if the curve ends before its fold.
+    The point is the fold of the curve of trims in a dataset of `deep_stall`. None without a curve, or if the curve ends
+    before the fold.
     """
     x_cg = dataset["branch_x_cg"].values
     finite = np.flatnonzero(np.isfinite(x_cg))
@@ -347,7 +351,8 @@ def _branch(
 ) -> PitchBranch:
     """Return the curve of trims through the stable trim with the greatest alpha; a NaN point without a stable trim.
 
-    The curve ends at the range of alpha, at `x_cg_max` and 0.1, and where no trim is reached.
+    `case` is airframe, Mach number and elevator (rad); `trims` are (x_cg, alpha in deg, stable). The curve ends where
+    alpha leaves its range, x_cg leaves 0.1 to `x_cg_max`, or no trim is reached.
     """
     stable = [trim for trim in trims if trim[2]]
     if not stable:

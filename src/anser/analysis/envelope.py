@@ -43,7 +43,11 @@ GRID_DIMENSIONS = ("condition", "altitude", "mach")
 
 
 class TrimMap(NamedTuple):
-    """Trims over a grid of steady flight (`CONDITIONS`: level, climb, ...), altitude and Mach number."""
+    """Trims over a grid of steady flight (`CONDITIONS`: level, climb, ...), altitude (m) and Mach number.
+
+    `targets` and `points` have one leading axis over the grid, Mach number fastest; `airspeeds` (m/s) has the shape
+    (altitude, mach); `is_commanded` is False for a surface on a schedule.
+    """
 
     # axes of the grid: altitude in m, and Mach number
     altitudes: np.ndarray
@@ -60,13 +64,17 @@ class TrimMap(NamedTuple):
         return array.reshape(len(CONDITIONS), *self.airspeeds.shape, *array.shape[1:])
 
     def variable(self, values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
-        """Return values of shape (points, ...) as a dataset variable over the grid; `dimensions` names further axes."""
+        """Return values of shape (points, ...) as a dataset variable over the grid, with `unit` and `long_name`.
+
+        `dimensions` names the axes of the values after the first.
+        """
         return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
 
     def with_reserve(self) -> Any:
-        """Return a dataset variable, true at trimmable points with `RESERVE_MIN` of power and deflections left or more.
+        """Return a dataset variable: whether each trim is flyable with a tenth (`RESERVE_MIN`) of all controls left.
 
-        The power counts up to full and down to idle; of the surfaces only those that are commanded.
+        A tenth of full power must remain both up to full and down to idle, and of each commanded surface's travel to
+        the stop.
         """
         points = self.points
         power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
@@ -196,7 +204,7 @@ def command_meanings(airframe: AbstractAirframe) -> list[str]:
 def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.ndarray:
     """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of `size`, shape (..., 3).
 
-    `scale`, from `speed_scale`, multiplies the absolute error of the airspeed.
+    The errors are 5 % of the step, but at least 0.5 m/s times `scale` (from `speed_scale`) and 0.3 deg.
     """
     tolerance = np.broadcast_to(TOLERANCE, np.shape(size)).copy()
     tolerance[..., 0] *= scale
@@ -252,12 +260,16 @@ def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey(SurveyResult):
-    """Result of `survey_envelope`: trims over (condition, altitude, mach), flights also over (command), NaN if none."""
+    """Result of `survey_envelope`: dataset with trims over (condition, altitude, mach) and flights from them.
+
+    Variables of the flights also have the axis (command). Without a trim or flight, numbers are NaN and codes 0.
+    """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
-        """Return the number of flights by "outcome: reason", then by condition.
+        """Return the number of flights by "outcome: reason", then by condition (level, climb, ...).
 
-        `with_reserve` counts only flights from trim points with a tenth of power and deflections left.
+        `with_reserve` counts only flights from trims that leave a tenth of power and deflections
+        (`TrimMap.with_reserve`).
         """
         outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
         if with_reserve:
@@ -272,7 +284,10 @@ class EnvelopeSurvey(SurveyResult):
         return counts
 
     def shortfalls(self) -> list[str]:
-        """Return a line for each failed flight that started with reserve and whose failure no limit explains."""
+        """Return a line for each failed flight that no limit explains; only flights whose trim has reserve count.
+
+        The reserve is a tenth of power and deflections (`TrimMap.with_reserve`).
+        """
         data = self.dataset
         unexplained = data["with_reserve"] & (data["reason"] == REASONS.index("unexplained"))
         lines = []

@@ -134,7 +134,10 @@ def linear_dataset(
 def linear_document(
     model: LinearModel, modes: Sequence[Mode], attributes: Mapping[str, str | int | float]
 ) -> dict[str, Any]:
-    """Return the content of `linear_dataset` as plain data for JSON; infinite times are None, tiny shares omitted."""
+    """Return the content of `linear_dataset` as plain data for JSON.
+
+    Infinite times are None; participation factors below 0.005 are left out.
+    """
     return {
         "format_version": LINEAR_FORMAT_VERSION,
         "provenance": software_versions(),
@@ -188,8 +191,7 @@ _open_model = compiled(linear_model)
 class LinearizationResult:
     """Result of a linearization: linear model, modes (fastest first) and trim point; prints as a table of the modes.
 
-    `condition` contains aircraft, airspeed, altitude, angles and rates with units in the names, and the linearized
-    loop.
+    `condition` contains aircraft, linearized loop, airspeed, altitude, angles and rates, with units in the names.
     """
 
     model: LinearModel

@@ -135,8 +135,9 @@ def _through_air(environment: Environment, state: AircraftState) -> tuple[Vector
 class LinearModel(eqx.Module):
     """Linear model of small deviations d from a reference flight condition; SI units, radians, engine power in percent.
 
-    Continuous time: dx_dot = A dx + B du, dy = C dx + D du. If `step` is not 0, the model is sampled:
-    dx(k+1) = A dx(k) + B du(k).
+    Continuous time: dx_dot = A dx + B du, dy = C dx + D du. If `step` (s) is not 0, the model is sampled: dx(k+1) = A
+    dx(k) + B du(k). `x`, `u`, `y` and `x_dot` are the values at the reference; `regular` is False within 1 deg of a
+    vertical nose or path or of 90 deg of sideslip.
     """
 
     # matrices; rows and columns in the order of the names
@@ -276,13 +277,13 @@ _EULER_ANGLES = slice(3, 6)
 def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
     """Linearize a sampled loop about a trim point: dx(k+1) = A dx(k) + B dc(k).
 
-    States x: aircraft with actuators, then the autopilot's integrals and filters. Inputs c: commands to the three
-    channels of the loop, constant over a step; the throttle stays at trim unless `loop` is "velocity". In each step the
-    control law is evaluated, then the motion is integrated. If a command, a surface or the throttle is at a limit, the
-    loop is open there, and so is the model.
+    States x: aircraft with actuators, then the autopilot's integrals and filters; for incremental inversion (sensor
+    bandwidth above 0) also the onboard model's residual, from measured forces and accelerations. Inputs c: commands to
+    the three channels of the loop, constant over a step; the throttle stays at trim unless `loop` is "velocity". In
+    each step the control law is evaluated, then the motion is integrated. At a limit of a command, a surface or the
+    throttle the loop is open, and so is the model.
 
-    The gains' sensor bandwidth must be a concrete number, not traced: above 0 (incremental inversion), the residual of
-    the onboard model, from measured forces and accelerations, adds states. Raises TypeError if the Earth is not flat.
+    The sensor bandwidth must be a number that JAX does not trace. Raises TypeError if the Earth is not flat.
     """
     require_flat_earth(case.environment)
     # Compiled in two parts: the motion, by far the larger part, is common to the loops.
@@ -321,9 +322,10 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
 
 @compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Linearization]:
-    """Return states and commands at the trim point, and the linearized control law.
+    """Return the states and the commands at the trim point, and the linearized control law.
 
-    The law maps states, then commands, to surfaces (rad), throttle and the autopilot's next values of `fields`.
+    The law maps states, then commands, to surfaces (rad), throttle and the next values of `fields`, the fields of
+    `AutopilotState` that take part in the loop.
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
@@ -374,7 +376,7 @@ def split_like(flat: Float[Array, " element"], templates: Sequence[Array]) -> li
 
 
 def state_fields_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the fields of `AutopilotState` that act in a loop and its inner loops, with the names of the elements."""
+    """Return pairs of a field of `AutopilotState` and the names of its elements, for a loop and its inner loops."""
     elements, fields = {**CHANNELS, "surfaces": airframe.actuators.names}, []
     for inner in CHANNELS:
         for field in _LOOP_STATE_FIELDS[inner]:

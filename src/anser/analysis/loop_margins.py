@@ -62,7 +62,8 @@ StateFields = tuple[str, ...]
 class ExcitedLoop(eqx.Module):
     """Closed loop about a trim point with test inputs w: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
 
-    At each breakpoint u = z + w: the autopilot computes the command z, w is the test input, u is passed on.
+    At each breakpoint u = z + w: the autopilot computes the command z, w is the test input, u is passed on. `limited`
+    tells which of `SATURABLE_COMMANDS` are at a limit, so that the autopilot does not hold the trim.
     """
 
     # matrices; w and z in the order of `breakpoints`. A command never depends on its test input within a sample: the
@@ -170,7 +171,12 @@ _BALANCING_STEPS = 6
 
 
 class Margins(eqx.Module):
-    """Gain, phase, delay and disk margins of a loop that is broken at one breakpoint."""
+    """Gain, phase, delay and disk margins of a loop that is broken at one breakpoint; inf (`gain_down`: 0) for none.
+
+    Gains are factors; `phase` is in rad, `delay` in s, `disk` the radius of the symmetric disk margin, 0 to 2. Beyond
+    the factors `..._searched`, a boundary of stability could lie below the lowest frequency. `..._at` and `crossover`
+    (rad/s) are the frequencies of gain and phase margins.
+    """
 
     # factors of gain increase and decrease up to the boundary of stability, a pole on the unit circle; inf and 0 if no
     # boundary was found
@@ -194,7 +200,11 @@ class Margins(eqx.Module):
 
 
 class LoopAnalysis(eqx.Module):
-    """Sampled closed loop about a trim point: state matrix, commands at a limit, and margins at the breakpoints."""
+    """Sampled closed loop about a trim point: state matrix, commands at a limit, and margins at the breakpoints.
+
+    `limited` has a flag for each of `SATURABLE_COMMANDS`; `actuators_disk` is the disk margin for independent changes
+    at all actuators at once.
+    """
 
     A: Float[Array, "state state"]
     limited: Bool[Array, "5"]  # for each of `SATURABLE_COMMANDS`, whether the command is at a limit
@@ -203,12 +213,16 @@ class LoopAnalysis(eqx.Module):
 
 
 class LoopResponse(eqx.Module):
-    """Frequency response at each breakpoint, with the loop broken there and closed elsewhere."""
+    """Frequency responses over `omega` (rad/s) at each breakpoint, with the loop broken there and closed elsewhere.
 
-    omega: Float[Array, " frequency"]  # frequency, rad/s
-    open: Complex[Array, "frequency breakpoint"]  # loop transfer function L, negative feedback
-    difference: Complex[Array, "frequency breakpoint"]  # sensitivity less complementary sensitivity, S - T
-    # structured gain (upper bound of the structured singular value) of S - T, all actuators broken at once
+    `open` is the loop transfer function L of negative feedback, `difference` sensitivity less complementary
+    sensitivity, S - T; `actuators_difference` bounds the structured singular value of S - T with all actuators broken
+    at once.
+    """
+
+    omega: Float[Array, " frequency"]
+    open: Complex[Array, "frequency breakpoint"]
+    difference: Complex[Array, "frequency breakpoint"]
     actuators_difference: Float[Array, " frequency"]
 
 
@@ -232,7 +246,7 @@ def analyse_rows(
     """Return margins and frequency responses at each of several trim points (leading axis), in one compiled batch.
 
     `fixed` contains airframe, environment, gains, limits, sampling period (s) and onboard model (None: the airframe);
-    gains in `rows`, if any, replace the common gains.
+    gains in `rows`, if any, replace the common gains; `fields` is the result of `loop_state_fields`.
     """
     airframe, environment, common_gains, limits, step, model = fixed
 
@@ -382,7 +396,7 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Return the slice of the actuators on an axis over all breakpoints, which has the length `breakpoints`."""
+    """Return the slice that selects the actuators on an axis over all breakpoints, of length `breakpoints`."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 

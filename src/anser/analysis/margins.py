@@ -73,7 +73,8 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
 
     A row has least value, 5th percentile and median of the gain (dB), phase (deg), delay (ms) and disk margin over the
     stable points, and the number of points with less than `GAIN_MIN_DB` or `PHASE_MIN_DEG`. `with_reserve` counts only
-    points with a tenth of power and deflections left. Infinite figures, or all if no point counts, are None.
+    points with a tenth of power and deflections left. Infinite statistics are None, and so are all without such a
+    point.
     """
     is_selected = dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("stable")
     if with_reserve:
@@ -93,7 +94,11 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
 
 
 def _margin_variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> SurveyVariables:
-    """Return margins, poles and flags as dataset variables over all points; NaN (flags: 0) at points without trim."""
+    """Return margins, poles and flags as dataset variables over all points; NaN (flags: 0) at points without trim.
+
+    `analysis` has the points with a trim only, which `trimmable` marks among all points; `step_s` is the sampling
+    period.
+    """
     pole = largest_pole(np.asarray(analysis.A)) if trimmable.any() else np.zeros(0, dtype=complex)
     rate = np.log(pole) / step_s
     stable = np.abs(pole) <= 1 + NEUTRAL_POLE_TOLERANCE
@@ -242,8 +247,7 @@ def margins_at(
     gains
         Gains of the autopilot; None: the published gains of the F-16, or gains derived from the aircraft.
     model
-        Onboard model of an autopilot by incremental inversion, whose residual holds the steady flight of another
-        aircraft; None: the aircraft itself.
+        Onboard model that differs from the aircraft, only with incremental inversion; None: the aircraft itself.
 
     Returns
     -------

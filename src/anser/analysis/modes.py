@@ -57,12 +57,12 @@ class ModeCandidate(NamedTuple):
 def classical_names(modes: Sequence[ModeCandidate]) -> list[str]:
     """Return names of the modes of an airframe without autopilot, "unnamed" if no name is certain or a name repeats.
 
-    An oscillation with over 75 % of the participation in the states of a family is the short period, phugoid, Dutch
-    roll or lateral phugoid (merged roll and spiral), or an actuator; over 90 % in those of short period and phugoid
-    together, the third oscillatory mode. A real mode with over 50 % in a single state is named after the state: roll,
-    spiral, engine, altitude, heading or an actuator. A further real mode with over 50 % in the states of a family is
-    "short period (real)" and so on if the oscillation is absent, and "speed" if the oscillation is present and V has
-    over 50 %.
+    - An oscillation with over 75 % of its participation in the states of a family is the short period, phugoid, Dutch
+      roll, lateral phugoid (merged roll and spiral), or an actuator mode.
+    - An oscillation with over 90 % in the states of short period and phugoid together is the third oscillatory mode.
+    - A real mode with over 50 % in a single state has its name: roll, spiral, engine, altitude, heading or an actuator.
+    - A further real mode with over 50 % in a family is "speed" if the family has an oscillation and V has over 50 %,
+      and "short period (real)" and so on if the family has no oscillation.
     """
     names = [_pair_name(mode) if mode.is_oscillatory else _lone_name(mode) for mode in modes]
     for family in _FALLING_APART:
@@ -138,7 +138,11 @@ _ROUNDING = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class Mode:
-    """Mode of a linear model: a real eigenvalue or a pair of conjugate eigenvalues."""
+    """Mode of a linear model: a real eigenvalue (`order` 1) or a pair of conjugate eigenvalues (`order` 2).
+
+    `eigenvalue` (1/s, continuous time) has an imaginary part of 0 or more; `shares` are the participation factors of
+    the wind-axis states, 0 to 1, largest first.
+    """
 
     # airframe without autopilot: classical name, or "unnamed" if the mode fits no family of states. Under an autopilot:
     # the dominant states
@@ -276,7 +280,11 @@ _LAGS: dict[Loop, tuple[str, ...]] = {
 
 @dataclasses.dataclass(frozen=True)
 class InversionPole:
-    """Pole of a loop under dynamic inversion, 1/s in continuous time: ideal, for fast sampling, and as flown."""
+    """Pole of a loop under dynamic inversion, 1/s in continuous time, in three versions.
+
+    `ideal` is the pole of perfect inversion, `limit_pole` that of the loop with very fast sampling, filters and
+    actuators, which must agree with `ideal` within `tolerance`, and `sampled_pole` that of the loop as flown.
+    """
 
     # root of (1 + K_D) s^2 + K_P s + K_I: the error dynamics of perfect inversion (theory section 5); if K_I is 0, root
     # of (1 + K_D) s + K_P
@@ -293,10 +301,9 @@ class InversionPole:
 def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
     """Return the poles of a loop's three channels: ideal, in the limit of fast sampling and filters, and as flown.
 
-    Each ideal pole is matched with the nearest pole of the linearized loop that is not yet matched; channels with equal
-    poles cannot be told apart. Arguments are those of `linearize_loop`. The flight must be straight: in a turn the
-    velocity loop commands zero sideslip but the trim has a little, and with the limit bandwidths this difference drives
-    the engine to a limit.
+    Each ideal pole is matched with the nearest pole of the linearized loop that is not yet matched, so channels with
+    equal poles cannot be told apart. The trim point of `case` must be a straight flight: a turn has a little sideslip,
+    the velocity loop commands none, and in the fast limit the difference drives the engine to a limit.
     """
 
     def poles(loop_case: LoopCase) -> list[complex]:

@@ -41,7 +41,8 @@ _BOTH_WAYS = tuple(sign * part for part in (0.1, 0.2, 0.3, 0.4, 0.6, 0.9) for si
 class Factor:
     """Property of the aircraft or its sensors that a study disperses; the value is `nominal` + `scale` * change.
 
-    At a spread of 20 % the change is uniform in -0.2 to 0.2, or in 0 to 0.2 if `one_way`.
+    At a spread of 20 % the change is uniform in -0.2 to 0.2, or in 0 to 0.2 if `one_way`. `alone` has the changes of
+    flights in which all further factors are nominal.
     """
 
     # name, description and unit of the property
@@ -108,14 +109,17 @@ At each, a tenth of thrust and deflections is left; equivalent airspeeds are 114
 
 @dataclasses.dataclass(frozen=True)
 class Cases:
-    """Flights of a robustness study, one row per flight: part, flight point, and changes of the factors."""
+    """Flights of a robustness study; every array has one row per flight.
 
-    # indices into `PARTS` and of the flight point, shape (n,)
+    Index of the part in `PARTS`, index of the flight point, greatest change as a fraction (`spread`; in part "alone"
+    the change), index of the single changed factor (`alone`; -1 if all are changed), and change of each of `FACTORS`.
+    """
+
     part: np.ndarray
     condition: np.ndarray
-    spread: np.ndarray  # greatest change, as a fraction, shape (n,); in the part "alone" the flown change
-    alone: np.ndarray  # index into `FACTORS` of the single changed factor, or -1 if all are changed, shape (n,)
-    changes: np.ndarray  # change of each of `FACTORS`, shape (n, factors)
+    spread: np.ndarray
+    alone: np.ndarray
+    changes: np.ndarray
 
     @property
     def values(self) -> np.ndarray:
@@ -143,13 +147,16 @@ def dispersed_cases(
 
 
 def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spreads: tuple = SPREADS) -> Cases:
-    """Return `flights` dispersed cases at each of several spreads: the same random numbers, scaled by the spread."""
+    """Return `flights` dispersed cases for each of `spreads`; all spreads have the same random numbers, scaled."""
     first, *others = (dispersed_cases(flights, spread, seed, conditions, part=1) for spread in spreads)
     return sum(others, first)
 
 
 def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, ...] | None = None) -> Cases:
-    """Return cases with one factor changed: each of `factors` (None: all), each of its changes, each flight point."""
+    """Return cases in which a single factor is changed, by each of its `Factor.alone`, at each flight point.
+
+    `conditions` is the number of flight points; `factors` are names, None: all of `FACTORS`.
+    """
     factor_names = [f.name for f in FACTORS] if factors is None else factors
     combinations = [
         (_INDEX[name], change, condition)

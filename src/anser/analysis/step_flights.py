@@ -166,8 +166,9 @@ _PUBLISHED_BANDWIDTHS = {"rates": 5.0, "attitude": 2.0, "velocity": 1.0}
 def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
     """Return the step tests of an aircraft: each channel of each loop alone, then all channels of a loop together.
 
-    An F-16 has the published tests. For another aircraft, durations are scaled and steps reduced, to 75 % of the
-    bank limit and half of the remaining alpha, sideslip, airspeed and climb angle at most.
+    An F-16 has the published tests. For another aircraft, durations scale with the time constants of its loops, and
+    steps are reduced to at most 75 % of the bank limit and half of the distance to the limits of alpha, sideslip,
+    airspeed and climb angle.
     """
     if case.derived_defaults is None:
         return PUBLISHED_STEPS
@@ -238,7 +239,10 @@ def step_time_scale(
 
 @compiled
 def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Return the sideslip (rad) whose moments need all of the surfaces' remaining travel at a trim point."""
+    """Return the sideslip (rad) at which the first of the surfaces that balance its moments reaches a stop.
+
+    The surfaces start from their deflections in the trim.
+    """
     condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     data, surfaces = condition.air_data, trim.state.surfaces
     sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
@@ -339,7 +343,10 @@ def _fly(
     count: int,
     loop: Loop,
 ) -> dict[str, Float[Array, "tests steps"]]:
-    """Fly a batch of steps, and return time histories by the catalogue's keys, (tests, steps); SI units and rad."""
+    """Fly a batch of steps, and return time histories (tests, steps) by variable key; SI units and rad.
+
+    `sizes` are the steps of the loop's three channels in each test, `count` is the number of steps of the flights.
+    """
     case = LoopCase(*fixed, STEP_S)
     trim_outputs = _outputs(case.airframe, case.environment, case.trim.state)
     trim_values = jnp.stack([trim_outputs[key] for key in CHANNEL_KEYS[loop].values()])
@@ -355,7 +362,7 @@ def _fly(
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """Return the outputs of the three loops, the surface deflections and the engine power, by the catalogue's keys.
+    """Return the outputs of the three loops, the surface deflections and the engine power, by variable key.
 
     Units are SI and rad; the power is in percent. Path angle and course are those of the velocity relative to the air.
     The entry `outside_tables` is 1 outside the range of the airframe's data, else 0.
@@ -383,7 +390,10 @@ def _outputs(airframe: AbstractAirframe, environment: Environment, state: Aircra
 def _flight(
     test: StepTest, record: dict[str, np.ndarray], airframe: AbstractAirframe, attributes: dict[str, Any]
 ) -> StepTestResult:
-    """Return the result of one step test from the recorded time histories: metrics, and a labelled dataset."""
+    """Return the result of one step test from the recorded time histories: metrics, and a labelled dataset.
+
+    `record` has the time histories by variable key, `attributes` those of the dataset.
+    """
     time = STEP_S * np.arange(len(record["power"]))
     read_count = round(test.read_at_s / STEP_S) + 1
     measured = np.stack([record[key][:read_count] for key in CHANNEL_KEYS[test.loop].values()], axis=1)
@@ -463,7 +473,7 @@ def climb_and_turn(
 def _scale_case(values: dict[str, Any], case: StepCase, speed_m_s: float, altitude_m: float) -> None:
     """Scale duration, distances, climb and requirements of the scenario `values` to an aircraft, in place.
 
-    Raises TypeError for an F-16.
+    The flight starts at `speed_m_s` and `altitude_m`. Raises TypeError for an F-16.
     """
     if case.derived_defaults is None:
         raise TypeError("an F-16 flies the case as published")

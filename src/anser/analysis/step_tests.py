@@ -48,7 +48,11 @@ PUBLISHED_TIME_SCALE = LoopTimeScale()
 
 @dataclass(frozen=True)
 class StepTest:
-    """Step of the command to one loop of the autopilot, starting in trimmed flight."""
+    """Step of the command to one loop of the autopilot, starting in trimmed flight.
+
+    `size` has the steps of the loop's three channels (deg/s, deg or m/s; 0: no step); the response is evaluated up to
+    `read_at_s`.
+    """
 
     key: str  #: Name of the test, for files: `rates-p`, `attitude-together`.
     loop: Loop  #: Commanded loop; the inner loops are closed.
@@ -84,8 +88,8 @@ def step_test(
     sizes
         Step by channel: p, q, r (deg/s), mu, alpha, beta (deg), or v (m/s), gamma, chi (deg).
     duration_s
-        Duration, s, 0.2 to 600, and end of the interval that is evaluated; None: the published duration (1.05 s with a
-        step of the yaw rate) times the time scale of the loop.
+        Duration, s, 0.2 to 600; the whole flight is evaluated. None: 3 s for rates (1.05 s with a step of r, before the
+        rudder reaches its stop), 6 s for attitude, 60 s for velocity, each times the time scale of the loop.
     time_scale
         Ratios of the time constants of the aircraft's loops to those of the F-16 as published.
     """

@@ -1,6 +1,6 @@
-"""Surveys of an aircraft: evaluation of a compiled program for many trim points or flights, in batches of one size.
+"""Surveys of an aircraft: trims, margins or flights at many conditions, computed in batches by compiled programs.
 
-Margins, envelope, robustness and step tests are surveys. A row contains the inputs of one evaluation. Surveyed flights
+Margins, envelope, robustness and step tests are surveys. A row contains the inputs of one condition. Surveyed flights
 are classified by outcome and by the limit that explains the outcome.
 """
 
@@ -60,7 +60,12 @@ SurveyVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
 
 
 class FlightRows(eqx.Module):
-    """Inputs of surveyed flights, a row per flight: steady flight at the start, and step of the path command."""
+    """Inputs of surveyed flights, a row per flight: steady flight at the start, and step of the path command.
+
+    `size` and `tolerance` are step and accepted error of (V, gamma, chi), m/s and rad. None in `gains`: the survey's
+    gains; in `dispersion`: the nominal aircraft; in `sensors`: ideal sensors. `is_adaptive`: an estimator corrects the
+    onboard model in flight.
+    """
 
     # steady flight at the start, and its trim target
     trim: TrimPoint
@@ -77,7 +82,7 @@ class FlightRows(eqx.Module):
 
 
 class Survey:
-    """Evaluation of compiled programs for many rows of inputs, for one aircraft in the standard atmosphere, still air.
+    """Survey of one aircraft in the standard atmosphere and still air: runs compiled programs for many rows of inputs.
 
     Parameters
     ----------
@@ -150,7 +155,8 @@ class Survey:
     ) -> "SurveyVariables":
         """Fly each row for `count` sampling periods `step_s`; return metrics, outcome and reason as dataset variables.
 
-        The gains of a row, if any, replace `gains`; the work covers the part `span` of the progress.
+        The gains of a row, if any, replace `gains`. Progress reports show `description`, and go from `span[0]` to
+        `span[1]`.
         """
         fixed = (self.airframe, self.environment, gains, limits)
         summaries = self.evaluate(description, _fly, fixed, flights, jnp.asarray(step_s), count, span=span)
@@ -164,7 +170,10 @@ class Survey:
         coordinates: Mapping[str, Any],
         attributes: Mapping[str, str | int | float],
     ) -> _Result:
-        """Return the result with its dataset; aircraft, software versions and wall times are added."""
+        """Return an object of `result_class`: the survey's dataset, and the wall times of compiling and running.
+
+        Aircraft and software versions are added to the `attributes` of the dataset.
+        """
         dataset = xr.Dataset(data, coordinates, {**self.attributes, **attributes, **version_attributes()})
         return result_class(dataset, self.compile_s, self.run_s)
 
@@ -191,7 +200,10 @@ def _fly(
 
 
 def sample_count(duration_s: float, step_s: float) -> int:
-    """Return the number of sampling periods of a flight; raises ValueError below 100, or if a time (s) is not valid."""
+    """Return the number of sampling periods `step_s` in `duration_s` (s).
+
+    Raises ValueError if a time is not valid, or the number is below 100.
+    """
     require_seconds("duration_s", duration_s)
     require_step(step_s)
     count = round(duration_s / step_s)
@@ -236,7 +248,10 @@ def _is_beyond_limits(flights: FlightRows, limits: FlightLimits) -> np.ndarray:
 
 
 def trim_stop(points: TrimMapPoint, long_name: str) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return the first obstacle to each steady flight as a code (0: none, then `TRIM_OBSTACLES`), and attributes."""
+    """Return what prevents each steady flight of a trim map, and the attributes of this dataset variable.
+
+    The codes, shape (points,), are 0 for a flyable point, else 1 + the index of the first obstacle in `TRIM_OBSTACLES`.
+    """
     codes = np.where(np.asarray(points.trimmable), 0, 1 + np.asarray(points.obstacles).argmax(axis=1))
     return codes.astype(np.int32), flag_attributes(long_name, ("none", *TRIM_OBSTACLES))
 
@@ -287,10 +302,10 @@ def classify_flights(
 
     1. a start beyond the autopilot's limits;
     2. alpha or beta beyond the data, whichever came first;
-    3. for excessive sideslip, the inner-loop limit with the longest time before the sideslip;
+    3. for excessive sideslip, the inner-loop limit that was active longest before the sideslip;
     4. altitude or Mach number beyond the data;
-    5. for a missed channel, the limit with the longest time among those that affect the channel, if active during most
-       of the last tenth of the flight or for a tenth of the flight;
+    5. for a missed channel, the limit active longest among those that affect the channel, if active during most of the
+       last tenth of the flight or for a tenth of the flight;
     6. "unexplained".
     """
     is_missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true for NaN

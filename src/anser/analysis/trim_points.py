@@ -44,7 +44,7 @@ compiled_trim = compiled_quickly(solve_trim, "trim")
 
 
 class ConditionError(ValueError):
-    """Error of a flight condition: no steady flight, not held by the autopilot, or too near the vertical."""
+    """Error: a steady flight does not exist, is not held by the autopilot, or is within 1 deg of the vertical."""
 
 
 def resolve_airframe(
@@ -201,7 +201,8 @@ class TrimResult:
     """Result of a trim, which prints as a list of quantities (name, value, unit) or as the diagnosis.
 
     `diagnosis` names the violated limit and the nearest trim points, and is None if the steady flight exists.
-    `condition` contains true airspeed, altitude, path angle, turn and pitch rate, with units in the names.
+    `condition` contains true airspeed, altitude, path angle, turn and pitch rate, with units in the names. `mass_kg`,
+    `airframe_hash` and `atmosphere` tell whether a flight has the same aircraft and air.
     """
 
     point: TrimPoint

@@ -13,7 +13,11 @@ _BITS_MAX = 256
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem in a scenario, study or aircraft file; a `ScenarioError` lists them."""
+    """One problem in a scenario, study or aircraft file; a `ScenarioError` lists them.
+
+    `path` is the key (or the position in the text, or empty for the whole file), `arrived` and `expected` describe the
+    value in the file and a valid value, `subject` names the aircraft or goal, `line` counts from 1.
+    """
 
     #: Key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or position (``line 3, column 7``), or empty for
     #: the whole file.
@@ -53,7 +57,7 @@ def problem_error(source: str, arrived: str, expected: str, path: str = "") -> S
 
 
 def os_error_reason(error: Exception) -> str:
-    """Return the reason of a failed read or write as text; for an OSError without the file name."""
+    """Return why a file could not be read or written: the reason of an OSError, otherwise the error's message."""
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
@@ -106,7 +110,7 @@ _TABLES_OF_KIND: dict[FileKind, frozenset[str]] = {
 def check_file_kind(kind: FileKind, values: Mapping[str, Any], source: str) -> None:
     """Raise ScenarioError if the values have the tables of another kind of file, and no table of the kind `kind`.
 
-    The message gives the command for the file; `source` is the name of the file.
+    The message proposes the command line for a file of the other kind; `source` is the name of the file.
     """
     if _TABLES_OF_KIND[kind] & values.keys():
         return

@@ -52,11 +52,13 @@ class ExpressionError(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """Parsed expression of a flight's variables."""
+    """Parsed expression of a flight's variables, whose dataset names are `names`.
 
-    names: tuple[str, ...]  # variables by dataset name
-    is_condition: bool  # whether the value is true or false, otherwise a number
-    # function (arrays by variable name, array module `numpy` or `jax.numpy`) that returns the value
+    `evaluate(arrays by name, array module)` returns the value: true or false if `is_condition`, otherwise a number.
+    """
+
+    names: tuple[str, ...]
+    is_condition: bool
     evaluate: _Evaluate
 
 

@@ -23,10 +23,11 @@ class _ItemKey(str):
 
 
 def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
-    """Return a scenario's values as nested dictionaries, as a file gives them, with changes (key path, value) in turn.
+    """Return a scenario's values, with changes, as nested dictionaries like those of a file.
 
-    The values are not validated, and keys that the file left out stay out. Raises ScenarioError if a path is malformed
-    or leads to no table or list item of the scenario; an unknown last key is left to the validation.
+    `changes` are pairs (key path, value), made in turn. The values are not validated, and keys that the file left out
+    stay out. Raises ScenarioError if a path is malformed or leads to no table or list item of the scenario; an unknown
+    last key is left to the validation.
     """
     values = scenario.model_dump(mode="json", exclude_unset=True)
     for path, value in changes:
@@ -60,7 +61,7 @@ def value_at(scenario: Table, path: str) -> Any:
 
 
 def _as_container(node: Any) -> Any:
-    """Return a table as a dictionary with defaults, a list or tuple as a list of its items so converted.
+    """Return a table as a dictionary, defaults included, and a list or tuple as a list of converted items.
 
     An optional table that the file left out is represented by its class, which becomes a dictionary of defaults.
     """
@@ -100,9 +101,10 @@ def indexed_path(scenario: Table, path: str) -> str:
 
 
 def repeated_paths(scenario: Table, paths: Iterable[str]) -> tuple[str, str] | None:
-    """Return the first two paths of one key, such as by the index and by the name of an item; None without repetition.
+    """Return the first two of `paths` that lead to the same key; None if all keys are different.
 
-    Paths that are not part of the scenario are skipped.
+    For example, one path has the index of a list item, and one its name. Paths that are not part of the scenario are
+    skipped.
     """
     former: dict[str, str] = {}
     for path in paths:

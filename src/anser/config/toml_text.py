@@ -51,7 +51,10 @@ def excessive_depth(text: str) -> int | None:
 
 
 def end_of_value(text: str, start: int) -> int:
-    """Return the index at which the last line of a value in valid TOML ends; the value starts at index `start`."""
+    """Return the index of the line break after a value that starts at index `start` of a valid TOML text.
+
+    The result is the length of the text if no line break follows.
+    """
     depth = 0
     for token in _TOKEN.finditer(text, start):
         match token.lastgroup:
@@ -143,9 +146,10 @@ def attach_line_numbers(text: str, source: str) -> Iterator[None]:
 
 
 def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str] | None = None) -> list[Problem]:
-    """Return problems with the lines of their key paths in a TOML text.
+    """Return problems with the line of each problem's key in a TOML text.
 
-    `keys` gives, for a problem's path that is no key path of the text, the key path of the text to point at.
+    `keys` maps the path of a problem to the key path in the text whose line is reported, for problems whose own path is
+    not in the text.
     """
     lines, places = _lines_of(text), keys or {}
     return [
@@ -156,9 +160,9 @@ def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str]
 
 @contextlib.contextmanager
 def named_by(source: str, key: str, name: str) -> Iterator[None]:
-    """Turn an error about a whole file `name` into an error of the file `source` whose key `key` names it.
+    """In the context, attribute an error about a whole file `name` to the key `key` of the file `source`.
 
-    Within the context, a ScenarioError whose first problem has a key path or line passes unchanged.
+    The key names the file. A ScenarioError whose first problem already has a key path or position passes unchanged.
     """
     try:
         yield

@@ -1,4 +1,14 @@
-"""DAVE-ML (AIAA S-119) aerodynamic models: reading, evaluating, checking and writing."""
+"""DAVE-ML (AIAA S-119) aerodynamic models: reading, evaluating, checking and writing.
+
+==================  ====================================================================================================
+``model``           model: content of a file and evaluator; comparison with its check shots
+``definition``      content of a file as plain data
+``reader``          text to definition; ``elements``: XML elements with their position in the file
+``writer``          model to text
+``evaluator``       computation of a model in JAX; ``formulas``: formulas, ``tables``: table functions
+``standard_units``  units, conversion to SI, units permitted for standard variables
+==================  ====================================================================================================
+"""
 
 import lazy_loader
 

@@ -51,7 +51,12 @@ class SourceLocation:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """Variable of a DAVE-ML file: input, output, state, constant or computed quantity; numbers are in `units`."""
+    """Variable of a DAVE-ML file: input, output, state, constant or computed quantity.
+
+    `initial` is the value of a constant, the initial value of a state or the default of an input; `minimum` and
+    `maximum` limit the variable. All three are in `units`. `formula` is None unless the value follows from other
+    variables.
+    """
 
     #: varID, name (of ANSI/AIAA S-119 for standard variables) and units, as written. The texts below are documentation.
     id: str

@@ -262,7 +262,7 @@ class Evaluator(eqx.Module):
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
         """Compute variables at one time, inputs and results in SI units and radians, percent as fractions.
 
-        Arguments, keys of the result and exceptions are those of `evaluate`; also raises ValueError for unknown units.
+        `inputs`, `outputs`, result and exceptions are those of `evaluate`; also raises ValueError for unknown units.
         """
         output_names = self.structure.outputs if outputs is None else tuple(outputs)
         units = {name: self.unit(name) for name in (*inputs, *output_names)}

@@ -97,7 +97,11 @@ def is_logical(formula: Formula) -> bool:
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Evaluation of formulas with an array library, NumPy or JAX."""
+    """Evaluation of formulas with an array library, NumPy or JAX.
+
+    The fields are the functions of the library: `operations` by name, `power` (base, constant exponent), and `select`
+    (condition, value if true, value if false).
+    """
 
     operations: Mapping[str, Callable[..., Any]]  #: Function of each operation, by name.
     power: Callable[[Any, float], Any]  #: Power with a constant exponent: function of base and exponent.
@@ -376,7 +380,10 @@ _FOLDED: Final = {"min": "minimum", "max": "maximum", "and": "logical_and", "or"
 def _arithmetic(
     xp: Any, replacements: Mapping[str, Callable[..., Any]], constant_power: Callable[[Any, float], Any]
 ) -> Arithmetic:
-    """Build the evaluation with the functions of NumPy or `jax.numpy` (`xp`), except for those in `replacements`."""
+    """Build the evaluation with the functions of NumPy or `jax.numpy` (`xp`), except for those in `replacements`.
+
+    `constant_power` is the function of a base and a constant exponent.
+    """
     functions = {name: getattr(xp, library_name) for name, library_name in _NAMES_IN_LIBRARIES.items()}
     functions |= {"arccot": functools.partial(_principal_arccot, xp), **replacements}
     divide, power, sqrt, ln = (functions[name] for name in ("divide", "power", "sqrt", "ln"))

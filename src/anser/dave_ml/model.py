@@ -193,7 +193,11 @@ class Model:
         return self.evaluator.evaluate_si(inputs, outputs)
 
     def check(self) -> list[CheckResult]:
-        """Compare the model with the check shots of its file; raises ValueError as `check_shots` does."""
+        """Compare the model with the check shots of its file.
+
+        Raises ValueError if a shot sets a variable that is not an input, omits an input without a default, or states a
+        value in units that do not convert to the variable's units.
+        """
         return check_shots(self.definition, self.evaluator)
 
     def with_shots(self, inputs: Mapping[str, Mapping[str, float]], tolerance: float = 1e-9) -> "Model":
@@ -203,7 +207,7 @@ class Model:
 
 
 def make_model(definition: Definition) -> Model:
-    """Build the model of a definition; raises DaveMlError for wrong units, and as `make_evaluator`."""
+    """Build the model of a definition; raises DaveMlError for wrong units or a definition that cannot be evaluated."""
     refuse_wrong_units(definition)
     return Model(definition, make_evaluator(definition))
 

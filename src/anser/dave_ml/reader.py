@@ -52,7 +52,10 @@ def _note(element: Element) -> Note:
 
 
 def _documentation(element: Element) -> dict[str, Any]:
-    """Return description (white space collapsed), notes and location of an element, by field of a definition."""
+    """Return description (white space collapsed), notes and location of an element, as keyword arguments.
+
+    The keys are fields of the classes in `anser.dave_ml.definition`.
+    """
     return {
         "description": " ".join(text for child in element.all("description")[:1] for text in child.text.split()),
         "notes": tuple(map(_note, element.all(*NOTES))),
@@ -61,7 +64,7 @@ def _documentation(element: Element) -> dict[str, Any]:
 
 
 def _named(element: Element) -> dict[str, Any]:
-    """Return name and units of an element (empty if absent), and its documentation, by field of a definition."""
+    """Return name and units (empty if absent), description, notes and location of an element as keyword arguments."""
     units = element.attributes.get("units", "").strip()
     return {"name": element.attributes.get("name", ""), "units": units, **_documentation(element)}
 
@@ -74,7 +77,10 @@ def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, flo
 
 
 class TableReader:
-    """Reader of breakpoints and tables, collected by identifier; `used_identifiers` (varIDs) must not be repeated."""
+    """Reader of breakpoints and tables, collected by identifier.
+
+    No identifier may repeat another identifier or one of `used_identifiers`, the varIDs of the file.
+    """
 
     def __init__(self, used_identifiers: Iterable[str]) -> None:
         self.breakpoints: dict[str, Breakpoints] = {}
@@ -109,9 +115,11 @@ class TableReader:
     def _add_grid(
         self, element: Element, data: Element, axes_element: Element, axes: list[str], identifier: str, **fields: Any
     ) -> str:
-        """Store the table in `data`, values in the shape of the axes (last axis fastest), and return the identifier.
+        """Store the gridded table `identifier` with the numbers in the text of `data`, and return the identifier.
 
-        Raises DaveMlError if the number of axes or of values is wrong.
+        `axes` are the bpIDs of the breakpoints, last axis fastest in the text; `fields` replace name, units and
+        documentation of `element`. Raises DaveMlError, for the number of axes at `axes_element`, if the number of axes
+        or of values is wrong.
         """
         if not 1 <= len(axes) <= AXES_MAX:
             raise axes_element.fault(f"{len(axes)} axes of table {identifier}", f"1 to {AXES_MAX}")
@@ -133,7 +141,11 @@ class TableReader:
         self._add_breakpoints(element, values, identifier, f"breakpoints {identifier}")
 
     def read_gridded_table(self, element: Element, base: str | None = None) -> str:
-        """Add a ``<griddedTableDef>`` to `gridded`; return its gtID (``<griddedTable>``: a name from `base`)."""
+        """Add the table of a ``<griddedTableDef>`` or ``<griddedTable>`` to `gridded`; return its identifier.
+
+        The identifier is the gtID; for a ``<griddedTable>``, which stands inside a function, an unused text that starts
+        with `base`.
+        """
         element.permit(("name", "gtID", "units"), once=("description", "breakpointRefs", "dataTable", *NOTES))
         axes = []
         references = element.require("breakpointRefs")
@@ -148,7 +160,11 @@ class TableReader:
         return self._add_grid(element, element.require("dataTable"), references, axes, identifier)
 
     def read_ungridded_table(self, element: Element, base: str | None = None) -> str:
-        """Add an ``<ungriddedTableDef>`` to `ungridded`; return its utID (``<ungriddedTable>``: a name from `base`)."""
+        """Add the table of an ``<ungriddedTableDef>`` or ``<ungriddedTable>`` to `ungridded`; return its identifier.
+
+        The identifier is the utID; for an ``<ungriddedTable>``, which stands inside a function, an unused text that
+        starts with `base`.
+        """
         element.permit(("name", "utID", "units"), once=("description", *NOTES), repeatable=("dataPoint",))
         points: list[np.ndarray] = []
         for point in element.all("dataPoint"):
@@ -191,7 +207,10 @@ class TableReader:
         return Function(element.attribute("name"), result, arguments, table, **_documentation(element))
 
     def _read_inline_table(self, element: Element, dependent: Element, result: str) -> str:
-        """Store the table of a function with ``<dependentVarPts>`` and its breakpoints; return the identifier."""
+        """Store the table of a function with ``<dependentVarPts>`` and its breakpoints; return the identifier.
+
+        The identifiers of table and breakpoints are formed from `result`, the varID of the dependent variable.
+        """
         dependent.permit(("varID", "name", "units", "sign"))
         axes = []
         for count, points in enumerate(element.all("independentVarPts"), start=1):
@@ -201,7 +220,10 @@ class TableReader:
         return self._add_grid(dependent, dependent, element, axes, identifier, name="")
 
     def _read_function_table(self, element: Element, _dependent: Element, result: str) -> str:
-        """Return the identifier of the table in a ``<functionDefn>``: referenced, or contained and then stored."""
+        """Return the identifier of the table in a ``<functionDefn>``: referenced, or contained and then stored.
+
+        A contained table gets an identifier formed from `result`, the varID of the dependent variable.
+        """
         definition = element.require("functionDefn")
         definition.permit(("name",), once=_TABLES)
         if len(definition.children) != 1:

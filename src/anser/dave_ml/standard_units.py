@@ -17,7 +17,10 @@ _SYMBOLS: Final = ("m", "kg", "s", "rad", "K", "A")
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Unit of measurement, with its conversion to SI: ``value_si = factor * value + offset``."""
+    """Unit of measurement, with its conversion to SI: ``value_si = factor * value + offset``.
+
+    `dimension` has the exponents of m, kg, s, rad, K and A.
+    """
 
     #: Conversion to metre, kilogram, second, radian, kelvin, ampere and derived units; percent to a fraction.
     factor: float

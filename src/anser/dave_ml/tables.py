@@ -73,7 +73,7 @@ def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
 
 
 def _select_tables(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -> Tables:
-    """Return the tables with the indices `groups` alone, on the axes with the indices `axes` alone."""
+    """Return a copy of tables that has only the groups and the axes at the indices `groups` and `axes`."""
     all_axes = tables.axes
     arrays = (all_axes.breakpoints, all_axes.lower, all_axes.upper)
     breakpoints, lower, upper = (jnp.stack([array[axis] for axis in axes]) for array in arrays)
@@ -100,7 +100,7 @@ def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> N
 class _Axis:
     """Axis of a table: variable (varID), breakpoints, and limits to which the variable is clipped before the lookup.
 
-    `even` marks linear interpolation between evenly spaced breakpoints. Equal axes of a lookup share one search.
+    `even`: the interpolation is linear and the breakpoints are evenly spaced. Equal axes of a lookup share one search.
     """
 
     variable: str
@@ -112,7 +112,10 @@ class _Axis:
 
 
 def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
-    """Return the table axis of an argument, clipped to its limits and, without extrapolation, to the table's ends."""
+    """Return the axis of a table with breakpoints `points` for an argument of a function.
+
+    The limits of the axis are those of the argument and, at an end without extrapolation, the end of the table.
+    """
     stepped = argument.interpolate != "linear"
     below = argument.extrapolate in ("min", "both") and not stepped and points.size > 1
     above = argument.extrapolate in ("max", "both") and not stepped and points.size > 1

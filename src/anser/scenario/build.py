@@ -130,7 +130,10 @@ def build_flight(
 
 
 def _goals_enter_by_missions_only(scenario: Scenario) -> bool:
-    """Whether a flight depends on the goals by `Mission` alone, so that a moved goal leaves all other parts as is."""
+    """Whether moving a goal changes nothing in a built flight but the `Mission` of each aircraft.
+
+    False for a goal sensor that is not exact, a wind field from a file, and user-defined parts.
+    """
     is_briefed = scenario.goal_sensor.preset != "exact"
     return not (is_briefed or scenario.wind.field is not None or user_parts(scenario))
 
@@ -144,7 +147,10 @@ that the file leaves out follow from the aircraft.
 
 
 def _build_for_goals(scenario: Scenario, number: int) -> Flight:
-    """Return a padded flight, built once for all scenarios that differ in nothing but their goals."""
+    """Return the padded flight of a scenario, possibly with the goals of an earlier scenario that is otherwise equal.
+
+    `number` is the number of the flight. The last two flights are cached.
+    """
     written = scenario.model_dump_json(exclude={"goal"}, exclude_unset=True)
     tables = [number, written, *(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")]
     for kept_tables, flight in list(_kept_flights):
@@ -156,7 +162,7 @@ def _build_for_goals(scenario: Scenario, number: int) -> Flight:
 
 
 def _with_goals_of(scenario: Scenario, flight: Flight) -> Flight:
-    """Return a flight of `_build_for_goals` with the goals of `scenario` in place of its own, else unchanged."""
+    """Return a flight of `_build_for_goals` in which the goals of `scenario` replace the goals of each mission."""
     members = [scenario.aircraft[min(k, len(scenario.aircraft) - 1)] for k in range(flight.count)]
     tables = [scenario.goal_of(aircraft) for aircraft in members]
     goals = _goals(tables, scenario.event)
@@ -237,7 +243,7 @@ def _adaptive(table: Adaptation, estimator: AbstractEstimator, model: AbstractAi
 
 
 def _controller(table: Adaptation, autopilot: AbstractController, airframe: AbstractAirframe) -> AbstractController:
-    """Return the autopilot; if the table [aircraft.adaptation] has test inputs, with these added to the surfaces."""
+    """Return the autopilot, with test inputs added to the surface commands if [aircraft.adaptation] has test inputs."""
     if table.probing == 0.0:
         return autopilot
     amplitude = as_array(table.probing * DEG_RAD)

@@ -70,7 +70,11 @@ class DerivedDefaults(NamedTuple):
 
 @dataclass(frozen=True)
 class ResolvedAircraft:
-    """One aircraft of a scenario, with limits and gains completed by derived values or defaults."""
+    """One aircraft of a scenario, with limits (units of the file) and gains completed by derived values or defaults.
+
+    `correction_max_m_s` is the greatest velocity correction by position feedback, `plan_roll_rate` (rad/s) the mean
+    roll rate that plans assume; `capability` is None for the library's F-16.
+    """
 
     table: Aircraft
     airframe: AbstractAirframe  # nominal airframe, as assumed by autopilot and planner
@@ -124,7 +128,10 @@ def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraf
 
 @dataclass(frozen=True)
 class _FlightCase:
-    """Arguments of `compute_defaults` as a cache key; the airframe is compared by `aircraft_content`."""
+    """Arguments of `compute_defaults` as a cache key.
+
+    Two airframes are equal if their contents (`aircraft_content`) are, two environments if their air is.
+    """
 
     aircraft_content: tuple[str, str, float | None, str]  # type, variant, x_cg_over_c, hash of the aircraft file
     airframe: AbstractAirframe = field(compare=False)
@@ -201,7 +208,7 @@ def _capability_and_bandwidths(
 def _with_derived_gains(
     scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
 ) -> AutopilotGains:
-    """Return the gains derived from the bandwidths, with the scenario's gains in the loops that the scenario defines.
+    """Return the derived gains of `defaults`; loops for which the scenario has a table keep the scenario's gains.
 
     The bandwidth of the sensor filter is always the scenario's.
     """
@@ -213,7 +220,7 @@ def _with_derived_gains(
 
 
 def _derived_limits(limits: Limits, capability: Capability) -> Limits:
-    """Return the limits with the keys that the file left out tightened to the aircraft's performance.
+    """Return the limits in which keys that the file leaves out are tightened to the performance `capability`.
 
     The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
     so that the aircraft can still turn with that bank. Without level flight, the limits are unchanged.
@@ -319,7 +326,10 @@ def resolved_loop_separations(scenario: Scenario, index: int) -> tuple[LoopSepar
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:
-    """Build the guidance settings of one aircraft, or common settings of several: the smallest of their limits."""
+    """Build the guidance settings of a group of aircraft, one or more.
+
+    Of the velocity correction and the climb rate, the smallest limit in the group holds.
+    """
     guidance, hold = scenario.guidance, scenario.hold
     return GuidanceSettings(
         position_gain=as_array(guidance.position_gain_per_s),
@@ -347,7 +357,10 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
-    """Build the path limits that every aircraft of the scenario can keep: the fleet's tightest, without a reserve."""
+    """Build path limits that every aircraft of the scenario can keep: the tightest in the fleet.
+
+    The limits are whole, without the reserve that plans leave to the autopilot (`planned_limits`).
+    """
     fleet_limits = [aircraft.limits for aircraft in resolve_fleet(scenario)]
     slowest = max(limits.speed_min_m_s for limits in fleet_limits)
     fastest = min(limits.speed_max_m_s for limits in fleet_limits)
@@ -385,7 +398,10 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fra
 
 
 def push_over_limit(limits: Limits) -> float:
-    """Return the least load factor of a path: the scenario's, or `NORMAL_TURNING_G` of the autopilot if greater."""
+    """Return the least load factor of a path: the scenario's, but not below 0.5 (`NORMAL_TURNING_G`).
+
+    Neither the autopilot in a turn nor a plan pushes over below 0.5.
+    """
     return max(limits.load_factor_min, NORMAL_TURNING_G)
 
 

@@ -35,7 +35,10 @@ def build_environment(scenario: Scenario) -> Environment:
 
 
 def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
-    """Build the atmosphere of a table [atmosphere], as a padded number of layers; None: the standard atmosphere."""
+    """Build the atmosphere of a table [atmosphere]; None: the standard atmosphere.
+
+    The number of layers is padded, so that few numbers of layers occur.
+    """
     if atmosphere is None:
         return StandardAtmosphere()
     layers = atmosphere.layers

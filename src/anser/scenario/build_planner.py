@@ -51,7 +51,10 @@ def _sides(fleet: Sequence[ResolvedAircraft]) -> Array:
 
 
 def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
-    """Build the certified planner; acceleration limits that the scenario leaves out are infinite."""
+    """Build the certified planner from the arguments of `build_planner`.
+
+    Limits of acceleration and deceleration that the scenario leaves out are infinite.
+    """
     separation, reserve_m = scenario.separation, scenario.separation.reserve_m
     is_separated = separation.horizontal_m > 0.0
     is_stacked = is_separated and separation.vertical_m > 0.0
@@ -80,7 +83,7 @@ def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: 
 def _decentralised(
     scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings
 ) -> DecentralisedPlanner:
-    """Build the decentralised planner.
+    """Build the decentralised planner from the arguments of `build_planner`.
 
     The required separation is increased by twice the greatest deviation from a broadcast path (`tube_m`), and by the
     distance flown in the greatest difference of two clocks (`skew_max_s`).
@@ -125,10 +128,10 @@ def build_network(scenario: Scenario) -> Network:
 
 
 def keep_outs_of(*scenarios: Scenario) -> KeepOuts:
-    """Return the keep-outs of scenarios from the start on, as arrays with leading axes (scenario, keep-out).
+    """Return the keep-outs that exist at the start of each scenario, as arrays with axes (scenario, keep-out, ...).
 
-    Every scenario has the same number of keep-outs: the lists are padded with cylinders that no aircraft reaches, which
-    also stand for the keep-outs of events.
+    Shorter lists are padded with cylinders that no aircraft reaches; a keep-out that appears in an event also has such
+    a placeholder.
     """
     lists = [_keep_out_rows(scenario) for scenario in scenarios]
     longest = max(map(len, lists))

@@ -123,8 +123,9 @@ def _acceleration_density(table: Navigation, step_s: float) -> float:
 
     Bias of the accelerometers and gravity resolved with errors of the attitude are nearly constant, with the variance
     s^2. With white noise of density q, velocities measured every T seconds with the variance r give a velocity filter
-    of gain K = (q / (r T))^(1/2) and claimed variance K r T. A constant error s and the noise of the measurements leave
-    the mean square K r T / 2 + s^2 / K^2. Both are equal for the density used here, close to the least mean square.
+    of gain K = (q / (r T))^(1/2), whose computed variance is K r T. The actual mean square is K r T / 2 + s^2 / K^2,
+    from the noise of the measurements and the constant error. The density q returned makes both equal, close to the
+    least mean square, plus the noise of the accelerometers at each step (`step_s`).
     """
     tilt = (DEG_RAD * max(table.attitude_deg, table.heading_deg) * _GRAVITY_M_S2) ** 2
     steady = (2.0 * (tilt + table.force_bias_m_s2**2)) ** (2 / 3) * (table.velocity_m_s**2 * table.period_s) ** (1 / 3)
@@ -182,9 +183,9 @@ def build_goal_sensor(table: GoalSensorTable) -> NoisyGoalSensor | None:
 
 
 def _motion_history_slots(table: GoalSensorTable, step_s: float) -> int:
-    """Return the number of past samples of the aircraft's motion that delayed measurements need, a power of two.
+    """Return the number of past samples (period `step_s`) of the aircraft's motion that delayed measurements need.
 
-    0 for a sensor without latency.
+    The number is a power of two, or 0 for a sensor without latency.
     """
     latest_s = table.number("latency_s")[1]
     return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))

@@ -164,9 +164,9 @@ def _device_columns(path: str, digest: str, longitude_deg: float | None) -> Arra
 
 
 def _interval_count(lowest: np.ndarray, highest: np.ndarray) -> int:
-    """Return the greatest number of intervals between levels that contain one and the same altitude in the field.
+    """Return the greatest number of intervals between neighbouring levels in which one altitude can lie.
 
-    `lowest` and `highest` are the bounds of each level's altitude over all nodes and times, m.
+    The altitude of a level varies over nodes and times; `lowest` and `highest` are each level's bounds, m.
     """
     altitudes = np.concatenate([lowest[1:-1], highest[1:-1]])
     first = np.sum(altitudes[:, None] >= highest[1:-1], axis=1)
@@ -214,7 +214,10 @@ def _positions(scenario: ScenarioTables) -> Iterator[tuple[str, str, Vector]]:
 
 
 def _outside(field: WindField, earth: Earth, position_m: Vector) -> tuple[str, str] | None:
-    """Return texts on the coordinate of a position beyond the field and on the field's extent; None for one inside."""
+    """Return two texts if a position (north, east, up; m) is beyond the field: its coordinate, and the field's extent.
+
+    None for a position inside.
+    """
     north, east, up = position_m
     axes, unit = chart_axes(field, earth), "m north or east of the origin"
     if field.is_geographic:

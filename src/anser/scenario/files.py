@@ -49,7 +49,11 @@ def loads(text: str, source: str = "<string>") -> Scenario:
 
 
 def from_values(values: dict[str, Any], source: str = "<values>") -> Scenario:
-    """Validate a scenario given as nested dictionaries and lists; `source` and errors are those of `loads`."""
+    """Validate a scenario given as nested dictionaries and lists.
+
+    `source` names the scenario in messages; if it is a file's path, relative paths start from the file's folder. Raises
+    ScenarioError if the scenario is not valid, or has keys without effect.
+    """
     scenario = validate(values, source)
     problems = unused_key_problems(scenario)
     if problems:
@@ -63,7 +67,10 @@ def parse_scenario(text: str, source: str) -> dict[str, Any]:
 
 
 def _duplicate_table_hint(line: str) -> str:
-    """Return the header that the line of a table declared twice should probably have, as text; empty otherwise."""
+    """Return a text with the right header, such as [[goal]], for the line of a table that is declared twice.
+
+    The text is empty if no such header exists.
+    """
     header = _HEADER.match(line)
     table = header[1] if header is not None else ""
     for model, introduction in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):

@@ -93,7 +93,10 @@ def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str)
 
 
 def _direct_values(scenario: Scenario) -> list[Any]:
-    """Return the values that planner, closed loop or check of requirements read from the scenario itself."""
+    """Return the values that planner, closed loop or check of requirements read from the scenario itself.
+
+    Such values are not part of the built flight, by which two scenarios are compared otherwise.
+    """
     aircraft = [[getattr(aircraft_table, key) for key in _DIRECT_AIRCRAFT_KEYS] for aircraft_table in scenario.aircraft]
     return [*(getattr(scenario, name) for name in _DIRECT_TABLES), aircraft]
 

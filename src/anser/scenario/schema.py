@@ -75,10 +75,11 @@ def _aircraft_file_path(aircraft: object) -> str | None:
 
 
 def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
-    """Return a scenario's unvalidated values with a sounding's path replaced by the levels, the wind by its winds.
+    """Return a scenario's unvalidated values with the contents of a sounding in place of the sounding's path.
 
-    `source` is the path of the scenario file (relative paths start from its folder), or a name for messages. Raises
-    ScenarioError if the sounding is missing or invalid, or if the scenario has a wind beside a sounding with winds.
+    Measured levels replace the path; measured winds, if any, become the table [wind]. `source` is the path of the
+    scenario file (relative paths start from its folder), or a name for messages. Raises ScenarioError if the sounding
+    is missing or invalid, or if the scenario has a wind beside a sounding with winds.
     """
     atmosphere = values.get("atmosphere")
     if not isinstance(atmosphere, dict) or not isinstance(atmosphere.get("sounding"), str):
@@ -182,10 +183,10 @@ class Scenario(ScenarioTables):
         return reach_problems(self) or [*arrival_time_problems(self)]
 
     def __eq__(self, other: object) -> bool:
-        """Whether another scenario has the same values and leaves the same limits and gains to the aircraft.
+        """Whether another scenario has the same values, and leaves out the same limits and gains.
 
-        A default value written in the file counts as different from a limit or gain that follows from the aircraft;
-        Pydantic's comparison does not make this difference.
+        A default value written in the file counts as different from a limit or gain that is left out, which follows
+        from the aircraft; Pydantic's comparison does not make this difference.
         """
         if not isinstance(other, Scenario):
             return NotImplemented

@@ -66,7 +66,7 @@ class Arrival(Table):
 
 
 class Separation(Table):
-    """Minimum separation of any two aircraft, also in their holds: either horizontal or vertical suffices."""
+    """Minimum separation of any two aircraft, also after the arrival: horizontal or vertical separation suffices."""
 
     horizontal_m: float = number("horizontal distance; 0: no requirement", 0, 50_000, "m", 0.0)
     vertical_m: float = number(

@@ -29,7 +29,7 @@ def connected_groups(count: int, is_connected: Callable[[int, int], bool]) -> li
 
 
 def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
-    """List aircraft for a message, such as ``aircraft[0] "north" and aircraft[2] "south"``."""
+    """Return the text of aircraft with `indices` for a message: ``aircraft[0] "north" and aircraft[2] "south"``."""
     names = [f'aircraft[{index}] "{aircraft[index].name}"' for index in indices]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -37,9 +37,10 @@ def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
 def _coinciding(
     aircraft: Sequence[Aircraft], coincide: Callable[[int, int], bool]
 ) -> Iterator[tuple[int, str, str, str]]:
-    """Yield, for each group of coinciding aircraft, index and label of the second aircraft, and texts for a message.
+    """Yield the parts of a message on each group of two or more aircraft that pairs of coinciding aircraft connect.
 
-    The texts name the first aircraft, and the aircraft after the second (empty for a group of two).
+    The parts are index and label of the second aircraft, a text that names the first, and a text that names the
+    aircraft after the second (empty for a group of two). `coincide(i, j)` tells whether the aircraft i and j coincide.
     """
     for reference, duplicate, *further_indices in connected_groups(len(aircraft), coincide):
         addition = f", also that of {_list_aircraft(aircraft, further_indices)}" if further_indices else ""
@@ -134,7 +135,10 @@ def arrival_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _aircraft_time_problems(path: str, aircraft: Aircraft, arrival: Arrival, timing: Timing) -> list[Problem]:
-    """List invalid arrival times of one aircraft."""
+    """List arrival times of one aircraft that are missing, not used by the arrival rule, too late, or not in order.
+
+    `path` is the key path of the aircraft.
+    """
     problems = []
     for key, rule in _RULE_OF_KEY.items():
         time_s: float | None = getattr(aircraft, key)
@@ -154,7 +158,10 @@ def _aircraft_time_problems(path: str, aircraft: Aircraft, arrival: Arrival, tim
 
 
 def _end_of_flight_problems(path: str, time_s: float, timing: Timing, subject: str = "") -> list[Problem]:
-    """List an arrival time at or after the end of the flight."""
+    """Return a problem if the arrival time `time_s` at the key `path` is not before the end of the flight.
+
+    `subject` names the aircraft in the message.
+    """
     expected = f"less than timing.duration_s, which is {format_number(timing.duration_s)} s"
     return [Problem(path, format_number(time_s), expected, subject)] if time_s >= timing.duration_s else []
 
@@ -205,7 +212,10 @@ def keep_out_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _have_equal_motion(goal: Goal, keep_out: KeepOut) -> bool:
-    """Whether goal and keep-out have the same velocity; a goal with waypoints only if both are at rest."""
+    """Whether goal and keep-out move with the same constant velocity, or are both at rest.
+
+    A goal with waypoints counts as moving unless all its waypoints coincide.
+    """
     if goal.waypoints is None:
         return goal.velocity_m_s() == keep_out.velocity_m_s()
     positions = {point.position_m for point in goal.waypoints}

@@ -53,9 +53,10 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Return texts on the defect of the chart around an origin's latitude, and on a remedy other than a new origin.
+    """Return two texts for a message if the chart around an origin's latitude is unfit for the flight; otherwise None.
 
-    None for a chart without a defect.
+    The texts describe the defect, and a remedy other than a new origin. `positions` are starts, and corners around
+    goals.
     """
     fastest, duration_s = max(scenario.aircraft, key=scenario.speed_for), scenario.timing.duration_s
     speed_m_s = scenario.speed_for(fastest)

@@ -79,10 +79,10 @@ def name_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def speed_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List preferred airspeeds not within the limits, a wind not slower than an aircraft, and too small a hold radius.
+    """List preferred airspeeds outside the limits, winds not slower than an aircraft, and too small a hold radius.
 
-    The least hold radius is the turn radius with `limits.bank_max_deg` at the airspeed plus the greatest horizontal
-    wind. A wind field counts as still air: the file is not read here.
+    The least radius of the circle after the arrival is the turn radius with `limits.bank_max_deg` at the airspeed plus
+    the greatest horizontal wind. A wind field counts as still air: the file is not read here.
     """
     problems: dict[str, Problem] = {}
     for index, aircraft in enumerate(scenario.aircraft):
@@ -159,9 +159,9 @@ def start_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def rendezvous_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List stand-offs below the minimum of the goal's kind, and arrivals beyond the limit of the climb rate.
+    """List stand-offs below the minimum for a goal on the surface or in the air, and arrivals with too fast a climb.
 
-    Requires that the goal of every aircraft exists.
+    Too fast is a climb or descent beyond the limit of the climb rate. Requires that the goal of every aircraft exists.
     """
     problems = []
     for index, aircraft in enumerate(scenario.aircraft):
@@ -183,8 +183,8 @@ def rendezvous_problems(scenario: ScenarioTables) -> list[Problem]:
 def margin_problems(scenario: ScenarioTables) -> list[Problem]:
     """List stand-offs that are too small for the uncertainty of the goal's position at the arrival.
 
-    The least stand-off is the minimum of the goal's kind plus `estimator.margin_sigma` standard deviations. Requires
-    that the goal of every aircraft exists.
+    The least stand-off is the minimum for a goal on the surface or in the air, plus `estimator.margin_sigma` standard
+    deviations. Requires that the goal of every aircraft exists.
     """
     sensor, estimator, navigation = scenario.goal_sensor, scenario.estimator, scenario.navigation
     problems = []
@@ -322,7 +322,7 @@ def gust_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def sensing_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List periods of sensors with errors that are not whole numbers of integration steps."""
+    """List sensor periods that are not whole numbers of integration steps; exact sensors have no period."""
     navigation, sensor, step_s = scenario.navigation, scenario.goal_sensor, scenario.timing.step_s
     periods_s = {}
     if navigation.sensors != "exact":

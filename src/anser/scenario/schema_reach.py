@@ -16,7 +16,11 @@ _HALVINGS = 40  # bisection steps, which resolve the longest flight to less than
 
 @dataclass(frozen=True)
 class ReferenceSpeed:
-    """True airspeed with which the checks decide whether an aircraft can reach its goal, and the airspeed's origin."""
+    """True airspeed with which the checks decide whether an aircraft can reach its goal, and its key in the scenario.
+
+    `is_mean`: the airspeed is the mean of the plan, otherwise the maximum. `may_rise`: the published planner may raise
+    the mean. `uses_wind_layers`: the plan uses the wind of all altitudes, otherwise only that at the aircraft's start.
+    """
 
     # airspeed, m/s, and the key of the scenario that sets it
     speed_m_s: float
@@ -74,8 +78,8 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[Problem]:
     """List goals that outrun their aircraft, flights that are too short, and rendezvous outside the altitude limits.
 
-    Requires that every aircraft has a goal and that the wind is slower than the fleet. `unaided` leaves out the gain in
-    speed by a descent, or by a tail wind at altitudes above or below the start.
+    Requires that every aircraft has a goal and that the wind is slower than the fleet. With `unaided`, neither a
+    descent nor a tail wind at altitudes above or below the start counts as a gain in speed.
     """
     problems = []
     for index, goal in enumerate(scenario.goal):
@@ -100,7 +104,10 @@ def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[P
 
 @dataclass(frozen=True)
 class EarlyArrival(Problem):
-    """An arrival time that is too early for any flight within the limits."""
+    """An arrival time that is too early for any flight within the limits.
+
+    `given_s` is the arrival time in the scenario, or the end of the arrival window, s.
+    """
 
     given_s: float = 0.0  #: Arrival time in the scenario, s; of a window, its end.
 

@@ -168,10 +168,10 @@ def goal_sigma_m(
 
     The value is for one axis of a goal in steady motion, and 0 for an exact sensor: the variance recursion of the
     Kalman filter from the briefed uncertainty, then a prediction over the freeze time. Measurement errors are those at
-    the range in the middle of the freeze time, which the aircraft flies at `speed_m_s`. Errors that no filter removes
-    are added at the end, in quadrature: the biases of a line of sight, or the slow error of satellite navigation for a
-    goal's own report. That slow error also adds to the report's error, because the report is compared with the
-    aircraft's position.
+    the range in the middle of the freeze time, which the aircraft flies at `speed_m_s`; at its end the range is
+    `distance_m`. Errors that no filter removes are added in quadrature at the end: the biases of a line of sight, or
+    the slow error of satellite navigation for a goal's own report. This slow error also adds to the report's error,
+    because the report is compared with the aircraft's position.
     """
     if sensor.preset == "exact":
         return 0.0

@@ -266,7 +266,10 @@ class Requirements(Table):
 
 
 class Network(Table):
-    """Communication in a fleet without a central planner (fleet.planner = "decentralised")."""
+    """Communication in a fleet without a central planner (fleet.planner = "decentralised"), and coupling of clocks.
+
+    An aircraft runs through its planned path by its own clock; messages make the clocks converge.
+    """
 
     range_m: float = number(
         "greatest distance over which two aircraft hear each other", 0, 1e7, "m", 50_000.0, exclusive_minimum=True

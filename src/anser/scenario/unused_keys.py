@@ -17,7 +17,7 @@ _GUST_KEYS = ("wind_time_s", "gust_time_s")
 class UnusedKeys:
     """Keys of one table that have no effect.
 
-    `path` is the key path of the table, `cause` the reason as a continuation of the value (such as ``with intensity
+    `path` is the key path of the table, `cause` the reason, a text that follows the value in messages (``with intensity
     "none"``), `remedy` the setting with which the keys have an effect. If `is_whole`, the whole table has no effect,
     and messages name the first key alone. Keys set in a file make the file invalid if `is_refused`; the direction of
     something at rest and a goal without aircraft are only cautions, because speed and aircraft may be set elsewhere. A
@@ -33,7 +33,7 @@ class UnusedKeys:
     is_refused: bool = True
 
     def contains(self, path: str) -> bool:
-        """Whether a key path (list items by index) leads to one of the keys, or into a table or list there."""
+        """Whether a key path (list items by index) is one of the keys, or leads into a table or list that is one."""
         keys = (f"{self.path}.{key}" for key in self.keys)
         return any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in keys)
 
@@ -47,7 +47,10 @@ class UnusedKeys:
 
 
 def unused_key_problems(scenario: Scenario, *, is_refused: bool = True) -> list[Problem]:
-    """List problems for keys without effect that make a file invalid, or (without `is_refused`) cause cautions."""
+    """List problems for the keys without effect that make a file invalid.
+
+    `is_refused` False: for the keys without effect that only cause cautions.
+    """
     candidates = [unused_keys for unused_keys in find_unused_keys(scenario) if unused_keys.is_refused == is_refused]
     return [problem for unused_keys in candidates for problem in unused_keys.problems()]
 

@@ -180,15 +180,19 @@ def _import(module: str) -> Any:
 def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: UserParts) -> None:
     """Check an aircraft's user-defined parts: trace one sample of the loop with shapes instead of values.
 
-    `own` has the user-defined parts, `vehicle` all parts of the aircraft. Raises ScenarioError, with part and method,
-    if a method raises an error, or returns another structure, shape or type than its interface says.
+    `own` has the user-defined parts alone, `vehicle` all parts of the aircraft. Raises ScenarioError, with part and
+    method, if a method raises an error, or returns another structure, shape or type than its interface says.
     """
     kinds = [kind for kind in _VEHICLE_PARTS if own.part_of(kind, aircraft) is not None]
     if not kinds:
         return
 
     def trace(kind: str, method: str, *arguments: Any, returns: str = "") -> Any:
-        """Trace a method; return the shapes of its result, which must match the tuple `returns` (state last)."""
+        """Trace a method of the part `kind`, and return the shapes of its result.
+
+        `returns` is the tuple that the interface requires, as text; its last element is the state, which must have the
+        structure of the first argument.
+        """
         part, is_own = getattr(vehicle, kind), kind in kinds
         result = trace_method(kind, part, method, *arguments, is_own=is_own)
         if is_own and returns:

@@ -54,7 +54,12 @@ _GLOBE_DEG = 360.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WindField:
-    """Wind of a file on a grid with rising coordinates, in float64."""
+    """Wind of a file on a grid with rising coordinates, in float64.
+
+    `columns`, shape (member, time, north, east, level, 4), has the velocity of the air (north, east, down; m/s) and the
+    altitude (m). Nodes are latitudes and longitudes (deg) if `is_geographic`, otherwise distances (m); times (s) count
+    from `epoch` (UTC; None without dates).
+    """
 
     epoch: np.datetime64 | None  #: Date and time (UTC) from which `times_s` count; None for times without a date.
     times_s: np.ndarray  #: Times of the file, s, at least one.
@@ -192,7 +197,8 @@ class _Reader:
     ) -> WindField:
         """Return the field with rising axes and levels; raises ScenarioError if the order differs between nodes.
 
-        `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role.
+        `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role, and
+        `horizontal` the roles of the northward and the eastward axis.
         """
         times, epoch = axes.get("time", np.zeros(1)), None
         if np.issubdtype(times.dtype, np.datetime64):
@@ -231,7 +237,12 @@ class _Reader:
         values: Callable[["xr.DataArray", float], np.ndarray],
         shape: tuple[int, ...],
     ) -> tuple[np.ndarray, bool]:
-        """Return the altitude of every node and level, m, as an array `shape`, and whether it is geopotential."""
+        """Return the altitude of every node and level, m, as an array `shape`, and whether it is geopotential.
+
+        `vertical` is "altitude" or "pressure", `name` and `axis` are name and values of this coordinate;
+        `values(variable, factor)` reads a variable in the order of `shape`. Raises ScenarioError for pressures without
+        altitudes.
+        """
         if vertical == "altitude":
             standard = str(self.dataset[name].attrs.get("standard_name", ""))
             return np.broadcast_to(axis, shape), standard == "geopotential_height"
@@ -256,8 +267,9 @@ class _Reader:
     ) -> np.ndarray | None:
         """Return the vertical velocity of the air at every node and level, m/s, up positive; None if not in the file.
 
-        A pressure velocity omega (Pa/s) is converted by -omega/(rho g) with the density of the hydrostatic balance,
-        rho g = -dp/dz, in which z is the geopotential altitude of the pressure levels.
+        A pressure velocity omega (Pa/s) is converted by -omega/(rho g) with the density of the hydrostatic balance, rho
+        g = -dp/dz, in which z is the geopotential altitude `height` of the pressure levels. The arguments are those of
+        `_heights`; `dims` are the names of the dimensions.
         """
         found = self._find("upward", self.dataset.data_vars)
         if found is None:

@@ -93,10 +93,10 @@ class AircraftFlight:
         return aircraft_flight_figure(self.dataset)
 
     def margins(self, time_s: float | None = None) -> xr.Dataset:
-        """Compute the margins of the adaptive autopilot with its estimates frozen at `time_s`, s (None: the end).
+        """Compute the stability margins of the adaptive autopilot with its estimates frozen at `time_s`.
 
-        Result and errors are those of `anser.single_aircraft.frozen_adaptation.frozen_margins`; ValueError for a flight
-        without an adaptive autopilot.
+        `time_s` is in s; None: the end. Result and errors are those of
+        `anser.single_aircraft.frozen_adaptation.frozen_margins`; ValueError for a flight without an adaptive autopilot.
         """
         return frozen_margins(self.dataset, time_s)
 
@@ -210,8 +210,8 @@ def simulate(
     Returns
     -------
     AircraftFlight
-        Its `dataset` ends at `duration_s`, or before the first row on the ground (altitude 0), beyond the wind field of
-        a file or with a non-finite value; the attribute `end` states which.
+        Its `dataset` ends with the last row up to `duration_s`, or before the first row on the ground (altitude 0),
+        beyond the wind field of a file or with a non-finite value; the attribute `end` states which.
     """
     enable_compilation_cache()
     model = load_aircraft(aircraft)
@@ -308,7 +308,10 @@ def _outside(wind: AbstractWind, positions_n: Float[Array, "row 3"], times: Floa
 def _outside_field(
     wind: AbstractWind, history: Mapping[str, np.ndarray], time_s: Float[np.ndarray, " row"]
 ) -> Bool[np.ndarray, " row"] | None:
-    """Return for each row of a flight whether the position is beyond the wind field of a file; None for other wind."""
+    """Return for each row of a flight whether the position is beyond the wind field of a file; None for other wind.
+
+    `history` has the recorded variables by key (SI units), `time_s` the times of the rows.
+    """
     if not isinstance(wind, GriddedWind):
         return None
     positions_n = np.stack([history["north"], history["east"], -history["altitude"]], axis=1)
@@ -329,7 +332,7 @@ _fly = compiled_by_older_generator(("count",), "flight")(_flown)
 def set_lags(
     airframe: AbstractAirframe, points: list[TrimPoint], *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
-    """Return the airframe without actuator or engine lag if switched off, and the trim points for this airframe.
+    """Return the airframe, and trim points for it, without the lag of actuators or engine if the flag is False.
 
     Deflections and power of the trim points are unchanged.
     """
@@ -347,7 +350,11 @@ def set_lags(
 def _open_loop(
     airframe: AbstractAirframe, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
-    """Return the controller that applies `controls`: a table of samples, or a function of time and state."""
+    """Return the controller that applies `controls`: a table of samples, or a function of time and state.
+
+    Absent inputs keep their values at the start `point`. `sample` computes the values of inputs at the times of the
+    flight; `increments` tells whether numbers, arrays and tables are increments to the start.
+    """
     law: Any = controls
     if callable(controls) and not isinstance(controls, InputSignal | Mapping):
         # A new object for each flight, traced anew: the values that the function refers to may have changed.
@@ -360,10 +367,11 @@ def _open_loop(
 def autopilot(
     airframe: AbstractAirframe, environment: Environment, point: TrimPoint, name: Any, step_s: float
 ) -> InversionAutopilot:
-    """Return an autopilot by name, with gains and limits for level flight at the start's airspeed and altitude.
+    """Return an autopilot by name ("inversion", "incremental", "adaptive") for the flight from a start `point`.
 
-    An F-16 has the published gains, another aircraft derived ones. Raises ValueError for an unknown name,
-    ConditionError if there is no such level flight in the standard atmosphere.
+    Gains and limits are those for level flight at the start's airspeed and altitude: published for an F-16, otherwise
+    derived. Raises ValueError for an unknown name, ConditionError if such a level flight does not exist in the standard
+    atmosphere.
     """
     from anser.analysis.step_flights import step_case
 
@@ -383,11 +391,11 @@ def flight_dataset(
     air_layers: Layers = STANDARD_LAYERS,
     is_outside: Bool[np.ndarray, " row"] | None = None,
 ) -> xr.Dataset:
-    """Return the recorded variables of one aircraft (by key, SI units) as a dataset over time, up to the flight's end.
+    """Return the recorded variables of one aircraft as a dataset over time, up to the flight's end.
 
-    `air_layers` describes the atmosphere of the flight; `is_outside` marks rows beyond the wind field. The flight ends
-    before the first row on the ground, beyond the wind field or with a non-finite motion; the attribute `end` states
-    which. Raises ValueError if the first row is such a row.
+    `history` has the variables by key (SI units), `air_layers` the atmosphere, `is_outside` marks rows beyond the wind
+    field. The flight ends before the first row on the ground, beyond the wind field or with a non-finite motion; the
+    attribute `end` states which. Raises ValueError if the first row is such a row.
     """
     motion = [history[key] for key in ("airspeed", "alpha", "altitude", "roll_rate", "pitch_rate", "yaw_rate")]
     endings = {

@@ -1,4 +1,4 @@
-"""Coefficient increments that an adaptive autopilot estimates in flight: history, and margins with them frozen."""
+"""Estimates of an adaptive autopilot, increments of coefficients: their history, and margins with frozen estimates."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -43,7 +43,10 @@ _UPWARDS = np.array([1.0, 1.0, -1.0])  # factors from north, east, down to north
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class AircraftModel:
-    """An aircraft with its analyses; prints as a list of mass, size, surfaces, engine, range of data and inputs."""
+    """An aircraft with its analyses; prints as a list of mass, size, surfaces, engine, range of data and inputs.
+
+    `identity` has the name, and variant and centre of gravity if any, for labels.
+    """
 
     airframe: AbstractAirframe  #: Airframe, as the functions of the package take it.
     identity: Mapping[str, str | int | float]  #: Name, and variant and centre of gravity if any, for labels.

@@ -54,13 +54,15 @@ _LIMITS = {  # text on a limit, by obstacle of a trim
 
 
 class _Points(NamedTuple):
-    """Steady flights to be trimmed, an element each."""
+    """Steady flights to be trimmed, an element each: airspeed (m/s), altitude (m), turn rate (rad/s), mass, power.
 
-    speed: Float[Array, " point"]  # airspeed, m/s
-    altitude: Float[Array, " point"]  # m
-    turn_rate: Float[Array, " point"]  # rate of the course, rad/s
-    mass: Float[Array, " point"]  # mass over the airframe's mass
-    # engine power that determines the climb angle, percent; NaN: level flight, with the power as result
+    The mass is relative to the airframe's mass. The power (percent) determines the climb angle; NaN: level flight.
+    """
+
+    speed: Float[Array, " point"]
+    altitude: Float[Array, " point"]
+    turn_rate: Float[Array, " point"]
+    mass: Float[Array, " point"]
     power: Float[Array, " point"]
 
 
@@ -112,7 +114,11 @@ class PerformanceFigure:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class PerformanceSheet:
-    """Performance of an aircraft in the standard atmosphere and still air; prints as a table."""
+    """Performance of an aircraft in the standard atmosphere and still air; prints as a table of `figures`.
+
+    The dataset has specific excess power (m/s) at full power in level flight, and Mach number, over altitude (m) and
+    true airspeed (m/s).
+    """
 
     #: Figures at `altitude_m`: least airspeed of level flight (stall) for five masses, greatest level airspeed, best
     #: climb rate and glide ratio with their airspeeds, best sustained turns; and the ceilings.
@@ -218,8 +224,9 @@ def _limit_of(flights: _Flights, index: int) -> str:
 def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
     """Return a text on the limit between a flyable level flight and its neighbour in airspeed that cannot be flown.
 
-    `inside` and `outside` are the indices of both. If alpha jumps between them, the limit is the greatest lift: the
-    neighbour's trim, if any, lies far beyond the stall. Otherwise the limits are those that the neighbour violates.
+    `inside` and `outside` are their indices in `flights`. If alpha jumps between the two flights, the limit is the
+    greatest lift: the neighbour's trim, if any, lies far beyond the stall. Otherwise the limits are those that the
+    neighbour violates.
     """
     alpha = np.asarray(flights.trims.trim.alpha)
     is_stall = abs(alpha[outside] - alpha[inside]) > _STALL_JUMP
@@ -229,7 +236,8 @@ def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight (NaN: none), the unit, and a text on the limit there.
 
-    `mass` is relative to the airframe's mass.
+    `fly` trims flights at arrays of airspeeds and with a mass relative to the airframe's; `speeds` (m/s, rising) is the
+    search range.
     """
     value, grid, limit = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
@@ -247,7 +255,11 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
 
 
 def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
-    """Return best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), then its airspeed; a NaN if none."""
+    """Return two figures: best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), and its airspeed.
+
+    `fly` trims flights at the airspeeds `speeds` (m/s, rising) and a power; `name` and `unit` are for the first figure.
+    Without a climb or glide the result is a single NaN.
+    """
     flights = fly(speed=speeds, power=power)
     angle = np.asarray(flights.path_angle)
     # The power is given: its own limits are met by rounding only.
@@ -273,7 +285,8 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
     """Return greatest load factor and rate (deg/s) and least radius (m) of sustained level turns, each with airspeed.
 
-    The search ends at a load factor of 9. Without a level turn, the result is a single NaN.
+    `fly` trims flights at the airspeeds `speeds` (m/s) and turn rates (rad/s); `gravity` is in m/s^2. The search ends
+    at a load factor of 9. Without a level turn, the result is a single NaN.
     """
     low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
     limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size

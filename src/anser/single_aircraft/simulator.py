@@ -154,7 +154,10 @@ class Simulator:
         return self.state
 
     def _in_parallel(self, program: Callable[..., Array], packed: Sequence[Any], inputs: np.ndarray) -> list[Array]:
-        """Call a program for each block of aircraft, each on a separate core, and return a result per block."""
+        """Call a program for each block of aircraft, each on a separate core, and return a result per block.
+
+        `packed` has the motion of each block, `inputs` the controls of all aircraft.
+        """
         if self._count is None:
             return [program(self._constants, packed[0], inputs)]
         parts = zip(packed, self._blocks, strict=True)
@@ -234,10 +237,9 @@ class Simulator:
 class _Programs:
     """Compiled functions of simulators with the same structure of aircraft and air, for one aircraft or for several.
 
-    Few arguments shorten a call: one array contains all numbers of aircraft and air, then the step (s); a second one
-    contains motion, number of the sample and variables (at `indices`), with a last axis over several aircraft, so that
-    each quantity is contiguous. The step of one aircraft is a single kernel that also computes the variables; the
-    variables of several aircraft are computed when they are read.
+    A call has few arguments, which makes it fast: one array with all numbers of aircraft and air and the step (s), and
+    one with motion, number of the sample and variables (at `indices`), whose last axis is over several aircraft. The
+    step of one aircraft also computes the variables; those of several aircraft are computed when read.
     """
 
     def __init__(

@@ -170,7 +170,7 @@ def _variables(airframe: AbstractAirframe, environment: Environment, point: Trim
 
 
 def named_state(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> dict[str, float]:
-    """Return the values of a start by the names of `start_names`; `resolve_start` turns them into the same start."""
+    """Return a start `point` by the names of `start_names`; `resolve_start` converts the result to the same start."""
     variables = {name: float(value) for name, value in _variables(airframe, environment, point).items()}
     return {name: variables[name] for name in start_names(airframe)}
 

@@ -1,4 +1,11 @@
-"""Steady flight: trim, reasons why a trim does not exist, and performance limits."""
+"""Steady flight: trim, reasons why a trim does not exist, and performance limits.
+
+==================  ====================================================================================================
+``trim``            trim of any airframe, and points of a trim map with obstacles and margins
+``trim_diagnosis``  violated limits, and the nearest flight conditions with a trim
+``performance``     accelerations along the path, and limits of steady flight with a reserve
+==================  ====================================================================================================
+"""
 
 import lazy_loader
 

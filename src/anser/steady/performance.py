@@ -33,10 +33,11 @@ def performance_at(
 ) -> Performance:
     """Compute the acceleration with full thrust and the deceleration with idle thrust of a trimmed aircraft, m/s^2.
 
-    `condition` is the trimmed condition, `surfaces` (rad) are the deflections of the trim. The result also tabulates
-    the idle deceleration in level flight and its part due to lift at 0.55 to 1.25 times the trimmed airspeed, for the
-    same deflections, relative to the trimmed idle deceleration (at least `ACCELERATION_FLOOR`). For the F-16 the error
-    of drag less idle thrust is within 5 % and 0.06 m/s^2 (load factors 0.5 to 1, 0.6 to 1.25 times the airspeed).
+    `condition` is the trimmed condition, `surfaces` (rad) are the deflections of the trim. The result also has tables
+    of the idle deceleration, over 0.55 to 1.25 times the trimmed airspeed with the same deflections: the value in level
+    flight, and the part proportional to the square of the load factor, both relative to the trimmed idle deceleration
+    (at least `ACCELERATION_FLOOR`). For the F-16 the error of drag less idle thrust is within 5 % and 0.06 m/s^2 (load
+    factors 0.5 to 1, 0.6 to 1.25 times the airspeed).
     """
     data = condition.air_data
     level, pushed_over = _idle_decelerations(airframe, environment, condition, surfaces)

@@ -42,13 +42,12 @@ _CONVERGED = 1e-8  # greatest residual of a solution, g and rad/s^2; solver nois
 
 
 class TrimTarget(eqx.Module):
-    """The required steady flight condition.
+    """The required steady flight condition: speed (m/s), altitude (m), angles and rates (rad, rad/s), in the air.
 
-    Notes
-    -----
-    A pull-up is commanded by `path_rate` or by `pitch_rate`. With sideslip (for the F-16 due to the engine's angular
-    momentum) the two differ: `path_rate` turns the velocity about a line beside the body y axis, so P and R are not 0
-    and the course is constant; with `pitch_rate` the heading is constant.
+    `turn_rate` is the rate of the course, right positive. A pull-up is commanded by `path_rate`, the rate of the path
+    angle, or by `pitch_rate`, the body rate Q. With sideslip (for the F-16 due to the engine's angular momentum) the
+    two differ: with `path_rate` P and R are not 0 and the course is constant; with `pitch_rate` P and R are 0 and the
+    heading is constant.
     """
 
     speed: Scalar  #: True airspeed, m/s.
@@ -65,7 +64,11 @@ class TrimTarget(eqx.Module):
 
 
 class TrimPoint(eqx.Module):
-    """Result of `solve_trim`: a solution inside or outside the aircraft's limits, or the best attempt at a solution."""
+    """Result of `solve_trim`: a solution inside or outside the aircraft's limits, or the best attempt at a solution.
+
+    `converged` is False for an attempt, `residual` the largest remaining acceleration (g and rad/s^2). `excess` is 0
+    for a solution inside the limits; the power (percent) can be outside 0 to 100. Angles are in rad.
+    """
 
     #: State at the required position and altitude; the velocity over ground includes the environment's wind.
     state: AircraftState
@@ -137,7 +140,7 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
-    """Return the residuals of the trim equations, body axes: linear (g) and angular (rad/s^2) accelerations.
+    """Return the residuals of the trim equations for the unknowns x: accelerations, body axes, in g and rad/s^2.
 
     With yaw control, the last residual is the side force over the weight.
     """
@@ -164,11 +167,11 @@ def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
 
 
 def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
-    """Return the deflection of each surface per deflection or factor in `Unknowns`; 0 for surfaces without command.
+    """Return the deflection of each surface per unit of each unknown of the trim; 0 for surfaces without command.
 
-    With at most three commanded surfaces, each deflection is an unknown. With more, a common factor for roll, pitch or
-    yaw stands for the deflections that produce the moment and are smallest relative to the ranges of the surfaces; the
-    largest has the magnitude of the factor.
+    With at most three commanded surfaces, each deflection is an unknown. With more, the unknowns are factors for roll,
+    pitch and yaw on deflections that produce the moment and are smallest relative to the ranges of the surfaces; the
+    largest of these deflections equals the factor.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -187,13 +190,13 @@ def solve_trim(
     """Trim an aircraft: solve the equations of a steady flight `target` for alpha, beta, mu, surfaces and power.
 
     Equations: body velocity and body rates are constant in a steady (helical) turn or at the instant of a pull-up, and
-    the side force vanishes (coordination; [SL] section 3.6 has the same condition; in a pull-up by pitch rate it levels
-    the wings). Over a round Earth "constant" refers to the travelling NED axes: Coriolis and centrifugal accelerations
-    are balanced too. An aircraft without yaw control has no equation for the side force. Limits are not enforced, so a
-    diagnosis can state their violation: see `trim_violations`. Levenberg-Marquardt from several angles of attack; the
-    result is the solution inside the limits with the smallest angle of attack, or else the solution with the least
-    excess, or else the attempt with the least residual. Differentiable by the implicit function theorem, first
-    derivatives only.
+    the side force vanishes (coordination; [SL] section 3.6 has the same condition, which levels the wings in a pull-up
+    by pitch rate). Over a round Earth "constant" refers to the travelling NED axes: Coriolis and centrifugal
+    accelerations are balanced too. An aircraft without yaw control has no equation for the side force. Limits are not
+    enforced, so a diagnosis can state their violation: see `trim_violations`. Levenberg-Marquardt from several angles
+    of attack; the result is the solution inside the limits with the smallest angle of attack, or else the solution with
+    the least excess, or else the attempt with the least residual. Differentiable by the implicit function theorem,
+    first derivatives only.
 
     Parameters
     ----------
@@ -250,7 +253,10 @@ def solve_trim(
 
 
 def _excess(case: _TrimCase, x: Unknowns) -> Scalar:
-    """Return the sum of the violations of alpha, beta, surface (rad) and power (fraction) limits; 0 inside."""
+    """Return the sum of the violations of alpha, beta, surface (rad) and power (fraction) limits by the unknowns x.
+
+    The sum is 0 inside the limits.
+    """
     airframe, target = case.airframe, case.target
     surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))
 
@@ -271,7 +277,11 @@ above 100 percent; power below 0; a surface beyond its stop; alpha outside the d
 
 
 class TrimMapPoint(eqx.Module):
-    """One point of a trim map: the trim, obstacles to this flight, and margins to the limits."""
+    """One point of a trim map: the trim, obstacles to this flight, and margins to the limits.
+
+    `obstacles` has a flag for each of `TRIM_OBSTACLES`. The margins are fractions, negative beyond the limit: power to
+    100 and to 0 percent over full power, each surface to its stop over the travel from mid-range.
+    """
 
     trim: TrimPoint  # solution of the trim equations, even if it cannot be flown
     obstacles: Bool[Array, "7"]  # flags of the `TRIM_OBSTACLES`; all false if the point can be flown

@@ -29,7 +29,12 @@ _TURN_RATE_LIMIT = math.radians(30.0)
 
 @dataclasses.dataclass(frozen=True)
 class NearestTrim:
-    """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes."""
+    """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes.
+
+    `quantity` is the changed field of the target; `target_value` and `value` are its required and nearest trimmable
+    value (m/s, rad, rad/s). `distance` is dimensionless: relative change of the speed, path angle in rad, or change of
+    the load factor.
+    """
 
     # changed field of the target: "speed", "path_angle" or "turn_rate"; in a pull-up "pitch_rate" instead of the last
     quantity: str
@@ -231,7 +236,7 @@ def _solve_grids(
     position_n: Vector3,
     grids: dict[str, np.ndarray],
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
-    """Trim the target with each value of each grid in place of the quantity's own, and last the target unchanged.
+    """Trim the target with each value of each grid, which replaces one quantity, and last the unchanged target.
 
     Return the trim points, in the order of the grids, and for each quantity the flags of the values with a trim.
     """
