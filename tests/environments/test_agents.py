@@ -60,10 +60,25 @@ class PointFleet:
         return jnp.where(is_over, start, observations), state, rewards, terminated, info["truncated"], info
 
 
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """One of the points alone: an environment without agents."""
+
+    name = "Point"
+    default_params = None
+    reset, step_env, step = PointFleet.reset, PointFleet.step_env, PointFleet.step
+    observations = PointFleet.observations
+
+
 def test_the_fleet_passes_pettingzoos_test_without_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         parallel_api_test(FleetParallelEnvironment(PointFleet()), num_cycles=100)
+
+
+def test_an_environment_of_one_aircraft_is_no_fleet():
+    with pytest.raises(ValueError, match="task: arrived Point, a task of one aircraft; expected a task of a fleet"):
+        FleetParallelEnvironment(Point())
 
 
 def test_a_fleet_in_pettingzoo_ends_for_every_agent_at_once():

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import math
+import types
 
 import equinox as eqx
 import jax
@@ -15,8 +17,10 @@ import anser
 from anser.config.errors import ScenarioError
 from anser.environment.environment import Environment, LayeredWind
 from anser.environments import TASKS, AbstractPlannedTask, Expert, make
-from anser.environments.actions import AutopilotStep, SurfaceLevel
-from anser.environments.cases import FlightRange, stack_cases
+from anser.environments.actions import LEVELS, AutopilotStep, SurfaceLevel
+from anser.environments.cases import FlightRange, default_range, single_aircraft, stack_cases
+from anser.environments.episodes import score
+from anser.environments.tasks import Aim, UpsetRecovery, VelocityCommand
 from anser.spatial.rotations import rotate, rotation_from_quaternion
 from anser.units import RAD_DEG
 from support.environment_resets import batch_programs, check_resets, shortened
@@ -289,6 +293,9 @@ def test_wrong_names_are_refused(arguments, message):
         ({"cases": 0}, "cases: arrived 0"),
         ({"precision": "float16"}, "precision: arrived 'float16'"),
         ({"step_s": 0.03}, "step_s: arrived 0.03; expected a divisor of the decision, 0.01 s"),
+        ({"step_s": 0.0}, "step_s: arrived 0; expected a divisor"),
+        ({"step_s": float("nan")}, "step_s: arrived nan; expected a divisor"),
+        ({"step_s": 0.1, "action": "velocity"}, "step_s: arrived 0.1; expected .* from 0.001 to 0.05 s"),
         ({"study": "mine.toml"}, "study: arrived mine.toml; expected a task with a plan"),
         ({"flown": FlightRange((5.0, 6.0), (1000.0, 2000.0))}, "drawn conditions are steady flights"),
         ({"flown": FlightRange((100.0, 200.0), (1000.0, 2000.0)), "task": "Arrival"}, "Arrival: arrived flown"),
@@ -297,6 +304,92 @@ def test_wrong_names_are_refused(arguments, message):
 def test_wrong_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         make(**{"task": "VelocityCommand", "cases": 8, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("tables", "path"),
+    [
+        ({"timing": {"duration_s": 600.0, "step_s": 0.02}}, "timing"),
+        ({"goal_sensor": {"preset": "camera"}}, "goal_sensor"),
+        ({"separation": {"horizontal_m": 200.0}, "arrival": {"rule": "at", "time_s": 60.0}}, "separation"),
+        ({"parts": {"planner": "my_planners:Straight"}}, r"parts\.planner"),
+        ({"event": [{"kind": "goal-stops", "goal": "goal", "time_s": 5.0}]}, r"event\[0\]"),
+        ({"turbulence": {"spectrum": "von-karman"}}, r"turbulence\.spectrum"),
+    ],
+)
+def test_tables_without_effect_are_refused(tables, path):
+    with pytest.raises(ScenarioError, match=rf"{path}: arrived .* (without effect|with intensity)"):
+        make("VelocityCommand", cases=8, **tables)
+
+
+def test_tables_of_the_air_and_the_aircraft_take_effect():
+    event = {"kind": "thrust-lost", "aircraft": "aircraft", "time_s": 5.0, "thrust_left": 0.5}
+    doublet = {"signal": "doublet", "inputs": ["elevator"], "amplitude": 1.0}
+    air = {"atmosphere": {"temperature_offset_k": 20.0}}
+    vehicle, environment = single_aircraft("f16", {"event": [event], "excitation": [doublet], **air})
+    assert float(vehicle.thrust_ratio_at(6.0)) == 0.5
+    assert vehicle.excitation is not None
+    assert float(environment.atmosphere.at(0.0).temperature) == pytest.approx(308.15)
+
+
+def test_narrow_ranges_of_airspeed_have_starts():
+    vehicle, _ = single_aircraft("f16", {})
+    autopilot = vehicle.controller
+
+    def speeds(least, greatest):
+        limits = dataclasses.replace(autopilot.limits, speed_min=jnp.asarray(least), speed_max=jnp.asarray(greatest))
+        narrow = dataclasses.replace(autopilot, limits=limits)
+        return default_range(dataclasses.replace(vehicle, controller=narrow)).speed_m_s
+
+    assert speeds(100.0, 108.0) == pytest.approx((103.0, 105.0))
+    assert speeds(90.0, 240.0) == (1.1 * 90.0, 0.9 * 240.0)
+    with pytest.raises(ValueError, match="aircraft: arrived limits of the airspeed of 350 to 400 m/s; expected"):
+        speeds(350.0, 400.0)
+    with pytest.raises(ValueError, match=r"flown.altitude_m: arrived 2000 to 1000; expected a least and a greatest"):
+        FlightRange((100.0, 120.0), (2000.0, 1000.0))
+
+
+def test_upsets_start_within_the_data_of_the_aircraft():
+    vehicle, environment = single_aircraft("f16", {})
+    flown = default_range(vehicle)
+    for greatest in (25.0, 12.0):
+        starts, _ = UpsetRecovery().draw(vehicle, environment, flown, 64, np.random.default_rng(0))
+        assert greatest - 2.0 < np.rad2deg(starts.alpha).max() <= greatest
+        vehicle = eqx.tree_at(lambda v: v.airframe.alpha_range[1], vehicle, jnp.deg2rad(12.0))
+
+
+def test_observed_commands_have_the_unit_of_their_variable():
+    """An airspeed, an angle, a rate and a path angle of 0 (None), as commands of a user's task."""
+
+    class Commanded(VelocityCommand):
+        aims = (
+            Aim("airspeed_m_s", command_scale=50.0),
+            Aim("path_angle_deg", command_scale=10.0),
+            Aim("roll_rate_deg_s", tolerance=2.0, difference_scale=10.0),
+            Aim("bank_deg", difference_scale=90.0, command_scale=90.0),
+        )
+
+    values = {"airspeed_m_s": 140.0, "path_angle_deg": 1.0, "roll_rate_deg_s": 4.0, "bank_deg": 20.0}
+    case = types.SimpleNamespace(task=(150.0, math.radians(5.0), math.radians(10.0), None))
+    situation = types.SimpleNamespace(case=case, estimates=values, variables=values)
+    np.testing.assert_allclose(Commanded().observation(situation), [6.0, -20.0, 150.0, 5.0, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(Commanded().errors(situation), [-3.0], rtol=1e-6)
+
+
+def test_commanded_courses_are_within_half_a_turn():
+    vehicle, environment = single_aircraft("f16", {})
+    drawn = VelocityCommand().draw(vehicle, environment, default_range(vehicle), 64, np.random.default_rng(0))
+    assert np.abs(np.asarray(drawn[1])[:, 2]).max() <= np.pi
+    south = types.SimpleNamespace(velocity_b=jnp.array([-100.0, 1.0, 0.0]))
+    still = types.SimpleNamespace(R_bn=jnp.eye(3), wind_n=jnp.zeros(3))
+    belief = types.SimpleNamespace(state=south, condition=still)
+    command = LEVELS["velocity"].command(jnp.array([0.0, 0.0, 1.0]), vehicle.controller, belief)
+    assert float(command.chi) == pytest.approx(-0.5 * np.pi - 0.01, abs=1e-4)
+
+
+def test_a_score_needs_an_episode():
+    with pytest.raises(ValueError, match="episodes: arrived 0; expected at least 1"):
+        score(velocity_command(), "zero", episodes=0)
 
 
 def test_a_wrong_table_is_refused_with_its_key():

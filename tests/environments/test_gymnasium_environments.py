@@ -1,6 +1,7 @@
 """Gymnasium's contract: the single environment, the vector of environments, episodes as flights and datasets."""
 
 import copy
+import dataclasses
 import importlib
 import json
 import sys
@@ -297,6 +298,9 @@ def test_recorded_episodes_are_datasets_of_minari(single, tmp_path, monkeypatch)
         assert not saved.terminations[:-1].any()
     with pytest.raises(ValueError, match="episodes: arrived none"):
         save_minari("anser/short/none-v0", [])
+    of_fleet = dataclasses.replace(episodes[0], observations=np.zeros((3, 2, 5)))
+    with pytest.raises(ValueError, match="episodes: arrived those of a fleet; expected episodes of an environment"):
+        save_minari("anser/short/fleet-v0", [of_fleet])
 
 
 @pytest.mark.long

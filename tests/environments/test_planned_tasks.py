@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import shutil
 import tempfile
+import types
 from importlib import resources
 from pathlib import Path
 
@@ -13,7 +14,9 @@ import numpy as np
 import pytest
 
 from anser.config.errors import ScenarioError
+from anser.environment.earth import wgs84_earth
 from anser.environments import Arrival, Expert, FleetEnvironment, make
+from anser.environments.planned_tasks import PathTracking
 from support.environment_resets import batch_programs, check_resets
 
 
@@ -93,6 +96,28 @@ def test_the_expert_stays_on_its_path_and_the_observation_tells_it():
     np.testing.assert_allclose(first[np.array(offset)], 0.0, atol=1e-6)  # the path begins at the start
     assert float(np.abs(environment.task.errors(environment.situation(state)))[0]) < 0.2
     assert bool(jnp.all(jnp.isfinite(observations)))
+
+
+def test_on_the_ellipsoid_velocities_are_compared_over_the_ground():
+    """Aircraft 200 km from the origin, on its straight way in the chart: no slip, no zero-effort miss."""
+    position_n, velocity_n = jnp.array([2e5, 2e5, -3000.0]), jnp.array([120.0, 90.0, -2.0])
+    earth = wgs84_earth(np.deg2rad(50.0), 0.1).local_earth(position_n, velocity_n)
+    assert abs(float(earth.chart_scale[1]) - 1.0) > 0.01
+    rate_n = earth.chart_scale * velocity_n
+    planned = types.SimpleNamespace(position_n=position_n, velocity_n=rate_n)
+    task = types.SimpleNamespace(
+        trajectory=types.SimpleNamespace(at=lambda time: planned, arrival_time=100.0),
+        rendezvous_n=lambda time: position_n + 100.0 * rate_n,
+    )
+    state = types.SimpleNamespace(position_n=position_n, velocity_b=velocity_n)
+    motion = types.SimpleNamespace(state=state, condition=types.SimpleNamespace(R_bn=jnp.eye(3), earth=earth))
+    situation = types.SimpleNamespace(
+        case=types.SimpleNamespace(task=task), belief=motion, truth=motion, time=0.0, estimates={"course_deg": 40.0}
+    )
+    np.testing.assert_allclose(PathTracking().observation(situation)[6:], 0.0, atol=1e-9)
+    np.testing.assert_allclose(Arrival().errors(situation), 0.0, atol=1e-8)
+    observed = Arrival().observation(situation)
+    np.testing.assert_allclose(observed[4:7], observed[7:], rtol=1e-9)
 
 
 @pytest.mark.long

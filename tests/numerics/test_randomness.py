@@ -96,6 +96,8 @@ def test_prescribed_numbers_are_replayed():
     np.testing.assert_array_equal(prescribed.normals(AIR, INITIAL_SAMPLE, 3), table[1, 0])
     np.testing.assert_array_equal(prescribed.normals(AIR, jnp.asarray(4), 2), table[1, 5, :2])
     np.testing.assert_allclose(prescribed.uniforms(AIR, 0, 3), stats.norm.cdf(table[1, 1]), rtol=1e-12)
+    after = jax.jit(lambda number: prescribed.normals(AIR, number, 2))(5)
+    assert np.isnan(after).all()  # after the record there are no numbers
     with pytest.raises(ValueError, match="part 2 draws 1 random numbers a sample; none given"):
         prescribed.normals(GOAL_SENSOR, 0, 1)
     with pytest.raises(ValueError, match="3 a sample given"):

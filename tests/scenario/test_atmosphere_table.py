@@ -4,12 +4,21 @@ import math
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import anser
 from anser.config.errors import ScenarioError
-from anser.environment.air import STANDARD_LAYERS, air_at_geopotential, air_in_layers, humid_layers, measured_layers
+from anser.environment.air import (
+    STANDARD_LAYERS,
+    air_at_geopotential,
+    air_in_layers,
+    humid_layers,
+    measured_layers,
+    padded_layers,
+)
+from anser.environment.atmosphere import LayeredAtmosphere
 from anser.scenario.build_environment import build_environment
 from anser.scenario.schema import Scenario
 from anser.scenario.sounding_file import read_sounding
@@ -100,6 +109,24 @@ def test_a_sounding_of_the_standard_atmosphere_is_the_standard_atmosphere():
     air, expected = (air_at_geopotential(table, between) for table in (layers, STANDARD_LAYERS))
     np.testing.assert_allclose(air.temperature, expected.temperature, rtol=1e-12)
     np.testing.assert_allclose(air.pressure, expected.pressure, rtol=6e-6)  # g lapse/(R T^2) (100 m)^2/8
+
+
+def test_below_a_sounding_the_standard_lapse_continues_not_its_inversion():
+    """Station at 500 m with an inversion of 6 K in 30 m: 17.3 deg C at sea level, and the pressure at rest."""
+    h, T = np.array([500.0, 530.0, 1500.0]), np.array([287.15, 293.15, 287.0])
+    p = 95_000.0 * np.exp(-G / R * np.append(0.0, np.cumsum(np.diff(h) / (0.5 * (T[:-1] + T[1:])))))
+    layers = measured_layers(h, T, p)
+    for altitudes in (np.array([0.0, 499.0]), np.array([-4000.0, -6000.0])):
+        air = air_at_geopotential(layers, altitudes)
+        np.testing.assert_allclose(air.temperature, 287.15 + 6.5e-3 * (500.0 - altitudes), rtol=1e-12)
+        np.testing.assert_allclose(air.pressure, 95_000.0 * (air.temperature / 287.15) ** (G / (R * 6.5e-3)), rtol=1e-6)
+    for altitude, temperature in ((500.0, 287.15), (530.0, 293.15)):
+        assert float(air_at_geopotential(layers, altitude).temperature) == pytest.approx(temperature, rel=1e-14)
+    np.testing.assert_allclose(air_at_geopotential(layers, 500.0 - 1e-7).pressure, p[0], rtol=1e-10)
+    atmosphere = LayeredAtmosphere(jnp.asarray(padded_layers(layers, 8)))
+    built = jax.jit(lambda altitude: atmosphere.at(altitude))
+    for altitude in (-6000.0, 0.0, 515.0):
+        np.testing.assert_allclose(built(altitude).density, air_in_layers(layers, altitude).density, rtol=1e-12)
 
 
 def test_a_sounding_from_csv_gives_air_and_wind(tmp_path):

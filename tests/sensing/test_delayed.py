@@ -1,5 +1,7 @@
 """Delayed sensors: the ring buffer and the readings."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,7 +15,8 @@ from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment
 from anser.parts import GoalState, Instant, Truth
 from anser.sensing import DelayedSensors, IdealSensors
-from anser.sensing.ideal_sensors import SampleRing, SensorSample
+from anser.sensing.goal_filters import hand_over_goal
+from anser.sensing.ideal_sensors import SampleRing, SensorSample, true_line_of_sight
 from anser.spatial import quaternion_from_euler
 
 AIRFRAME, ENVIRONMENT = load_airframe(), standard_environment()
@@ -123,8 +126,18 @@ def test_readings_are_the_truth_of_the_delayed_time(periods):
     np.testing.assert_allclose(reading.state.position_n[0], 150.0 * STEP * sample_number, atol=1e-9)
     np.testing.assert_allclose(float(jnp.linalg.norm(reading.state.quaternion)), 1.0, atol=1e-15)
     np.testing.assert_allclose(reading.condition.air_data.V, 150.0, rtol=1e-12)
-    # the line of sight is never between samples: that of the even number next to it
-    ideal_truth = true_at(round(sample_number)) if periods != 2.5 else true_at(9)
-    ideal_reading, _ = eqx.filter_jit(IdealSensors().read)(None, *ideal_truth)
+    ideal_reading, _ = eqx.filter_jit(IdealSensors().read)(None, true_at(sample_number)[0], instants[0])
     for ours, ideal in zip(jax.tree.leaves(reading.sight), jax.tree.leaves(ideal_reading.sight), strict=True):
+        np.testing.assert_allclose(ours, ideal, rtol=1e-12)
+
+
+def test_a_goal_taken_over_is_seen_at_once_as_it_was_before_the_delay():
+    sensors, (truth, instant) = DelayedSensors(jnp.asarray(3 * STEP), DELAY_MAX, STEP), true_at(0)
+    other_goal = GoalState(jnp.array([-2000.0, 500.0, 0.0]), jnp.array([0.0, 9.0, 0.0]))
+    other_truth = dataclasses.replace(truth, goal=other_goal)
+    ring_of, read = eqx.filter_jit(sensors.init), eqx.filter_jit(sensors.read)
+    receiver_ring = hand_over_goal(ring_of(truth, instant), ring_of(other_truth, instant))
+    reading, _ = read(receiver_ring, dataclasses.replace(true_at(1)[0], goal=other_goal), true_at(1)[1])
+    expected = true_line_of_sight(other_truth, ENVIRONMENT.earth)
+    for ours, ideal in zip(jax.tree.leaves(reading.sight), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(ours, ideal, rtol=1e-12)

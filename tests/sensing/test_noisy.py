@@ -17,7 +17,12 @@ from anser.environment.gusts import Gust
 from anser.numerics import flight_randomness
 from anser.parts import GoalState, Instant, Truth
 from anser.parts.perception import Fix
-from anser.scenario.build_sensing import _navigation_filter, build_goal_sensor, build_vehicle_sensors
+from anser.scenario.build_sensing import (
+    _motion_history_slots,
+    _navigation_filter,
+    build_goal_sensor,
+    build_vehicle_sensors,
+)
 from anser.scenario.schema_sensing import GoalSensor, Navigation
 from anser.sensing import IdealSensors, TrackingEstimator
 from anser.sensing.navigation import AirFilter, NavigationFilter
@@ -140,6 +145,17 @@ def test_delayed_measurements_arrive_on_time_with_their_sample_numbers():
     assert len(set(sample_numbers.tolist())) == sample_numbers.size
     assert np.any(np.diff(sample_numbers) < 0)  # some overtake others
     assert sample_numbers.size > 100
+
+
+def test_measurements_at_every_sample_are_never_older_than_the_stored_motion():
+    """Random latency up to 30 samples: the motion of 32 samples is stored."""
+    table = GoalSensor(preset="ads-b", latency_s=(0.0, 3.0), period_s=STEP)
+    measurements = readings(build_goal_sensor(table), 2000)
+    is_measured = np.asarray(measurements.measured).any(axis=1)
+    delays = (np.arange(2000) - np.asarray(measurements.number))[is_measured]
+    assert delays.max() == 31 < _motion_history_slots(table, STEP)
+    assert abs(delays.mean() - 15.0) < 3.0
+    assert delays.size > 0.94 * 2000
 
 
 def test_satellite_navigation_and_inertial_sensors():

@@ -205,6 +205,7 @@ def test_normalized_quaternions_have_unit_length():
     np.testing.assert_allclose(unit, np.asarray(q) / np.linalg.norm(q), atol=ROUNDING)
     nothing = jnp.zeros(4)
     np.testing.assert_array_equal(normalize(nothing), nothing)
+    np.testing.assert_array_equal(normalize(jnp.zeros(4, jnp.float32)), np.zeros(4))
     assert np.all(np.isfinite(jax.jit(jax.jacrev(normalize))(nothing)))
     np.testing.assert_allclose(jax.jit(jax.jacfwd(normalize))(unit), np.eye(4) - np.outer(unit, unit), atol=ROUNDING)
 

@@ -5,7 +5,7 @@ rate over temperature (1/m) and pressure p (Pa) at the base, and the coefficient
 pressure: at a height z above the base the pressure is ``p exp(-power log1p(lapse z / T) - decay z)``. In a hydrostatic
 layer with a lapse rate ``power`` = g/(R lapse) and ``decay`` = 0, in an isothermal layer ``power`` = 0 and ``decay`` =
 g/(R T). Between two measured pressures the logarithm is linear in altitude: ``power`` = 0. The first layer continues
-below its base, the last up to any altitude.
+below its base, the last up to any altitude. Of two layers with one base, the first is the air below.
 
 The temperature of moist air is the virtual temperature: dry air of this temperature has the pressure and the density
 of the moist air. The module needs NumPy alone, so that files are read without JAX.
@@ -164,13 +164,15 @@ def measured_layers(
     """Return the table of layers of a sounding, from its levels in rising order.
 
     Inputs per level: geopotential altitude (m), virtual temperature (K), pressure (Pa). Temperature and logarithm of
-    the pressure are linear between levels. Below the lowest level the lowest layer continues; above the highest level
-    the temperature is constant and the pressure hydrostatic.
+    the pressure are linear between levels. Beyond the levels the pressure is hydrostatic: below the lowest level with
+    the lapse rate of the standard troposphere, -6.5 K/km (an inversion at the ground does not continue downwards),
+    above the highest level with a constant temperature.
     """
     h, T, p = (np.asarray(values, dtype=float) for values in (geopotential, temperature, pressure))
     lapse = np.append(np.diff(T) / np.diff(h), 0.0)
     decay = np.append(-np.diff(np.log(p)) / np.diff(h), _HYDROSTATIC_K_M / T[-1])
-    return np.stack([h, T, lapse, lapse / T, p, np.zeros_like(h), decay], axis=-1)
+    below = [h[0], T[0], LAPSES_K_M[0], LAPSES_K_M[0] / T[0], p[0], *_hydrostatic_law(LAPSES_K_M[0], T[0])]
+    return np.vstack([below, np.stack([h, T, lapse, lapse / T, p, np.zeros_like(h), decay], axis=-1)])
 
 
 def padded_layers(layers: Layers, count: int) -> "Layers":

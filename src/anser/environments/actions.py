@@ -187,7 +187,7 @@ class VelocityLevel(AbstractActionLevel):
         """Convert an action to airspeed (m/s), path angle and course (rad) through the air, with rates of 0."""
         zero = jnp.zeros_like(action[0])
         V = _from_unit(action[0], autopilot.limits.speed_min, autopilot.limits.speed_max)
-        chi = _course(belief) + self.course_change_max * action[2]
+        chi = wrap_angle(_course(belief) + self.course_change_max * action[2])
         return PathCommand(V, self.path_angle_max * action[1], chi, zero, zero, zero)
 
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:

@@ -5,7 +5,7 @@ with one aircraft, so the tables of a scenario file describe them.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -20,13 +20,15 @@ from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.step_flights import default_flight_point
 from anser.analysis.trim_points import resolve_airframe
 from anser.compiling.options import compiled, compiled_quickly
+from anser.config.errors import Problem, ScenarioError
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.environment import Environment, SteadyWind
 from anser.numerics.arrays import Stacked, as_array, cast_to_precision, pad_to_multiple, take_rows
 from anser.parts.perception import Belief, Instant, Truth
 from anser.scenario.build import build_flight
-from anser.scenario.schema import validate
+from anser.scenario.schema import Scenario, validate
+from anser.scenario.unused_keys import unused_key_problems
 from anser.shapes import Integer, Scalar
 from anser.simulation.vehicle import Vehicle
 from anser.spatial.rotations import rotate, rotation_from_quaternion
@@ -80,8 +82,10 @@ class Situation(eqx.Module):
 def single_aircraft(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]) -> tuple[Vehicle, Environment]:
     """Build an aircraft without a mission, and its environment, from the tables of a scenario.
 
-    `aircraft` and `tables` are those of `anser.environments.make`. Raises ScenarioError if a table is not valid.
+    `aircraft` and `tables` are those of `anser.environments.make`. Raises ScenarioError if a table is not valid, or has
+    no effect on an aircraft without a mission.
     """
+    _refuse(name for name in tables if name in Scenario.model_fields and name not in _TABLES)
     if isinstance(aircraft, str):
         aircraft = {"airframe" if is_aircraft_path(aircraft) else "type": aircraft}
     kind, variant = aircraft.get("airframe", aircraft.get("type", "f16")), aircraft.get("variant", "textbook")
@@ -98,9 +102,28 @@ def single_aircraft(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]
         "goal": [{"name": "goal", "kind": "surface", "north_m": 200.0 * start["speed_m_s"], "east_m": 0.0}],
         **tables,
     }
-    flight = build_flight(validate(scenario, "environment"), mission_is_flown=False)
+    validated = validate(scenario, "environment")
+    _refuse(f"event[{k}]" for k, event in enumerate(validated.event) if event.kind not in _EVENTS)
+    _refuse(f"parts.{key}" for key in ("guidance", "planner") if getattr(validated.parts, key, None) is not None)
+    if problems := unused_key_problems(validated):
+        raise ScenarioError("environment", problems)
+    flight = build_flight(validated, mission_is_flown=False)
     vehicle, _, _ = flight.aircraft(0)
     return eqx.tree_at(lambda v: v.mission, vehicle, None, is_leaf=lambda x: x is None), flight.environment
+
+
+_TABLES = "atmosphere", "earth", "event", "excitation", "gust", "limits", "navigation", "parts", "turbulence", "wind"
+_EVENTS = "aircraft-changes", "thrust-lost"
+
+
+def _refuse(paths: Iterable[str]) -> None:
+    """Raise ScenarioError if there are `paths`: those of tables that have no effect in an environment."""
+    expected = (
+        f"tables that have an effect on an aircraft without a mission: {', '.join(_TABLES)} (events of the kinds "
+        f"{', '.join(_EVENTS)}; no guidance or planner among the parts); the step is the argument step_s"
+    )
+    if problems := [Problem(path, "values without effect in an environment", expected) for path in paths]:
+        raise ScenarioError("environment", problems)
 
 
 @compiled
@@ -139,20 +162,34 @@ class FlightRange(eqx.Module):
     bank_deg: float = eqx.field(static=True, default=45.0)  #: Greatest bank of the steady turn to either side.
     wind_m_s: float = eqx.field(static=True, default=15.0)  #: Greatest speed of the steady wind from any direction.
 
+    def __check_init__(self) -> None:
+        for key, (least, greatest) in (("speed_m_s", self.speed_m_s), ("altitude_m", self.altitude_m)):
+            if not least <= greatest:
+                raise ValueError(
+                    f"flown.{key}: arrived {least:g} to {greatest:g}; expected a least and a greatest value"
+                )
+
 
 def default_range(vehicle: Vehicle) -> FlightRange:
     """Return the range of starts that suits an aircraft, with the defaults of `FlightRange` for angles and wind.
 
     Airspeed: from 1.1 times the least to 0.9 times the greatest at which the aircraft's data and the autopilot's limits
-    are valid. Altitude: from 1 km to 8 km, as far as the data are valid. Raises ValueError without an autopilot of the
-    package.
+    are valid, and in a narrow range at least its middle quarter. Altitude: from 1 km to 8 km, as far as the data are
+    valid. Raises ValueError without an autopilot of the package, or without a valid airspeed.
     """
     airframe, limits = vehicle.airframe, autopilot_of(vehicle).limits
     low, high = valid_airspeed_range(airframe)
     slowest, fastest = max(low, float(limits.speed_min)), min(high, float(limits.speed_max))
+    if not slowest < fastest:
+        raise ValueError(
+            f"aircraft: arrived limits of the airspeed of {float(limits.speed_min):g} to {float(limits.speed_max):g} "
+            f"m/s; expected a range within the aircraft's data, {low:g} to {high:g} m/s"
+        )
     bottom, top = getattr(getattr(airframe, "validity", None), "altitude", (0.0, np.inf))
     lowest = max(1000.0, float(bottom))
-    return FlightRange((1.1 * slowest, 0.9 * fastest), (lowest, max(min(8000.0, float(top)), lowest)))
+    margin = 0.375 * (fastest - slowest)
+    speeds = min(1.1 * slowest, slowest + margin), max(0.9 * fastest, fastest - margin)
+    return FlightRange(speeds, (lowest, max(min(8000.0, float(top)), lowest)))
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:

@@ -112,7 +112,7 @@ def score(environment: AnyEnvironment, policy: str | Policy = "expert", episodes
 
     The policy is "expert" (see `Expert`), "zero" (all entries of the action 0), "random" (uniform in -1..1), or a
     function `(key, observation, state, policy_state)` that returns the action and the new state of the policy; the
-    first `policy_state` of an episode is None. Raises ValueError for another name.
+    first `policy_state` of an episode is None. Raises ValueError for another name, or fewer than one episode.
     """
     _, sums, _ = _fly(environment, policy, episodes, seed, is_recorded=False)
     returns, successes, failures = sums
@@ -127,8 +127,6 @@ def fly_episodes(
     Policy and seed have the meaning in `score`, and the same arguments give the same episodes. Raises ValueError for
     fewer than one episode or an unknown policy.
     """
-    if episodes < 1:
-        raise ValueError(f"episodes: arrived {episodes}; expected at least 1")
     starts, _, rows = _fly(environment, policy, episodes, seed, is_recorded=True)
     recorded: list[Episode] = []
     for start, row in unstack_rows((starts, rows)):
@@ -147,6 +145,8 @@ def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed:
     (observation before, observation after, action, reward, terminated, ended, success); values after the end of an
     episode have no meaning. With a record the actions are clipped and rounded to float32 before the flight.
     """
+    if episodes < 1:
+        raise ValueError(f"episodes: arrived {episodes}; expected at least 1")
     init, act = resolve_policy(environment, policy)
     params = environment.default_params
     numbers = jnp.arange(int(np.max(np.asarray(params.decisions))))

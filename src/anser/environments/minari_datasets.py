@@ -17,7 +17,7 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
     `dataset_id` has Minari's form, such as "anser/velocity-command/expert-v0"; `description` holds arguments of
     `minari.create_dataset_from_buffers` (`algorithm_name`, `author`, `description`, ...). Observations are clipped to
     +-`OBSERVATION_MAX`, as in the Gymnasium environments. Raises ImportError without Minari, ValueError without
-    episodes.
+    episodes or with episodes of a fleet.
     """
     try:
         import minari
@@ -26,6 +26,8 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
         raise ImportError(install_hint("Minari", "learning")) from None
     if not episodes:
         raise ValueError("episodes: arrived none; expected at least one episode")
+    if np.ndim(episodes[0].observations) != 2:
+        raise ValueError("episodes: arrived those of a fleet; expected episodes of an environment of one aircraft")
     make_buffer: Any = EpisodeBuffer
     buffers = [
         make_buffer(

@@ -26,6 +26,11 @@ class FleetParallelEnvironment(ParallelEnv):
         compiled = compiled_environment(task, action, options)
         self._episodes = EpisodeSequence(compiled)
         self.environment: Any = compiled.environment
+        if not hasattr(self.environment, "agents"):
+            raise ValueError(
+                f"task: arrived {self.environment.name}, a task of one aircraft; expected a task of a fleet, such as "
+                "FleetArrival; GymnasiumEnvironment flies one aircraft"
+            )
         self.metadata = {"name": self.environment.name, "render_modes": []}
         self.render_mode = None
         self.possible_agents: list[str] = list(self.environment.agents)

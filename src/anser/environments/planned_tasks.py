@@ -251,7 +251,8 @@ class PathTracking(AbstractPlannedTask):
         planned, later = trajectory.at(situation.time), trajectory.at(situation.time + 2.0)
         position_n = belief.state.position_n
         velocity_n = velocity_over_ground_n(belief.condition, belief.state)
-        vectors = planned.position_n - position_n, later.position_n - position_n, planned.velocity_n - velocity_n
+        slip_n = planned.velocity_n / belief.condition.earth.chart_scale - velocity_n
+        vectors = planned.position_n - position_n, later.position_n - position_n, slip_n
         return tuple(part for vector in vectors for part in in_course_axes(situation, vector))
 
 
@@ -269,7 +270,7 @@ class Arrival(AbstractPlannedTask):
     def errors(self, situation: Situation) -> Float[Array, " error"]:
         """Return the true zero-effort miss, divided by 50 m, shape (1,)."""
         task, truth = situation.case.task, situation.truth
-        velocity_n = velocity_over_ground_n(truth.condition, truth.state)
+        velocity_n = truth.condition.earth.chart_scale * velocity_over_ground_n(truth.condition, truth.state)
         time_left = task.trajectory.arrival_time - situation.time
         miss_n = task.rendezvous_n(situation.time) - truth.state.position_n - time_left * velocity_n
         return norm(miss_n)[None] / 50.0
@@ -296,7 +297,7 @@ class Arrival(AbstractPlannedTask):
         time_left = task.trajectory.arrival_time - time
         to_rendezvous_n = task.rendezvous_n(time) - belief.state.position_n
         velocity_n = velocity_over_ground_n(belief.condition, belief.state)
-        mean_n = to_rendezvous_n / jnp.maximum(time_left, 1.0)
+        mean_n = to_rendezvous_n / jnp.maximum(time_left, 1.0) / belief.condition.earth.chart_scale
         vectors = to_rendezvous_n, mean_n, velocity_n
         return (time_left, *(part for vector in vectors for part in in_course_axes(situation, vector)))
 

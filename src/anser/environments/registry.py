@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.compiling.options import enable_compilation_cache
+from anser.constants import STEP_MAX_S, STEP_MIN_S
 from anser.environment.environment import Environment, SteadyWind
 from anser.environment.gusts import NoGusts
 from anser.environments.actions import LEVELS
@@ -69,15 +70,16 @@ def make(
     precision
         Precision of the flight: "float64" or "float32".
     step_s
-        Step of the integration, s; a divisor of the level's decision time.
+        Step of the integration, s; a divisor of the level's decision time, from 0.001 to 0.05 s.
     **tables
-        Tables of a scenario: `wind`, `turbulence`, `navigation`, `earth`, `limits`.
+        Tables of a scenario: `atmosphere`, `earth`, `event` ("aircraft-changes", "thrust-lost"), `excitation`, `gust`,
+        `limits`, `navigation`, `parts` (sensors and estimator), `turbulence`, `wind`.
 
     Raises
     ------
     ValueError, ScenarioError
-        An argument or a table is not valid, the aircraft has hardly any steady flight in the range, or no flight of the
-        study has a plan.
+        An argument or a table is not valid, a table or key has no effect, the aircraft has hardly any steady flight in
+        the range, or no flight of the study has a plan.
     """
     enable_compilation_cache()
     if isinstance(task, str):
@@ -89,9 +91,11 @@ def make(
     level, chosen_task = LEVELS[action], TASKS[task]() if isinstance(task, str) else task
     _require("action", action, chosen_task.levels, ": at other levels the autopilot itself solves the task")
     name = task if isinstance(task, str) else type(task).__name__
-    decision_steps = round(level.decision_s / step_s)
+    is_step = STEP_MIN_S <= step_s <= STEP_MAX_S
+    decision_steps = round(level.decision_s / step_s) if is_step else 0
     if decision_steps < 1 or abs(decision_steps * step_s - level.decision_s) > 1e-9:
-        raise ValueError(f"step_s: arrived {step_s:g}; expected a divisor of the decision, {level.decision_s:g} s")
+        expected = f"a divisor of the decision, {level.decision_s:g} s, from {STEP_MIN_S:g} to {STEP_MAX_S:g} s"
+        raise ValueError(f"step_s: arrived {step_s:g}; expected {expected}")
     agents, separation_m, dtype, is_fleet = (), None, np.dtype(precision), isinstance(chosen_task, FleetArrival)
     if isinstance(chosen_task, AbstractPlannedTask):
         given = {"flown": flown, "aircraft": None if aircraft == "f16" else aircraft, "cases": cases, "seed": seed}

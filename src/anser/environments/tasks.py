@@ -92,7 +92,7 @@ class Aim(NamedTuple):
     name: str  #: Dataset name of the variable, such as "path_angle_deg".
     tolerance: float = 0.0  #: Tolerance of the error; 0: the variable has no error.
     difference_scale: float = 0.0  #: Half range of the observation "commanded less present value"; 0: not observed.
-    command_scale: float = 0.0  #: Half range of the observation "commanded value", an angle; 0: not observed.
+    command_scale: float = 0.0  #: Half range of the observation "commanded value"; 0: not observed.
 
     def error(self, command: Scalar | None, value: Scalar) -> Scalar:
         """Return the error, value less command, in units of the tolerance; errors of course and bank are wrapped.
@@ -101,19 +101,29 @@ class Aim(NamedTuple):
         """
         if command is None:
             return value / self.tolerance
-        unit = DEG_RAD if self.name.endswith("_deg") else 1.0
+        unit = DEG_RAD if self._is_angular else 1.0
         difference = value * unit - command
         return (wrap_angle(difference) if self.name in _CYCLIC else difference) / (self.tolerance * unit)
 
-    def shown(self, command: Scalar, value: Scalar) -> Scalar:
+    def shown(self, command: Scalar | None, value: Scalar) -> Scalar:
         """Return the commanded less the present value of the variable, in the variable's unit, for the observation.
 
-        `value` is in the variable's unit; `command` is in SI units (angles in rad). Differences of course and bank
-        angle are wrapped to -180..180 deg.
+        `value` is in the variable's unit; `command` is in SI units (angles in rad), None for 0. Differences of course
+        and bank angle are wrapped to -180..180 deg.
         """
         if self.name in _CYCLIC:
-            return wrap_angle(command - value * DEG_RAD) * RAD_DEG
-        return (command * RAD_DEG if self.name.endswith("_deg") else command) - value
+            return wrap_angle((0.0 if command is None else command) - value * DEG_RAD) * RAD_DEG
+        return self.commanded(command) - value
+
+    def commanded(self, command: Scalar | None) -> Scalar:
+        """Return a command, in SI units or None for 0, in the variable's unit, for the observation."""
+        if command is None:
+            return jnp.zeros(())
+        return command * RAD_DEG if self._is_angular else command
+
+    @property
+    def _is_angular(self) -> bool:
+        return self.name.endswith(("_deg", "_deg_s"))
 
 
 _CYCLIC = "course_deg", "bank_deg"
@@ -148,7 +158,7 @@ class AbstractCommandTask(AbstractTask):
         """Return the quantities that `entries` lists, not normalized, from the aircraft's own estimates."""
         aims, v = list(zip(self.aims, self.commands(situation), strict=True)), situation.estimates
         differences = [aim.shown(command, v[aim.name]) for aim, command in aims if aim.difference_scale]
-        return (*differences, *(command * RAD_DEG for aim, command in aims if aim.command_scale))
+        return (*differences, *(aim.commanded(command) for aim, command in aims if aim.command_scale))
 
 
 def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], level: Any) -> np.ndarray:
@@ -205,7 +215,7 @@ class VelocityCommand(AbstractCommandTask):
             return np.stack([speed, path_angle]), is_steady
 
         speed, path_angle = _steady_commands(count, draw, [V, np.zeros(count)])
-        course = chi + rng.uniform(-1.0, 1.0, count) * self.course_change_deg * DEG_RAD
+        course = np.asarray(wrap_angle(chi + rng.uniform(-1.0, 1.0, count) * self.course_change_deg * DEG_RAD))
         return starts, as_array(np.stack([speed, path_angle, course], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
@@ -261,8 +271,9 @@ class AltitudeChange(AbstractCommandTask):
 class UpsetRecovery(AbstractCommandTask):
     """Recover from an upset to level flight with level wings, at any course.
 
-    The start has up to 60 deg of bank, an angle of attack from -5 to 25 deg, path angles up to 30 deg and body rates up
-    to 30 deg/s. Tolerances: 3 deg of path angle, 5 deg of bank, 5 deg/s of roll rate.
+    The start has up to 60 deg of bank, an angle of attack from -5 to 25 deg, as far as the aircraft's data reach, path
+    angles up to 30 deg and body rates up to 30 deg/s. Tolerances: 3 deg of path angle, 5 deg of bank, 5 deg/s of roll
+    rate.
     """
 
     duration_s: float = eqx.field(static=True, default=20.0)
@@ -284,7 +295,8 @@ class UpsetRecovery(AbstractCommandTask):
         level = FlightRange(flown.speed_m_s, flown.altitude_m, 0.0, 0.0, 0.0)
         trims = steady_starts(vehicle, environment, level, count, rng)
         V, chi, _ = _level_of(trims)
-        alpha = rng.uniform(*self.alpha_deg, count) * DEG_RAD
+        least, greatest = np.clip(self.alpha_deg, *(float(edge) * RAD_DEG for edge in vehicle.airframe.alpha_range))
+        alpha = rng.uniform(least, greatest, count) * DEG_RAD
         bank = rng.uniform(-1.0, 1.0, count) * self.bank_deg * DEG_RAD
         path_angle = rng.uniform(-1.0, 1.0, count) * self.path_angle_deg * DEG_RAD
         rates_b = rng.uniform(-1.0, 1.0, (count, 3)) * self.rate_deg_s * DEG_RAD

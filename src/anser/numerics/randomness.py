@@ -85,14 +85,14 @@ class PrescribedRandomness(AbstractRandomness):
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Return the first `count` prescribed standard normals of a part at sample `number`.
 
-        Raises ValueError if the table has no such part, or fewer than `count` numbers per sample. After the last sample
-        of the table its numbers are repeated.
+        NaN after the last sample of the table, so that a flight longer than its record fails. Raises ValueError if the
+        table has no such part, or fewer than `count` numbers per sample.
         """
         numbers = self.standard_normals.get(part)
         if numbers is None or numbers.shape[-1] < count:
             available = "none" if numbers is None else f"{numbers.shape[-1]} a sample"
             raise ValueError(f"part {part} draws {count} random numbers a sample; {available} given for it")
-        return numbers[jnp.asarray(number) + 1, :count]
+        return jnp.asarray(numbers).at[jnp.asarray(number) + 1, :count].get(mode="fill", fill_value=jnp.nan)
 
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Return the standard normal distribution function of the prescribed `normals`, in (0, 1)."""

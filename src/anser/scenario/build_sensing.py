@@ -185,7 +185,8 @@ def build_goal_sensor(table: GoalSensorTable) -> NoisyGoalSensor | None:
 def _motion_history_slots(table: GoalSensorTable, step_s: float) -> int:
     """Return the number of past samples (period `step_s`) of the aircraft's motion that delayed measurements need.
 
-    The number is a power of two, or 0 for a sensor without latency.
+    The number is a power of two; the oldest measurement is one sample older than the greatest latency. 0 for a sensor
+    without latency.
     """
     latest_s = table.number("latency_s")[1]
     return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))

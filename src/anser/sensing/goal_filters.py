@@ -273,9 +273,10 @@ def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Arra
 def hand_over_goal(receiver_state: Any, giver_state: Any) -> Any:
     """Return the sensor and estimator states of an aircraft that takes over another aircraft's goal.
 
-    The estimate of the goal (`GoalTrack` or `GoalState`) is the giver's. The receiver's queue of delayed measurements
-    (`MeasurementQueue`) is emptied, because the measurements concern the former goal. All other states remain the
-    receiver's, also the goal's estimate in a state of another type, of a user-defined sensor or filter.
+    The estimate of the goal (`GoalTrack` or `GoalState`) is the giver's, and so is the goal's motion that
+    `DelayedSensors` stores. The receiver's queue of delayed measurements (`MeasurementQueue`) is emptied, because the
+    measurements concern the former goal. All other states remain the receiver's, also the goal's estimate in a state of
+    another type, of a user-defined sensor or filter.
 
     Parameters
     ----------

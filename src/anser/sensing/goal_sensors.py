@@ -75,7 +75,7 @@ class NoisyGoalSensor(eqx.Module):
     measures: Bool[Array, "6"]  #: Flags of the measured components.
     period: Scalar  #: Time between two measurements, s; a multiple of the sampling period.
     #: Least and greatest latency of a measurement, s; uniformly distributed, so that measurements may arrive out of
-    #: sequence. The latency is longer if several measurements are due at one sample (see `read`).
+    #: sequence. If several measurements are due at one sample, all but the first arrive later or are lost (see `read`).
     latency: Float[Array, "2"]
     view: FieldOfView  #: Field of view.
     dropouts: Dropouts  #: Random losses and outages.
@@ -102,7 +102,8 @@ class NoisyGoalSensor(eqx.Module):
     ) -> tuple[GoalReading, GoalSensorState]:
         """Return the measurement that arrives at this sample, or an empty reading, and the new sensor state.
 
-        At most one delayed measurement arrives per sample; other measurements that are due arrive at later samples.
+        At most one delayed measurement arrives per sample. Other measurements that are due arrive at later samples, or
+        are lost where that would be more than one sample after the greatest latency.
         """
         is_sampled = is_due(instant, self.period)
         outage, measurement, delay = select_if_any(
@@ -168,7 +169,10 @@ class NoisyGoalSensor(eqx.Module):
         The reading is empty if no measurement is due. `delay` is the latency of the new measurement, s.
         """
         is_new, never = jnp.any(measurement.measured), jnp.iinfo(jnp.int32).max
-        free_slot = jnp.argmin(queue.waiting)
+        # the filter stores the aircraft's motion up to the greatest age
+        age_max = jnp.round(self.latency[1] / instant.step).astype(instant.number.dtype) + 1
+        waiting = queue.waiting & (instant.number - queue.readings.number <= age_max)
+        free_slot = jnp.argmin(waiting)
         is_free_slot = jnp.arange(self.slots) == free_slot
         is_filled = is_free_slot & is_new
         arrival_sample = instant.number + jnp.round(delay / instant.step).astype(instant.number.dtype)
@@ -178,7 +182,7 @@ class NoisyGoalSensor(eqx.Module):
 
         readings = jax.tree.map(placed, queue.readings, measurement)
         arrives = jnp.where(is_filled, arrival_sample, queue.arrives)
-        waiting = queue.waiting | is_filled
+        waiting = waiting | is_filled
         next_slot = jnp.argmin(jnp.where(waiting, arrives, never))
         has_arrived = waiting[next_slot] & (arrives[next_slot] <= instant.number)
         arrived_reading = jax.tree.map(lambda slot_values: slot_values[next_slot], readings)

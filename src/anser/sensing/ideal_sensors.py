@@ -62,11 +62,14 @@ def line_of_sight_values(sight: LineOfSight) -> Float[Array, "6"]:
 
 
 class SensorSample(eqx.Module):
-    """Values of one sample that `DelayedSensors` stores: state, specific force (body axes, m/s^2), line of sight."""
+    """Values of one sample that `DelayedSensors` stores: state, specific force (body axes, m/s^2), goal's true motion.
+
+    A takeover of the goal replaces the goal's motion (`GoalState`) in all stored samples, see `hand_over_goal`.
+    """
 
     state: AircraftState
     specific_force_b: Vector3
-    sight: LineOfSight | None
+    goal: GoalState | None
 
 
 class SampleRing(eqx.Module):
@@ -105,8 +108,8 @@ class DelayedSensors(AbstractSensors):
     """Ideal sensors with a constant delay of the readings of motion, specific force and goal.
 
     Wind, gusts and changes of the airframe act without delay: a gust reaches the air data at once. Before time 0 the
-    reading is the state at time 0. Between two samples the state, with the attitude as a quaternion, is interpolated
-    linearly; the line of sight, whose azimuth may jump at +-pi, is the sample nearest to the delay.
+    reading is the state at time 0. Between two samples the state, with the attitude as a quaternion, and the motion of
+    the goal are interpolated linearly; the line of sight is that between the two.
     """
 
     delay: Scalar  #: Delay, s; 0 to `delay_max`.
@@ -116,26 +119,29 @@ class DelayedSensors(AbstractSensors):
     def init(self, truth: Truth, instant: Instant) -> SampleRing:
         """Return a ring filled with the present sample, as after a long time in the present flight condition."""
         count = math.ceil(self.delay_max / self.period - 1e-9) + 2
-        sample = _sample(truth, instant)
+        sample = _sample(truth)
         return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *jnp.shape(leaf))), sample))
 
     def read(self, sensor_state: SampleRing, truth: Truth, instant: Instant) -> tuple[Reading, SampleRing]:
         """Return the reading of the motion `delay` seconds ago, and the ring with the present sample added."""
-        sensor_state = sensor_state.with_sample(instant.number, _sample(truth, instant))
+        sensor_state = sensor_state.with_sample(instant.number, _sample(truth))
         periods = self.delay / instant.step
         delayed = sensor_state.delayed_sample(instant.number, periods)
         quaternion = delayed.state.quaternion
         # normalized only after interpolation: at whole periods the reading is the sample
         quaternion = jnp.where(periods > jnp.floor(periods), normalize(quaternion), quaternion)
         state = eqx.tree_at(lambda s: s.quaternion, delayed.state, quaternion)
-        sight = sensor_state.delayed_sample(instant.number, jnp.round(periods)).sight
         condition = air_data_and_forces(
             truth.airframe, instant.environment, instant.time, state, disturbance=truth.disturbance
         )
+        sight = None
+        if delayed.goal is not None:
+            velocity_n = velocity_over_ground_n(condition, state)
+            sight = line_of_sight(instant.environment.earth, state.position_n, velocity_n, delayed.goal)
         works = truth.goal_sensor_works
         return Reading(state, condition, delayed.specific_force_b, sight, goal_sensor_works=works), sensor_state
 
 
-def _sample(truth: Truth, instant: Instant) -> SensorSample:
+def _sample(truth: Truth) -> SensorSample:
     force_b, mass = truth.condition.wrench.force_b, truth.airframe.mass_properties.mass
-    return SensorSample(truth.state, force_b / mass, true_line_of_sight(truth, instant.environment.earth))
+    return SensorSample(truth.state, force_b / mass, truth.goal)

@@ -195,10 +195,9 @@ def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def normalize(q: Quaternion) -> Quaternion:
-    """Scale a quaternion (4,) to unit length; in float64 a quaternion shorter than 1e-145 is returned unchanged."""
+    """Scale a quaternion (4,) to unit length; one shorter than 1e-145, in float32 1e-19, is returned unchanged."""
     squared = jnp.sum(q * q)
-    no_attitude = squared < 1e-290
-    return q / jnp.sqrt(jnp.where(no_attitude, 1.0, squared))
+    return q / jnp.sqrt(jnp.where(_is_zero(squared), 1.0, squared))
 
 
 def rotate(R_ba: Matrix33, v_a: Vector3) -> Vector3:
