@@ -1,4 +1,4 @@
-"""Samples of planned paths: demand on each aircraft, extremes, and closest approaches to aircraft and keep-outs.
+"""Samples of planned paths: motion, required bank and load factor, greatest and least values, closest approaches.
 
 Between two samples a path is interpolated by the cubic with the positions and velocities of both samples. For samples
 every half second the error on aircraft paths is below a millimetre: fourth derivative times interval^4 / 384.
@@ -376,10 +376,10 @@ def sample_extremes(
     gravity: ScalarLike,
     limits: PathLimits | None = None,
 ) -> PlanExtremes:
-    """Compute the extremes (greatest or least values) of each path at 1024 equally spaced times up to its arrival.
+    """Compute the greatest or least values of the limited quantities, at 1024 equal times up to each arrival.
 
-    The extremes are not proven between these times. With `limits` whose deceleration depends on the airspeed (`idle`),
-    accelerations are converted to equal demands in level flight at the start, see `_along_at_start`.
+    Nothing is proven between these times. If the deceleration in `limits` depends on the airspeed (`limits.idle`), the
+    accelerations are converted to values in level flight at the start airspeed, see `_along_at_start`.
     """
     duration = np.asarray(arrival_times) - start_s
     sampled = _sample_demands_in_blocks(
@@ -406,10 +406,11 @@ def sample_extremes(
 def _along_at_start(
     idle: IdleDeceleration, deceleration: ScalarLike, along_path: np.ndarray, speed: np.ndarray, load_factor: np.ndarray
 ) -> tuple[Any, Any]:
-    """Return a path's greatest acceleration and deceleration, m/s^2, as equal demands in level flight at the start.
+    """Return a path's greatest acceleration and deceleration, m/s^2, converted to level flight at the start airspeed.
 
     The path is sampled by `along_path` (acceleration along the path, m/s^2), `speed` (m/s) and `load_factor`. A
-    converted value is within the limit at the start if and only if the samples are within the limit in flight.
+    converted value is within the limit at the start (`deceleration`, m/s^2) if and only if all samples keep the limits
+    at their own airspeed and load factor, which `idle` describes.
     """
     accelerations = along_path + deceleration * idle.rise(speed, load_factor)
     return np.max(accelerations), np.max(-along_path / idle.share(speed, load_factor))
