@@ -334,10 +334,10 @@ def _open_times(
 ) -> Bool[np.ndarray, "active n"]:
     """Return the mask of the reachable times of `grid`, (aircraft, time), s; `fleet` has the indices of the aircraft.
 
-    The candidates of `ALONE_STANDARD` are tried at every time. Turn-and-leg paths, then splines, are tried only near
-    times that are reachable or inadmissible, in growing neighbourhoods, or at every time if an aircraft has no
-    reachable time. Splines are searched for "none" or "all" of the aircraft, or for "unreached" aircraft: aircraft
-    without a reachable time so far.
+    Every time is tested with the cheap candidates, `ALONE_STANDARD`. Times that remain are tested with turn-and-leg
+    paths, then with splines: those near a time that is reachable or inadmissible, again and again until no near time is
+    left, or all times of an aircraft without a reachable time. `splines_for` selects the aircraft for splines: "none",
+    "all", or "unreached" (aircraft without a reachable time so far).
     """
     aircraft = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(tasks, airspace, aircraft.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)

@@ -45,24 +45,25 @@ class ProfileState(eqx.Module):
 
 
 class Profile(eqx.Module):
-    """Altitude and airspeed as functions of time: parameters from which `at` computes both, 0 to `duration`."""
+    """Altitude and airspeed as functions of time, from 0 to `duration` (s); `at` evaluates both.
 
-    duration: Scalar  # s
-    # initial altitude, m; initial and final vertical speed over the ground, m/s, and its initial rate, m/s^2
+    The vertical speed over the ground changes from `climb_0` to `plateau` and to `climb_1` (m/s), each in `climb_ramp`
+    seconds; `detour` is the greatest additional altitude, m. The airspeed changes from `speed_0` to `speed_1` in
+    `speed_ramp` seconds, and to `speed_2` in `speed_ramp_2` seconds. Initial rates have the suffix `_dot_0`.
+    """
+
+    duration: Scalar
     altitude_0: Scalar
     climb_0: Scalar
     climb_1: Scalar
     climb_dot_0: Scalar
-    # vertical speed in the middle, m/s, and duration of the change to and from it, s
     plateau: Scalar
     climb_ramp: Scalar
-    detour: Scalar  # greatest additional altitude, in the middle, m
-    # initial, middle and final airspeed, m/s, and initial rate of it, m/s^2
+    detour: Scalar
     speed_0: Scalar
     speed_1: Scalar
     speed_2: Scalar
     speed_dot_0: Scalar
-    # durations of the first and of the last change of airspeed, s
     speed_ramp: Scalar
     speed_ramp_2: Scalar
 

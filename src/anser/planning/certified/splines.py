@@ -428,7 +428,10 @@ def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiago
 
 
 def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) -> BlockTridiagonal:
-    """Return a quadratic form of the coefficients as a form of the unknowns: only the last group differs."""
+    """Convert a quadratic form of the coefficients to a form of the unknowns.
+
+    Both differ only in the last group, whose derivative with respect to the unknowns is `end_jacobian`.
+    """
     diagonal = form.diagonal.at[-1].set(end_jacobian.T @ form.diagonal[-1] @ end_jacobian)
     return BlockTridiagonal(diagonal, form.subdiagonal.at[-1].set(end_jacobian.T @ form.subdiagonal[-1]))
 

@@ -28,19 +28,18 @@ _GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 class Exchange(eqx.Module):
     """State of the agreement on paths: each aircraft's agreed and offered path, and its acknowledgements of offers.
 
-    Leading axis aircraft.
+    `alternative` is the offered path; after a change or a withdrawal, the path left, until the fleet has acknowledged;
+    then the aircraft is `settled`, and both paths are equal. `tokens` count the steps of each aircraft's offers (odd:
+    open offer); `acknowledged` (aircraft, owner) is the owner's last token acknowledged by the aircraft. `offered_at`
+    is the time of the last offer by the aircraft's clock, s. Leading axis aircraft.
     """
 
     # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path
     agreed_paths: ApproachAndHold
-    # paths that are offered, or were just left or withdrawn, and may still be flown as far as the fleet knows; equal to
-    # the agreed paths where `settled`
     alternative: ApproachAndHold
-    # step counter of each aircraft's offers; odd while an offer is open (see the module docstring)
     tokens: Int[Array, " aircraft"]
-    settled: Bool[Array, " aircraft"]  # whether the fleet knows which of both paths the aircraft flies
-    offered_at: Float[Array, " aircraft"]  # time of the last offer, on the path's clock, s
-    # (aircraft, owner): last token of the owner that the aircraft has acknowledged
+    settled: Bool[Array, " aircraft"]
+    offered_at: Float[Array, " aircraft"]
     acknowledged: Int[Array, "aircraft aircraft"]
 
     @property

@@ -24,13 +24,17 @@ SETTLED_LAG_S = 0.03
 
 
 class CoordinationGains(eqx.Module):
-    """Gains and limits of the law that coordinates the clocks, see the module's docstring."""
+    """Gains and limits of the law that coordinates the clocks, with the symbols of the module's docstring.
 
-    coupling: Scalar  # c: rate at which clocks agree in a complete network, 1/s
-    damping: Scalar  # b: rate at which a clock's rate returns to 1, 1/s
-    waiting: Scalar  # k: gain on the lag behind the path, 1/s^2
-    rate_range: Scalar  # greatest deviation of a clock's rate from 1
-    skew_max: Scalar  # greatest difference between two clocks, s
+    `coupling` c (1/s), `damping` b (1/s), `waiting` k (1/s^2); `rate_range` is the greatest deviation of a clock's rate
+    from 1, `skew_max` the greatest difference between two clocks, s.
+    """
+
+    coupling: Scalar
+    damping: Scalar
+    waiting: Scalar
+    rate_range: Scalar
+    skew_max: Scalar
 
 
 def clock_acceleration(
