@@ -58,7 +58,7 @@ PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
 
 
 def prepare_nothing(flight: Flight, shapes: Any) -> PreparedProgram | None:
-    """Prepare no program: the default of `anser.plan`."""
+    """Return None, for no program to prepare: the default `prepare_next` of `anser.plan`."""
 
 
 class NoPlanError(Exception):

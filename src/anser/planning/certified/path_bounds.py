@@ -29,9 +29,10 @@ _EDGE_M = 1e-6
 class PathBounds(eqx.Module):
     """Proven bounds of the flight quantities along one path in coordinated flight, from start to arrival.
 
-    SI units, rad. Accelerations and decelerations are those of V_dot + g sin(gamma), climb rates relative to the air,
-    up or down. `wind_error_max` is the greatest difference between the wind of the path (the slope of its drift) and
-    the wind at the aircraft. The fields `cell_...` are bounds in each cell between two knots.
+    SI units, rad. `acceleration_max` bounds V_dot + g sin(gamma), `deceleration_max` its negative, both at least 0;
+    climb rates are relative to the air, up or down. `wind_error_max` is the greatest difference between the wind of the
+    path (the slope of its drift) and the wind at the aircraft. The fields `cell_...` are bounds in each cell between
+    two knots.
     """
 
     # airspeed, m/s

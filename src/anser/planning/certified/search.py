@@ -106,8 +106,8 @@ class FleetTask:
     def preferred_times(self) -> ArrivalTimes:
         """Flight time of each direct path at the preferred mean airspeed, s; the time of the climb if this is longer.
 
-        With windows, where no aircraft waits for another, the flight time is shortened for the turns of the direct path
-        by a factor of up to `_WINDOW_SPEED_FACTOR`, but not below that of the straight line.
+        With windows, where no aircraft waits for another, a higher airspeed makes up for the turns of the direct path:
+        the time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least that of the straight line.
         """
         tasks = self.tasks
         times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
@@ -128,7 +128,7 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Return sets of arrival times, (set, aircraft), s: the prescribed, or with a first arrival every 0.25 s."""
+        """Return sets of arrival times, (set, aircraft), s: the prescribed one, or one per 0.25 s of the first arrival."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
         return np.append(np.arange(_GRID_S, self.latest_first_s, _GRID_S), self.latest_first_s)[:, None] + self.offsets
@@ -407,7 +407,7 @@ class _Attempt(NamedTuple):
 
 
 class FailedAttempt(str):
-    """Progress message that carries the attempt with standard candidates that failed, before further candidates."""
+    """Progress message before further kinds of candidates are tried, with the failed attempt with standard ones."""
 
     attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
 

@@ -106,9 +106,9 @@ def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 @functools.cache
 def mean_squares() -> Float[np.ndarray, "3 4 4"]:
-    """Return the quadratic forms of an interval's four coefficients for mean squares over an interval of 1 s.
+    """Return matrices for mean squares over an interval of 1 s of position, velocity and acceleration, in this order.
 
-    Row by row: the mean squares of position, velocity and acceleration.
+    With the interval's four coefficients c of one axis, the mean square is c^T M c.
     """
     basis = basis_values(np.asarray(_RULE.nodes))
     return np.einsum("ouk,oul,u->okl", basis, basis, np.asarray(_RULE.weights))
@@ -443,10 +443,10 @@ def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
 
 
 def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
-    """Return the quadratic form that measures the size of a step of the unknowns.
+    """Return the quadratic form that measures the size of a step of the unknowns, for the damping.
 
-    The size is the mean square of the changes of position, velocity and acceleration, each relative to the change that
-    makes a step of size 1. Unknowns without effect get a diagonal of 1.
+    The form is the mean square over time of the changes of position, velocity and acceleration, each divided by a
+    reference change (`_STEP_M`, `_STEP_SPEED`, `_STEP_ACCELERATION`). Unknowns without effect get a diagonal of 1.
     """
     cells = start.coefficients.shape[0] - 3
     cell = problem.duration / cells

@@ -247,11 +247,11 @@ def _evaluate_path(
     turn_data = (angles, full_turns, excess_radii, legs, senses[:, None] * squares_by[:TURNS], excess_radii_by, legs_by)
 
     def turn(parameters: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
-        """Return five lengths of a turn, m; then these lengths again with the scale of the turn.
+        """Return five lengths of a turn, m, and, as auxiliary output of `jacfwd`, these lengths and the turn's scale.
 
-        The lengths are the displacements to the end and to the middle of the turn (ahead, right), and the length of the
-        turn. `parameters` are angle (rad), excess radius and length of the path before the turn (m); `circled` is the
-        angle flown in full circles, rad.
+        The lengths are the displacements to the end and to the middle of the turn (ahead, right; each two), and the
+        length of the turn. `parameters` are angle (rad), excess radius and length of the path before the turn (m);
+        `circled` is the angle flown in full circles, rad.
         """
         angle, excess_radii, length = parameters
         # The length of a turn depends on its radius, and the radius on the schedule over that length: iterate.
