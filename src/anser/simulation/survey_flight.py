@@ -209,14 +209,17 @@ class SteppedPath(AbstractGuidance):
 
 
 class SurveyRecorder(AbstractRecorder):
-    """Recorder of a survey flight that keeps the running summary and stores no rows."""
+    """Recorder of a survey flight that keeps the running summary and stores no rows.
+
+    `size` and `tolerance` are the step of (V, gamma, chi) and the tolerance of the settled error, m/s and rad; `start`
+    is the flight condition before the step, within the airframe's data; `count` the number of samples.
+    """
 
     limits: FlightLimits  # limits of the autopilot
-    start: AirDataAndForces  # flight condition at the start, within the range of the airframe's data
-    # step of (V, gamma, chi), and tolerance of the settled error, m/s and rad
+    start: AirDataAndForces
     size: Vector3
     tolerance: Vector3
-    count: int = eqx.field(static=True)  # number of samples of the flight
+    count: int = eqx.field(static=True)
     surfaces: int = eqx.field(static=True)  # number of control surfaces
     stride: int = eqx.field(static=True, default=1)
 

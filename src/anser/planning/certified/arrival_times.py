@@ -412,7 +412,7 @@ def arrival_sets(
 
 
 def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
-    """Return the intervals of times T, s after the start, such that each aircraft can arrive its offset (s) after T.
+    """Return the intervals of times T, s after the start, for which each aircraft can arrive at T plus its offset (s).
 
     `arrivals` has the reachable intervals of each aircraft.
     """

@@ -79,7 +79,8 @@ Intervals = list[tuple[float, float]]
 class ArrivalRequest:
     """Arrival rule of a fleet ("together", "earliest", "at", "sequence", "times", "windows") and its times.
 
-    All times are s after the start of the plan.
+    All times are s after the start of the plan, one per aircraft: `times_s` are prescribed (for "at" and "times"),
+    `offsets_s` are delays after the first arrival ("sequence"), `windows_s` earliest and latest times ("windows").
     """
 
     #: "together": one common time, first the time at which the last aircraft arrives at its preferred airspeed, then

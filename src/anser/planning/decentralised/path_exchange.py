@@ -28,10 +28,11 @@ _GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 class Exchange(eqx.Module):
     """State of the agreement on paths: each aircraft's agreed and offered path, and its acknowledgements of offers.
 
-    `alternative` is the offered path; after a change or a withdrawal, the path left, until the fleet has acknowledged;
-    then the aircraft is `settled`, and both paths are equal. `tokens` count the steps of each aircraft's offers (odd:
-    open offer); `acknowledged` (aircraft, owner) is the owner's last token acknowledged by the aircraft. `offered_at`
-    is the time of the last offer by the aircraft's clock, s. Leading axis aircraft.
+    `alternative` is the path offered or, after a change or a withdrawal, the path given up. As soon as the fleet has
+    acknowledged the outcome, the aircraft is `settled`, and `alternative` equals its agreed path. `tokens` count the
+    steps of each aircraft's offers (odd: open offer); `acknowledged` (aircraft, owner) is the owner's last token
+    acknowledged by the aircraft. `offered_at` is the time of the last offer by the aircraft's clock, s. Leading axis
+    aircraft.
     """
 
     # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path

@@ -176,7 +176,7 @@ class DecentralisedPlanState(eqx.Module):
 
 
 class _Correction(eqx.Module):
-    """Corrected paths of a fleet, paths to offer (`proposals`), and who offers or searches for another one (masks)."""
+    """Corrected paths of a fleet, other paths to offer (`proposals`), masks of aircraft that offer or must search."""
 
     planner_state: DecentralisedPlanState  # state with corrected paths and processed messages
     tasks: AircraftTask  # tasks to the goals measured now
