@@ -166,14 +166,18 @@ def _certificate(plan: CertifiedPlan, tasks: Any, airspace: Any, time: Any) -> A
 
 @dataclass(frozen=True)
 class EventOutcome:
-    """Effect of an event on the plan, for the flight's summary."""
+    """Effect of an event on the plan, for the flight's summary.
+
+    `subject` is the name of the aircraft, goal or keep-out, `goal` that of a goal which the aircraft took over;
+    `has_valid_plan` tells whether the fleet has a valid plan afterwards.
+    """
 
     time_s: float  # time of the event, s after the start of the flight
     kind: str  # type of the event, as in the scenario
-    subject: str  # name of the aircraft, goal or keep-out
-    has_valid_plan: bool  # whether the fleet has a valid plan afterwards
+    subject: str
+    has_valid_plan: bool
     message: str  # response of the planner, in one sentence
-    goal: str | None = None  # goal that the aircraft took over
+    goal: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of the list `events` in `summary.json`, with the keys of the file."""

@@ -242,6 +242,8 @@ _SETTLED_S = 10.0  # time after an event in which every replanning is checked: a
 class EventSchedule:
     """Events of a flight that are still to come, and the outcomes of past events.
 
+    `anser.missions.run` calls, for each segment of the flight, `apply_due`, `steps_until_next` and `check_replanning`.
+
     Parameters
     ----------
     scenario

@@ -429,9 +429,10 @@ def sample_plan(
     keep_outs: tuple[KeepOut, ...],
     limits: PathLimits | None = None,  # as in `sample_extremes`
 ) -> PlanSamples:
-    """Sample a plan: motion, demand, extremes at the samples (not proven between them), and closest approaches.
+    """Sample a plan: motion, required bank and load factor, greatest and least values, and closest approaches.
 
-    `times` are the sample times (s) and the mask of the regular times, from `sample_times`.
+    Nothing is proven between the samples. `times` are the sample times (s) and the mask of the regular times, from
+    `sample_times`.
     """
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = sampled_motion(times[0], history)

@@ -63,8 +63,8 @@ def is_breakaway(status: Any) -> Any:
 def is_off_plan(status: Any) -> Any:
     """Whether a status (or array of statuses) means that the aircraft does not fly a path to the rendezvous.
 
-    A path that is shorter than the fleet's longest, or whose arrival direction could not be met, still leads to the
-    rendezvous.
+    False for two failures of a plan whose path still leads to the rendezvous: a path shorter than the fleet's longest,
+    and a direction of arrival that is not met.
     """
     return (status != FLYING) & (status != NO_BEND) & (status != DIRECTION_UNATTAINABLE)
 

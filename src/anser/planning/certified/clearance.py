@@ -73,7 +73,7 @@ def clearance_from_keep_outs(
 ) -> Float[Array, " volumes"]:
     """Return a lower bound of a path's distance from each keep-out over time, m; negative inside.
 
-    `times` are the sample times of the track, s; the keep-outs are in `volumes.position_n` at time 0.
+    `times` are the sample times of the track, s; at time 0 the keep-outs are at `volumes.position_n`.
     """
 
     def volume_clearance(volume: KeepOuts) -> Scalar:

@@ -252,8 +252,8 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> CertifiedPlanState:
         """Correct the plan so that it leads to the currently measured goals; return the new planner state.
 
-        `replan_needed` is set if the corrected plan violates its certificate, or if goals have shifted too far for the
-        holds; once set, the flag stays.
+        `replan_needed` is set if the corrected plan is not proven to keep every constraint, or if goals have shifted
+        too far for the holds; once set, the flag stays.
         """
         in_flight = self._plan_in_flight(planner_state, time, reports)
         plan, status, is_feasible = correct_plan(in_flight)

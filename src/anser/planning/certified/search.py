@@ -128,7 +128,7 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Return sets of arrival times, (set, aircraft), s: the prescribed, or a set per 0.25 s of the first arrival."""
+        """Return sets of arrival times, (set, aircraft), s: the prescribed set, or first arrivals every 0.25 s."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
         return np.append(np.arange(_GRID_S, self.latest_first_s, _GRID_S), self.latest_first_s)[:, None] + self.offsets

@@ -239,17 +239,18 @@ class SplineProblem(NamedTuple):
 
 
 class TightenedLimits(NamedTuple):
-    """Limits of a spline search: narrower than the aircraft's, so that these hold between the sample points, too."""
+    """Limits of a spline search: narrower than the aircraft's, so that these hold between the sample points, too.
 
-    # airspeed, m/s
+    SI units; `bank` is the tangent of the bank angle; accelerations are those along the path.
+    """
+
     speed_min: Scalar
     speed_max: Scalar
-    bank: Scalar  # tangent of the bank angle
+    bank: Scalar
     # load factor, greatest and least
     load_factor: Scalar
     load_factor_min: Scalar
-    climb_rate: Scalar  # climb rate, m/s
-    # accelerations along the path, m/s^2
+    climb_rate: Scalar
     acceleration: Scalar
     deceleration: Scalar
 

@@ -120,7 +120,11 @@ def make_candidate_set(
     with_wide_turns: bool = False,
     rounds: int = 1,
 ) -> CandidateSet:
-    """Build a candidate set: each airspeed with each altitude detour, direct path, kind of detour and side."""
+    """Build a candidate set of all combinations.
+
+    The profiles are the pairs of an airspeed and an altitude detour; the detours are the triples of a direct path
+    (rank), a kind of detour and a side.
+    """
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
     detours = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
     speed_column, altitude_column = zip(*profiles, strict=True)

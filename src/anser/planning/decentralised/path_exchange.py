@@ -70,10 +70,10 @@ def process_messages(
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
     """Process the messages received by each aircraft; return the new state and the mask of the accepted offers.
 
-    An aircraft acknowledges the others' offers that keep clear of every path that the aircraft may fly. The
-    aircraft's own offer is accepted when every participating aircraft has acknowledged it in time. It is withdrawn when
-    it is older than `patience`, or conflicts with the open offer of an aircraft with a lower index. After that, the
-    aircraft is settled when every participating aircraft has acknowledged the outcome.
+    Each aircraft acknowledges those offers of the fleet that keep clear of every path that it may fly. An offer is
+    accepted when every participating aircraft has acknowledged it in time. An offer is withdrawn when older than
+    `patience`, or in conflict with the open offer of an aircraft of lower index. Afterwards, the offering aircraft is
+    settled when every participating aircraft has acknowledged the outcome.
     """
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]

@@ -129,10 +129,10 @@ def goals_have_shifted(
 ) -> Bool[Array, "aircraft aircraft"]:
     """Return the mask of the pairs whose goals have shifted so far that the pair's holds may lack separation.
 
-    The shift is that of one goal relative to the other, expected at the first arrival of the pair, from the forecast of
-    the holds. The ratio of distance to separation falls by at most the ratio of the shift. With `covariances`, the
-    shift must also exceed what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with an inactive
-    aircraft or one that has arrived do not count.
+    The shift is that of one goal relative to the other, from the forecast of the holds, expected at the first arrival
+    of the pair. A pair is marked if the ratio of shift to separation exceeds the pair's clearance ratio minus 1 and,
+    with `covariances`, the shift exceeds what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with
+    an inactive aircraft, or with one that has arrived, are never marked.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
     offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))
