@@ -181,7 +181,11 @@ def _record(
 
 
 def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
-    """Return a goal's positions at times (s), (time, NED axis), m; linear between waypoints, then constant."""
+    """Return a goal's positions at times (s), (time, NED axis), m.
+
+    The goal moves straight at its velocity or, with waypoints, straight from waypoint to waypoint, at rest before and
+    after.
+    """
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()
         start = goal.position_m(0.0)

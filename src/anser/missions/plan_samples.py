@@ -301,10 +301,10 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
 
 
 def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
-    """Return motion and demand of an aircraft on its path at a time (s), by key of `anser.variables`; SI units, rad.
+    """Return the motion on a path at a time (s), and the bank, load factors and force that it requires, by key.
 
-    Bank angle and load factor hold for coordinated flight along the path: they follow from the specific force
-    perpendicular to the velocity relative to the air (theory section 6).
+    The keys are those of `anser.variables`; SI units, rad. Bank angle and load factor hold for coordinated flight along
+    the path: they follow from the specific force perpendicular to the velocity relative to the air (theory section 6).
     """
     path_point, air_velocity = path.at(time), path.air_velocity_n(time)
     position, ground_velocity, acceleration = path_point.position_n, path_point.velocity_n, path_point.acceleration_n
@@ -362,7 +362,7 @@ def sample_paths(
     times_s: np.ndarray,  # (time,), s
     gravity: ScalarLike,  # m/s^2
 ) -> dict[str, np.ndarray]:
-    """Return motion and demand on a fleet's paths at `times_s` (s) by key, (time, aircraft); NaN after each arrival."""
+    """Return the results of `motion_and_demand` on a fleet's paths by key, (time, aircraft); NaN after each arrival."""
     arrivals = np.asarray(arrival_times)[:, None]
     sampled = _sample_demands_in_blocks(paths, np.minimum(np.asarray(times_s)[None, :], arrivals), gravity)
     is_flying = np.asarray(times_s)[None, :] <= arrivals

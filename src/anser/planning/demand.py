@@ -50,7 +50,7 @@ class Demand(eqx.Module):
         acceleration: ScalarLike,
         deceleration: ScalarLike,
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the excess of the demand over three limits, m/s^2; negative within a limit.
+        """Return the excess of the required forces over three limits, m/s^2; negative within a limit.
 
         1. Bank angle: abs(side) - lift * bank; the argument `bank` is the tangent of the greatest bank angle.
         2. Force normal to the velocity: the larger of `smooth_normal` - normal and lift_min - lift.

@@ -232,5 +232,5 @@ def describe_bend(bend_m: float) -> str:
 
 
 def describe_turns(turn_sum_deg: float) -> str:
-    """Return the label of a path of the certified planner: the sum of the magnitudes of its turn angles, deg."""
+    """Return the label of a path of the certified planner, such as "turns 83 deg", from its sum of turn angles, deg."""
     return f"turns {turn_sum_deg:.0f} deg"

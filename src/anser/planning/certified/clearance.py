@@ -131,14 +131,17 @@ _CYLINDER_TINY = (
 
 
 class BoundingCylinders(eqx.Module):
-    """Upright cylinders that enclose a path and its error bounds, one per group of consecutive intervals."""
+    """Upright cylinders that enclose a path and its error bounds, one per group of consecutive intervals.
 
-    centre: Float[Array, "*batch cylinders 2"]  # position of the axis, north and east, m
-    radius: Float[Array, "*batch cylinders"]  # radius, m
-    # least and greatest down coordinate, m
+    `centre` (north, east) and `radius` in m; `low` and `high` are the least and the greatest down coordinate, m;
+    `included` is 1 if a distance of the group counts, else 0.
+    """
+
+    centre: Float[Array, "*batch cylinders 2"]
+    radius: Float[Array, "*batch cylinders"]
     low: Float[Array, "*batch cylinders"]
     high: Float[Array, "*batch cylinders"]
-    included: Float[Array, "*batch cylinders"]  # 1 if any of the group's intervals is included, else 0
+    included: Float[Array, "*batch cylinders"]
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:

@@ -71,8 +71,8 @@ class Profile(eqx.Module):
     def kinks(self) -> Float[Array, "5"]:
         """Times, s after the start, at which higher derivatives jump.
 
-        The ends of the first changes of climb and airspeed and of the initial acceleration, then the starts of the last
-        changes of climb and airspeed.
+        In order: the ends of the first change of climb, of the first change of airspeed and of the initial
+        acceleration; the starts of the last change of climb and of the last change of airspeed.
         """
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])

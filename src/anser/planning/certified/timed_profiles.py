@@ -167,12 +167,16 @@ _LEVEL_MIN = 1.0  # m/s: keeps the horizontal airspeed of a vertical arrival fin
 
 
 class ArrivalMotion(eqx.Module):
-    """Vertical speed and heading at the arrival."""
+    """Vertical speed over the ground (`climb`, m/s) and heading through the air (rad) at the arrival.
+
+    `heading_free` tells whether the heading is not prescribed; it is then that of the straight line over the ground.
+    `attainable` tells whether the prescribed motion can be flown at this airspeed in this wind.
+    """
 
     climb: Scalar  # vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's
-    heading: Scalar  # heading of the velocity through the air, rad; if free, along the straight line over the ground
-    heading_free: Flag  # whether the heading is free
-    attainable: Flag  # whether the prescribed motion can be flown at this airspeed in this wind
+    heading: Scalar
+    heading_free: Flag
+    attainable: Flag
 
 
 def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike, speed: ScalarLike) -> ArrivalMotion:

@@ -1,10 +1,11 @@
 """Agreement on paths in a decentralised fleet with guaranteed separation: offer, acknowledgement, change.
 
 Each aircraft has an agreed path (an approach and a hold) that the fleet has acknowledged, and flies within a tube
-around it. For another path, the aircraft makes an offer. The other aircraft acknowledge an offer that keeps the
-separation from every path that they may fly. With every acknowledgement, the aircraft changes to the offered path and
-broadcasts the change. Until the fleet has acknowledged the change, the other aircraft avoid both paths, and the
-aircraft makes no new offer. Lost or late messages never lead to a path that another aircraft has not acknowledged.
+around that path. For another path, the aircraft makes an offer. The other aircraft acknowledge an offer that keeps the
+separation from every path that they may fly. Once all of them have acknowledged the offer, the offering aircraft
+changes to the new path and broadcasts the change. Until the fleet has acknowledged the change, the other aircraft avoid
+both paths, and the aircraft makes no new offer. Lost or late messages never lead to a path that another aircraft has
+not acknowledged.
 
 Each aircraft has a token that counts its steps: odd while an offer is open, even after acceptance or withdrawal.
 """

@@ -50,7 +50,7 @@ def clock_acceleration(
 ) -> Scalar:
     """Return the acceleration of one aircraft's clock, 1/s, by the coordination law.
 
-    A lag of up to `SETTLED_LAG_S` is ignored, and a greater one counts less by this time.
+    The magnitude of the lag is reduced by `SETTLED_LAG_S`; a smaller lag counts as 0.
     """
     clock_difference = jnp.sum(jnp.where(hears, clock - other_clocks, 0.0))
     effective_lag = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)
