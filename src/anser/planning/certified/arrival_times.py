@@ -240,9 +240,10 @@ def direct_times(
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
     """Compute the flight time (s) of each aircraft's shortest direct path at its mean airspeed `speeds` (m/s).
 
-    The flight time is found by a fixed-point iteration, because the goal moves and the air drifts during the flight.
-    The second result tells for each aircraft whether the iteration converged. If no direct path exists in a round, the
-    flight time stays as it is. `intervals`: number of intervals of the tabulated profile.
+    The flight time is found by a fixed-point iteration of `ROUNDS` rounds, because the goal moves and the air drifts
+    during the flight. The second result tells for each aircraft whether the last round changed the time by less than a
+    millionth. If no direct path exists in a round, the flight time stays as it is. `intervals`: number of intervals of
+    the tabulated profile.
     """
 
     def solve_task(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:

@@ -106,8 +106,8 @@ class FleetTask:
     def preferred_times(self) -> ArrivalTimes:
         """Flight time of each direct path at the preferred mean airspeed, s; the time of the climb if this is longer.
 
-        With windows, where no aircraft waits for another, a higher airspeed makes up for the turns of the direct path:
-        the time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least that of the straight line.
+        With windows, the time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least that of the straight line.
+        Where `direct_times` does not converge, the initial distance of the rendezvous over the airspeed counts.
         """
         tasks = self.tasks
         times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
