@@ -1,4 +1,4 @@
-"""Batch size and progress reports of batched computations."""
+"""Default number of flights in a batch, and the callback by which long computations report progress."""
 
 from collections.abc import Callable
 

@@ -52,9 +52,10 @@ def _certify_fleet(plan: CertifiedPlan, tasks: AircraftTask, airspace: Any) -> A
 
 @compiled_quickly
 def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rounds: Any) -> Any:
-    """Return whether each link is up at each exchange before the flight, (exchange, receiver, sender).
+    """Return the mask of the links that are up at each exchange before the flight, (exchange, receiver, sender).
 
-    `rounds` are the exchanges' sample numbers for the random numbers.
+    A link is down beyond the range between `positions_n`, in an outage, by a random loss, or for an aircraft that is
+    not `active`. `rounds` are the sample numbers of the exchanges, from which the random numbers follow.
     """
 
     def links_at(outages: Any, exchange_number: Any) -> Any:
@@ -87,11 +88,12 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
     ) -> "DecentralisedFirstPlan":
         """Trim every aircraft and negotiate the first plan.
 
-        Unless the arrival times are prescribed, every aircraft searches for its first arrival, and the fleet agrees on
-        the latest of these times (max-consensus). Then the aircraft plan in the order of the scenario: a path with the
-        agreed arrival time and with separation from the paths received so far. If a search fails, or the holds after
-        the paths are not clear, the fleet plans anew for a later time, see `find_agreement`. Without an agreement,
-        `refusals` has the reason. Raises ScenarioError if an aircraft cannot be trimmed.
+        Unless the scenario prescribes the arrival times, every aircraft searches for its earliest arrival, and the
+        fleet agrees on the latest of these times (max-consensus). Then the aircraft plan one after another, in the
+        order of the scenario: each finds a path that arrives at the agreed time and is separated from the paths
+        received so far. If a search fails, or the holds after the arrivals lack separation, the fleet plans again for a
+        later time, see `find_agreement`. Without an agreement, `refusals` has the reason. Raises ScenarioError if an
+        aircraft cannot be trimmed.
         """
         on_progress("trimming")
         planner = aircraft_planner(flight)
@@ -126,7 +128,7 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         return summarize_network(time_s, history, self.scenario, self.agreed_after_s)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes, one sentence each: the duration of the negotiation, then those of the certified planner."""
+        """Return the notes on the plan: duration of the negotiation, then those of `CertifiedFirstPlan.notes`."""
         negotiation_note = f"agreed without a centre after {self.agreed_after_s:.1f} s"
         return (negotiation_note, *super().notes())
 
@@ -137,13 +139,17 @@ class NoAgreementError(Exception):
 
 @dataclass
 class MessageFlood:
-    """Exchanges of messages before the flight, in which each aircraft passes on every received message."""
+    """Exchanges of messages before the flight, in which each aircraft passes on every received message.
 
-    links: np.ndarray  # whether each link is up at each exchange, (exchange, aircraft, aircraft)
-    delay: int  # delay of messages, exchanges
+    `links` is the mask of the links that are up, (exchange, receiver, sender); `delay`, in exchanges, is the time from
+    sending to reception; `exchange_index` is the exchange that the negotiation has reached.
+    """
+
+    links: np.ndarray
+    delay: int
     names: tuple[str, ...]  # names of the aircraft
     period_s: float  # time between two exchanges, s
-    exchange_index: int = 0  # exchange that the negotiation has reached
+    exchange_index: int = 0
 
     def broadcast(self, sources: list[int]) -> None:
         """Advance to the exchange by which messages of all `sources` (aircraft indices) have reached the whole fleet.
@@ -257,14 +263,14 @@ def find_agreement(
 ) -> tuple[_Plan | None, str]:
     """Find the earliest of `count` increasing delays of the arrivals on which the fleet agrees.
 
-    The delays are proposed in doubled steps, because each proposal takes messages, and then by bisection between the
-    last refused and the first agreed delay. If the time for messages ends before the bisection, the last agreement
-    holds.
+    Each proposal costs messages: indices are therefore proposed in doubled steps until the fleet agrees, and then by
+    bisection between the last refused and the first agreed index. If the messages end during the bisection, the result
+    is the last agreement so far.
 
     Parameters
     ----------
     propose
-        Function of the index of a delay; returns the agreement and "", or None and the reason of the refusal.
+        Function from the index of a delay, 0 to `count` - 1, to (agreement, ""), or to (None, reason of the refusal).
 
     Returns
     -------
@@ -274,7 +280,7 @@ def find_agreement(
     Raises
     ------
     NoAgreementError
-        If the time for messages ends before the first agreement.
+        If the messages end (`flood`) before the first agreement.
     """
     agreement, failure, is_agreed = None, "", None
     scan = first_index(count)
@@ -333,5 +339,5 @@ def _plan_in_turn(
 
 @compiled_quickly
 def _with_aircraft_rows(plan: CertifiedPlan, candidate: CertifiedPlan, is_planned: Any) -> CertifiedPlan:
-    """Replace the rows of the selected aircraft in a plan by those of another plan, `candidate`."""
+    """Return `plan` with the rows of the aircraft in the mask `is_planned` taken from `candidate`."""
     return select_rows(is_planned, candidate, plan)

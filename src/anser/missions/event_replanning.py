@@ -97,11 +97,14 @@ def plan_exit(
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
 ) -> CertifiedPlan:
-    """Return the plan with an exit path for a departing aircraft: the first of `turns` that keeps the separation.
+    """Return the plan with an exit path for a departing aircraft, with the best of the `turns` from its course.
 
-    The turn is, in this order: the first with the separation from the paths and holds of all other aircraft; the first
-    with the separation from the paths up to the arrivals and from the holds already begun, as later holds can be
-    assigned anew; the turn with the greatest ratio of distance to separation from these paths and holds.
+    The best turn is, in this order of preference:
+
+    1. the first turn whose path is separated from the paths and holds of all other aircraft;
+    2. the first turn whose path is separated from the paths up to the arrivals and from the holds already begun (later
+       holds can still be changed);
+    3. the turn whose least ratio of distance to separation, from the paths and holds of case 2, is greatest.
 
     The exit path lasts to the end of the flight, which is the departing aircraft's new arrival time. The certificate of
     the returned plan has the clearance ratios of the paths, at least 1 where separated, but not those of the holds.
@@ -163,14 +166,18 @@ def _certificate(plan: CertifiedPlan, tasks: Any, airspace: Any, time: Any) -> A
 
 @dataclass(frozen=True)
 class EventOutcome:
-    """Effect of an event on the plan, for the flight's summary."""
+    """Effect of an event on the plan, for the flight's summary.
+
+    `subject` is the name of the aircraft, goal or keep-out, `goal` that of a goal which the aircraft took over;
+    `has_valid_plan` tells whether the fleet has a valid plan afterwards.
+    """
 
     time_s: float  # time of the event, s after the start of the flight
     kind: str  # type of the event, as in the scenario
-    subject: str  # name of the aircraft, goal or keep-out
-    has_valid_plan: bool  # whether the fleet has a valid plan afterwards
+    subject: str
+    has_valid_plan: bool
     message: str  # response of the planner, in one sentence
-    goal: str | None = None  # goal that the aircraft took over
+    goal: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of the list `events` in `summary.json`, with the keys of the file."""
@@ -289,12 +296,12 @@ def _replan_if_needed(
     planned_times_s: np.ndarray,  # arrival times before the event, s
     on_progress: Callable[[str], None],
 ) -> tuple[FlightState, bool, str]:
-    """Keep the plan in force if it still meets all requirements, arrival times included; otherwise replan.
+    """Replan the fleet after an event, unless the plan in force meets all requirements, arrival times included.
 
-    After a new keep-out or a departure, aircraft that have not arrived also get new holds. If no plan is found, or no
-    aircraft can be replanned, the paths in force stay, with the new holds if all of these are clear. Arrivals are not
-    put off beyond the latest allowed arrival time. Returns the state, whether the fleet has a valid plan, and a
-    sentence on the planner's response.
+    After a new keep-out or a departure, new holds are assigned to the aircraft that have not arrived. If no new plan is
+    found, or no aircraft can be replanned, the paths in force stay; the new holds are then used only if every hold
+    keeps separation, keep-outs and altitude limits. An arrival is never put off beyond the latest allowed arrival time.
+    Returns the state, whether the fleet has a valid plan, and a sentence for the summary.
     """
     plan_state, now_s = state.planner, sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
@@ -365,9 +372,10 @@ def _target_times(
 ) -> np.ndarray:
     """Return the arrival times required after an event, (aircraft,), s after the start of the flight.
 
-    The times in force, `times_s`, are unchanged with two exceptions. An event "arrival-put-off" delays the aircraft
-    that can be replanned. If an aircraft leaves a sequence before its arrival, and the event does not keep the gap, its
-    followers move up by one spacing, up to the first follower that cannot be replanned.
+    The times in force, `times_s`, stay, with two exceptions. An event "arrival-put-off" delays the aircraft in the mask
+    `can_replan`. If an aircraft leaves a sequence before its planned arrival, and the event does not keep the gap, the
+    aircraft behind arrive one spacing earlier, up to the first that cannot be replanned. `planned_times_s` are the
+    arrival times before the event.
     """
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
@@ -389,9 +397,10 @@ def _target_times(
 def _requests(
     scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, now_s: float, target_times_s: np.ndarray
 ) -> Iterator[ArrivalRequest]:
-    """Yield the arrival requests to try in a search, in this order; their times (s) count from `now_s`.
+    """Yield the arrival requests to try in a search, in order; their times (s) count from `now_s`.
 
-    Target times and times in force, if not too late; then times that the search chooses by the arrival rule.
+    First come `target_times_s`, then the times in force, `times_s`, each unless later than the latest allowed arrival;
+    last, for the rules "together", "earliest" and "sequence", a request in which the search chooses the times.
     """
     latest_s = scenario.timing.latest_arrival_s - now_s
     rule = scenario.arrival.rule
@@ -419,8 +428,9 @@ def _search_plan(
 ) -> FlightState | None:
     """Search for a new plan from the time `now_s` (s) on; return the flight's state with the plan, or None.
 
-    Each request is tried with accelerations along the path of at most 2 m/s^2, then with the limits of a corrected
-    path. Aircraft that have arrived, are about to arrive or have left the fleet keep their paths.
+    Each of `requests` is tried twice: with an acceleration along the path of at most 2 m/s^2, then with the limits plus
+    the acceleration reserve (`CertifiedPlanner.correction_limits`). Aircraft that have arrived, are about to arrive or
+    have left the fleet keep their paths.
     """
     plan_state, planner = state.planner, aircraft_planner(flight)
     limit_sets = (

@@ -1,8 +1,9 @@
 """Events of a single flight in the order of time, and the reassignment of a departing aircraft's goal.
 
-An event acts in two ways. Its physical effect (thrust or sensor lost, a goal that stops or turns, the time of a
-departure) is built into the flight beforehand, see `anser.scenario.build`. Its effect on the plan is applied here: the
-flight stops at the event's sample and `anser.missions.event_replanning` plans anew where necessary.
+The entry is `EventSchedule`, which `anser.missions.runs` asks between two segments of the flight. An event acts in two
+ways. Its physical effect (thrust or sensor lost, a goal that stops or turns, the time of a departure) is built into the
+flight beforehand, see `anser.scenario.build`. Its effect on the plan is applied here: the flight stops at the event's
+sample and `anser.missions.event_replanning` plans anew where necessary.
 """
 
 import dataclasses
@@ -56,12 +57,13 @@ class _FleetGoals:
         return [k for k, name in enumerate(names) if self.goals[k] == goal and name not in departed]
 
     def distances_m(self, departures: Sequence[tuple[int, Event]]) -> np.ndarray:
-        """Return each aircraft's distance from each departed aircraft's rendezvous, (aircraft, departure), m.
+        """Return each aircraft's distance from the rendezvous of each departed aircraft, (aircraft, departure), m.
 
-        The rendezvous is that at the aircraft's planned arrival. `_INFEASIBLE_M` if even a straight flight at the
-        greatest airspeed with the wind would arrive too late, if the aircraft cannot be replanned, or if no other
-        aircraft flies to its present goal and the event does not ask for the "nearest" aircraft. The search for a plan
-        decides whether the remaining pairs are feasible. `departures` are pairs (index of the aircraft, event).
+        The rendezvous is extrapolated to the planned arrival of the aircraft that would take over. An impossible pair
+        has the distance `_INFEASIBLE_M`: the aircraft cannot be replanned; a straight flight at its greatest airspeed,
+        with the strongest wind, would arrive too late; or its present goal would be left without an aircraft, and the
+        event does not ask for the "nearest" aircraft. Whether another pair can be flown, only the search for a plan
+        tells. `departures` are pairs (index of the departed aircraft, event).
         """
         tasks, names = self.snapshot.replannable_tasks, [aircraft.name for aircraft in self.scenario.aircraft]
         positions_n = np.asarray(tasks.position_n)
@@ -85,13 +87,13 @@ class _FleetGoals:
 
 
 def reassign_goals(
-    # the fleet at sample `sample`, after the aircraft have left
+    # the fleet at sample `sample`, after the events
     scenario: Scenario,
     flight: Flight,
     state: FlightState,
     sample: int,
-    departures: Sequence[Event],  # events by which the aircraft left
-    goals: Sequence[str],  # name of the goal of each aircraft
+    departures: Sequence[Event],  # all events of the sample; those without `goal_taken_over_by` have no effect
+    goals: Sequence[str],  # name of the present goal of each aircraft
     on_progress: Callable[[str], None] = lambda message: None,  # called with a description of the current work
 ) -> tuple[Flight, FlightState, tuple[str, ...], list[EventOutcome]]:
     """Reassign the goals of departing aircraft to other aircraft, if a plan exists for the new assignment.
@@ -147,12 +149,13 @@ def reassign_goals(
 
 
 def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]) -> list[tuple[int, int]]:
-    """Return the assignment that serves the most goals, and among such the one with the least sum of distances, m.
+    """Return the assignment of aircraft to goals that serves the most goals, with the least sum of distances (m).
 
-    The result has pairs (index of the aircraft that takes over a goal, column of the departure). If a departure does
-    not ask for the "nearest" aircraft, an aircraft takes over only if another one still flies to its former goal
-    (`_abandons_goal`). Branch and bound: in place of an assignment that abandons a goal, either one of the goal's
-    aircraft stays, or none of these takes over a goal of such a departure.
+    The result has pairs (index of the aircraft that takes over, column of `distances` and `departures`). For a
+    departure that does not ask for the "nearest" aircraft, an aircraft may take over only if another aircraft still
+    flies to its former goal (`_abandons_goal`). Branch and bound: an assignment that leaves a goal without aircraft is
+    replaced by several tables of distances, each of which keeps one of the goal's aircraft, or forbids all of them the
+    goals of such departures.
     """
     from scipy.optimize import linear_sum_assignment  # half a second, for flights with a departure only
 
@@ -239,6 +242,8 @@ _SETTLED_S = 10.0  # time after an event in which every replanning is checked: a
 class EventSchedule:
     """Events of a flight that are still to come, and the outcomes of past events.
 
+    `anser.missions.run` calls, for each segment of the flight, `apply_due`, `steps_until_next` and `check_replanning`.
+
     Parameters
     ----------
     scenario
@@ -289,7 +294,11 @@ class EventSchedule:
         return flight, state
 
     def steps_until_next(self, sample: int, steps_max: int) -> int:
-        """Return the number of steps from `sample` to the next event or `check_replanning`, at most `steps_max`."""
+        """Return the number of steps from `sample` to the next event, at most `steps_max`.
+
+        While `check_replanning` watches the periodic replanning, the steps end with the one at the next replanning
+        time.
+        """
         steps = min([steps_max, *(event_step - sample for event_step, _ in self._coming[:1])])
         if self._goal_event is not None and self._replan_steps:
             steps = min(steps, -sample % self._replan_steps + 1)

@@ -58,7 +58,7 @@ PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
 
 
 def prepare_nothing(flight: Flight, shapes: Any) -> PreparedProgram | None:
-    """Prepare no program: the default of `anser.plan`."""
+    """Return None, for no program to prepare: the default `prepare_next` of `anser.plan`."""
 
 
 class NoPlanError(Exception):
@@ -251,9 +251,9 @@ class PublishedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def limits(self) -> LimitReport:
-        """Extremes of airspeed, turn, climb and altitude at samples of each path, compared with the limits.
+        """Least and greatest airspeed, turn rate, climb rate and altitude of each path, compared with the limits.
 
-        Leading axis aircraft.
+        The values are those at samples of the paths; leading axis aircraft, without padding.
         """
         report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
         return first_rows(report, len(self.scenario.aircraft))
@@ -367,10 +367,11 @@ def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
 def _search_without_difference(
     planner: CertifiedPlanner, scenario: Scenario, tasks: AircraftTask, fleet_task: FleetTask, outcome: SearchOutcome
 ) -> tuple[Refusal, ...]:
-    """Search again in the planner's wind layers alone, without their difference from the wind field.
+    """Diagnose a missing plan in a wind field: search again as if the field were equal to the planner's wind layers.
 
-    If this search finds a plan, the difference is the reason for the refusal, which is returned; else an empty tuple,
-    as also without a wind field. `outcome` is the result of the failed search, without padding.
+    The planner computes with layers fitted to the field, and the certificate allows for the difference between both. If
+    the search without the difference finds a plan, the difference is the reason, which is returned. Otherwise, and
+    without a wind field, the result is empty. `outcome` is the result of the failed search, without padding.
     """
     if not isinstance(planner.airspace.wind, FittedWind):
         return ()
@@ -445,7 +446,10 @@ class CertifiedFirstPlan(FirstPlan):
         return self._planned_state().plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
-        """Return the reasons for a missing plan, or else the unproven paths, one sentence each; empty: all proven."""
+        """Return the reasons for a missing plan, one sentence each; with a plan, the aircraft with unproven paths.
+
+        Empty if every path is proven to keep limits, keep-outs and separation.
+        """
         if self.plan_state is None:
             return self.refusals
         return unproven_paths(self.scenario, np.asarray(self.plan_state.plan.feasible)[: len(self.scenario.aircraft)])
@@ -505,7 +509,7 @@ class CertifiedFirstPlan(FirstPlan):
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
     """Return the arrival rule of a scenario with its arrival times, offsets or windows (s), as input of the search.
 
-    These are padded to `count` aircraft (None: not padded) with the numbers of the last aircraft.
+    The values are padded to `count` aircraft by repetition of the last aircraft's; None: not padded.
     """
     arrival, fleet = scenario.arrival, scenario.aircraft
     times = offsets = windows = None
@@ -542,10 +546,10 @@ def _rough_flight_time_s(scenario: Scenario) -> float:
 
 
 def start_search_programs(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> list[Any]:
-    """Start to compile the programs of a search for a plan, for the shapes of the tasks (or for tasks).
+    """Start to compile the programs of a search for a plan, for the shapes of `tasks` (arrays or shapes).
 
-    Returns the shapes of the programs' results; the last two are those of the plan and of the holds. The list is empty,
-    and nothing is compiled, if the rough flight time leaves the number of intervals of a path uncertain.
+    Returns the shapes of the programs' results, those of plan and holds last. If the rough flight time is too near a
+    change of the number of intervals per path, nothing is compiled, and the list is empty.
     """
     programs = planner.prepare_programs(tasks, _rough_flight_time_s(scenario), scenario.timing.duration_s)
     return [program.start().shapes for program in programs]
@@ -558,10 +562,11 @@ _started: "weakref.WeakKeyDictionary[PreparedProgram, set[tuple[Any, ...]]]" = w
 def start_programs(
     scenario: Scenario, flight: Flight, planner: CertifiedPlanner, trim: PreparedProgram, prepare_next: PrepareNext
 ) -> None:
-    """Start to compile the programs of a search for a plan, of the first state, and of the work after planning.
+    """Start to compile the programs that search a plan, compute the state at time 0, and do the work after planning.
 
-    The shapes of fleet and tasks are those of the results of `trim`. Without work after planning (`prepare_nothing`),
-    programs that were started for an earlier plan of equal sizes are not started again.
+    The shapes of fleet and tasks are those of the results of `trim`. The last program is that of `prepare_next`, if
+    any. If `prepare_next` is `prepare_nothing`, programs already started for a plan of the same sizes are not started
+    again.
     """
     fleet, tasks = trim.shapes
     longest_s = _rough_flight_time_s(scenario)

@@ -52,12 +52,15 @@ NO_PLAN = "no plan: the certified planner found none within the limits, the sepa
 
 
 class FlightCase(NamedTuple):
-    """One flight of many: a scenario, with the flight number and the seed that determine its random numbers."""
+    """One flight of many: a scenario, with the flight number and the seed that determine its random numbers.
+
+    `seed` None is the seed of the scenario. If `randomness` is given, number and seed have no effect.
+    """
 
     scenario: Scenario
     number: int = 0  # flight number
-    seed: int | None = None  # seed; None: the scenario's
-    randomness: AbstractRandomness | None = None  # source of random numbers; replaces number and seed if not None
+    seed: int | None = None
+    randomness: AbstractRandomness | None = None
 
 
 _FlightBatch = Stacked[Flight]
@@ -279,8 +282,8 @@ def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: Output
 class _FlightGroup:
     """Flights of equal structure that wait for a batch.
 
-    `stacked` records which leaves (arrays) have differed between flights of the group: these leaves are batched from
-    then on, the rest is shared by the flights of a batch.
+    The group remembers which arrays of the flights have differed in the batches so far: these arrays have a batch axis
+    from then on, the remaining arrays are shared by the flights of a batch.
     """
 
     def __init__(self) -> None:
@@ -291,7 +294,7 @@ class _FlightGroup:
     def stacked(self, flights: Sequence[Flight], size: int) -> _FlightBatch:
         """Stack flights to a batch of `size` flights, padded with copies of the last flight.
 
-        A leaf that differed in an earlier batch of the group is batched again, which avoids recompilation.
+        An array that differed in an earlier batch of the group gets a batch axis again, which avoids recompilation.
         """
         padding = [flights[-1]] * (size - len(flights))
         stacked = stack_objects([*flights, *padding], tables_only=False, batched=self._differing)
@@ -311,7 +314,7 @@ class _FlightGroup:
 def _group_cases(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_FlightGroup, list[int], list[Flight]]]:
     """Yield batches of at most `batch` flights of equal structure, step, replanning period and duration.
 
-    Each batch has the group, the indices of the batch's flights in `cases`, and the flights.
+    Each item is a tuple: the group, the indices in `cases` of the flights in the batch, and these flights.
     """
     groups: dict[Any, _FlightGroup] = {}
     previous: tuple[Scenario, Flight] | None = None
@@ -343,9 +346,11 @@ def _fly_batch(
     outputs: OutputRecording | None,
     on_share: Callable[[float], None],
 ) -> list[FlightRow]:
-    """Trim, plan and fly one batch (`flights`, padded to a fixed size); return the result rows of `cases` alone.
+    """Trim, plan and fly one batch; return one result row for each of `cases`.
 
-    `on_share` is called with the completed share of the batch, 0..1; searches of plans count as half of the work.
+    `flights` is the batch, padded to a fixed size, `single_flights` has the same flights one by one. `on_share` is
+    called with the completed share of the batch, 0..1; with the certified planner, the searches for plans count as half
+    of the work.
     """
     searched = 0.0
     parts: list[tuple[list[int], _FlightBatch, FlightState, Sequence[int]]] = []
@@ -446,12 +451,16 @@ def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTa
 
 @dataclasses.dataclass(frozen=True)
 class _FlownBatch:
-    """Batch in flight: arguments of the program that flies segments, apart from the state of the batch."""
+    """Batch in flight: the constant arguments of the program that flies segments.
+
+    `required` is the separation and the keep-outs to compare with, `first_summaries` the states of the recorders before
+    the first step, `steps` the number of steps of a flight.
+    """
 
     flights: _FlightBatch  # flights in the precision of the steps
     required: _RequiredDistances
-    first_summaries: Any  # states of the recorders before the first step
-    steps: int  # number of steps of a flight
+    first_summaries: Any
+    steps: int
     series: SeriesSelection | None
     outputs: OutputRecording | None
 
@@ -526,9 +535,10 @@ def _summarize_flights(
     outputs: OutputRecording | None,
     on_share: Callable[[float], None],
 ) -> list[FlightRow]:
-    """Fly a batch to the end of the flights and return the result rows of the cases.
+    """Fly a planned batch to the end of its flights and return the result rows of the cases.
 
-    `positions` are the indices of the cases in the batch; `on_share` is called with the completed share, 0..1.
+    `states` are the flights' states at time 0, with the plans; `positions` are the indices of the cases in the batch,
+    the rest is padding; `on_share` is called with the completed share, 0..1.
     """
     if not cases:
         return []

@@ -98,11 +98,12 @@ class OutputFormula(NamedTuple):
     until_arrival: bool  # whether samples in the hold are left out
 
     def partial(self, values: Mapping[str, Any], weights: Any, xp: Any) -> tuple[Any, Any]:
-        """Reduce some consecutive samples to the pair (running value, weight).
+        """Reduce some consecutive samples to the pair (running value, weight), for `combine`.
 
-        For "greatest", the greatest value and 0; for "least", the same of the values with opposite sign; for "final",
-        the last value and 1, or 0 without a sample; for other reductions, the integral over time and its duration, s.
-        Samples without a value (NaN) do not count, except for "final". Without a variable of the expression: NaN, 0.
+        For "greatest", the greatest value and 0; for "least", the greatest of the negated values and 0; for "final",
+        the last value and 1, or weight 0 without a sample; for other reductions, the integral over time and its
+        duration, s. Samples without a value (NaN) do not count, except for "final". If a variable of the expression is
+        missing: NaN and 0.
 
         `values` are arrays (time, aircraft) in dataset units by dataset name; `weights`, (time,), the seconds for which
         each sample counts; `xp` is `numpy` or `jax.numpy`.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RecordedPlan:
-    """Samples of a plan over time (`samples`), and the planner's report on the plan (`details`)."""
+    """Plan prepared for output: its samples over time (`samples`), and the planner's report (`details`)."""
 
     samples: PlanSamples
     details: PlanDetails
@@ -136,7 +136,8 @@ def record_certified(
 def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
     """Return proven bounds of the flight quantities, (aircraft,), by key of the limit, in SI units and radians.
 
-    Accelerations along the path are converted to equal demands in level flight at the start, see
+    The limits of acceleration along the path change with airspeed and load factor. Accelerations are therefore
+    converted to the values in level flight at the start airspeed that use the same part of the limit, see
     `PathBounds.along_at_start`.
     """
     values = {limit.key: np.asarray(getattr(bounds, limit.field)) for limit in CERTIFIED_LIMITS}
@@ -147,9 +148,10 @@ def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarr
 
 
 def _holds_by_key(holds: PlannedHolds | None, indices: np.ndarray) -> dict[str, Any]:
-    """Return the fields of `PlanDetails` on the holds of the aircraft at `indices`; empty without holds.
+    """Return the entries of `PlanDetails` on the holds of the aircraft at `indices`, by field name.
 
-    Radii and heights above the goals, m; turn directions, +1 clockwise; least clearance ratio of all pairs.
+    Radii and heights above the goals, m; turn directions, +1 clockwise; the least clearance ratio of all pairs, None if
+    no separation is required. Empty for `holds` None.
     """
     if holds is None:
         return {}
@@ -179,7 +181,11 @@ def _record(
 
 
 def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
-    """Return a goal's positions at times (s), (time, NED axis), m; linear between waypoints, then constant."""
+    """Return a goal's positions at times (s), (time, NED axis), m.
+
+    The goal moves straight at its velocity or, with waypoints, straight from waypoint to waypoint, at rest before and
+    after.
+    """
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()
         start = goal.position_m(0.0)
@@ -192,11 +198,11 @@ def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
 
 
 def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dict[str, float | np.ndarray]:
-    """Return the limits without reserve, by key of `anser.planning.limits.LIMITS`, in SI units and radians.
+    """Return the limits without reserve, (aircraft,), by key of `anser.planning.limits.LIMITS`; SI units, rad.
 
-    The values, (aircraft,), are those of the scenario. A limit that the scenario leaves open for an aircraft comes from
-    `derived`, the certified planner's limits with the reserve taken off; NaN if `derived` is None, as for the other
-    planners. For these, the altitude of the level-off after the arrival has a limit too.
+    The values are those of the scenario. A limit that the scenario leaves open for any aircraft is taken from
+    `derived`, the certified planner's limits, with the reserve added back. For other planners `derived` is None: an
+    open limit is NaN, and the limit that only the published planner checks (altitude after the level-off) is included.
     """
     values_by_key, resolved = {}, [aircraft.limits for aircraft in resolve_fleet(scenario)]
     for limit in LIMITS if derived is None else CERTIFIED_LIMITS:

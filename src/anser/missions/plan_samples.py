@@ -1,4 +1,4 @@
-"""Samples of planned paths: demand on each aircraft, extremes, and closest approaches to aircraft and keep-outs.
+"""Samples of planned paths: motion, required bank and load factor, greatest and least values, closest approaches.
 
 Between two samples a path is interpolated by the cubic with the positions and velocities of both samples. For samples
 every half second the error on aircraft paths is below a millimetre: fourth derivative times interval^4 / 384.
@@ -301,10 +301,10 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
 
 
 def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
-    """Return motion and demand of an aircraft on its path at a time (s), by key of `anser.variables`; SI units, rad.
+    """Return the motion on a path at a time (s), and the bank, load factors and force that it requires, by key.
 
-    Bank angle and load factor hold for coordinated flight along the path: they follow from the specific force
-    perpendicular to the velocity relative to the air (theory section 6).
+    The keys are those of `anser.variables`; SI units, rad. Bank angle and load factor hold for coordinated flight along
+    the path: they follow from the specific force perpendicular to the velocity relative to the air (theory section 6).
     """
     path_point, air_velocity = path.at(time), path.air_velocity_n(time)
     position, ground_velocity, acceleration = path_point.position_n, path_point.velocity_n, path_point.acceleration_n
@@ -362,7 +362,7 @@ def sample_paths(
     times_s: np.ndarray,  # (time,), s
     gravity: ScalarLike,  # m/s^2
 ) -> dict[str, np.ndarray]:
-    """Return motion and demand on a fleet's paths at `times_s` (s) by key, (time, aircraft); NaN after each arrival."""
+    """Return the results of `motion_and_demand` on a fleet's paths by key, (time, aircraft); NaN after each arrival."""
     arrivals = np.asarray(arrival_times)[:, None]
     sampled = _sample_demands_in_blocks(paths, np.minimum(np.asarray(times_s)[None, :], arrivals), gravity)
     is_flying = np.asarray(times_s)[None, :] <= arrivals
@@ -376,10 +376,10 @@ def sample_extremes(
     gravity: ScalarLike,
     limits: PathLimits | None = None,
 ) -> PlanExtremes:
-    """Compute the extremes (greatest or least values) of each path at 1024 equally spaced times up to its arrival.
+    """Compute the greatest or least values of the limited quantities, at 1024 equal times up to each arrival.
 
-    The extremes are not proven between these times. With `limits` whose deceleration depends on the airspeed (`idle`),
-    accelerations are converted to equal demands in level flight at the start, see `_along_at_start`.
+    Nothing is proven between these times. If the deceleration in `limits` depends on the airspeed (`limits.idle`), the
+    accelerations are converted to values in level flight at the start airspeed, see `_along_at_start`.
     """
     duration = np.asarray(arrival_times) - start_s
     sampled = _sample_demands_in_blocks(
@@ -406,10 +406,11 @@ def sample_extremes(
 def _along_at_start(
     idle: IdleDeceleration, deceleration: ScalarLike, along_path: np.ndarray, speed: np.ndarray, load_factor: np.ndarray
 ) -> tuple[Any, Any]:
-    """Return a path's greatest acceleration and deceleration, m/s^2, as equal demands in level flight at the start.
+    """Return a path's greatest acceleration and deceleration, m/s^2, converted to level flight at the start airspeed.
 
     The path is sampled by `along_path` (acceleration along the path, m/s^2), `speed` (m/s) and `load_factor`. A
-    converted value is within the limit at the start if and only if the samples are within the limit in flight.
+    converted value is within the limit at the start (`deceleration`, m/s^2) if and only if all samples keep the limits
+    at their own airspeed and load factor, which `idle` describes.
     """
     accelerations = along_path + deceleration * idle.rise(speed, load_factor)
     return np.max(accelerations), np.max(-along_path / idle.share(speed, load_factor))
@@ -428,9 +429,10 @@ def sample_plan(
     keep_outs: tuple[KeepOut, ...],
     limits: PathLimits | None = None,  # as in `sample_extremes`
 ) -> PlanSamples:
-    """Sample a plan: motion, demand, extremes at the samples (not proven between them), and closest approaches.
+    """Sample a plan: motion, required bank and load factor, greatest and least values, and closest approaches.
 
-    `times` are the sample times (s) and the mask of the regular times, from `sample_times`.
+    Nothing is proven between the samples. `times` are the sample times (s) and the mask of the regular times, from
+    `sample_times`.
     """
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = sampled_motion(times[0], history)

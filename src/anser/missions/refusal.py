@@ -1,7 +1,8 @@
 """Reasons for a missing plan: the binding constraint, the size of the conflict, and the nearest feasible request.
 
-`anser.missions.first_plan` calls these functions after a failed search of the certified planner. The sentences name
-aircraft and keys of the scenario. Also the reason for the time at which a planned sequence of arrivals begins.
+`anser.missions.first_plan` calls these functions after a failed search of the certified planner; the reason in a fleet
+without a central planner comes from `anser.missions.consensus`. The sentences name aircraft and keys of the scenario.
+Also the reason for the time at which a planned sequence of arrivals begins.
 """
 
 import math
@@ -69,10 +70,11 @@ def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
 
 
 def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_without: bool) -> tuple[Refusal, ...]:
-    """Return the reason for a missing plan in a wind field, if the planner's wind layers alone have a plan.
+    """Return the reason for a missing plan if it is the wind field's difference from the planner's wind layers.
 
-    The planner computes with wind layers, and its certificate allows for their difference from the field. Returns an
-    empty tuple unless `has_plan_without`, which tells whether a search without the difference found a plan.
+    The planner computes with layers fitted to the field, and its certificate allows for the difference. The difference
+    is the reason if `has_plan_without`: a search without the difference found a plan. Otherwise the result is empty.
+    `outcome` is the result of the failed search.
     """
     if not has_plan_without:
         return ()
@@ -189,8 +191,9 @@ def describe_sequence_start(
 ) -> str:
     """Return one sentence: when a planned sequence begins, and which aircraft keeps it from beginning earlier.
 
-    `arrivals_s` are the planned times, s after the start; `outcome` is the result of the search without padding, or
-    None for a plan from a file or from a fleet without a central planner, whose later start then has no reason.
+    `arrivals_s` are the planned times, s after the start. `outcome` is the result of the search, without padding. For a
+    plan from a file or from a fleet without a central planner, `outcome` is None: the sentence then has no reason for a
+    start later than the preferred airspeeds allow.
     """
     names, offsets = [aircraft.name for aircraft in scenario.aircraft], fleet.offsets
     starts = fleet.preferred_times - offsets
@@ -213,7 +216,11 @@ def describe_sequence_start(
 
 
 def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedPlan) -> str:
-    """Return a clause on the failure of an attempt at earlier times: aircraft alone, the closest pair, or the holds."""
+    """Return a clause that says why an attempt at earlier arrival times failed.
+
+    The clause names the aircraft without a path within its limits; if there are none, the pair of least clearance; if
+    every path is proven, the missing holds.
+    """
     times = np.asarray(attempt.arrival_times)
     alone = fleet.active & ~np.asarray(attempt.valid & attempt.certificate.satisfied_individually)
     if alone.any():
@@ -348,8 +355,8 @@ def _infeasible_aircraft(
 def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out: int | None = None) -> FleetTask:
     """Return the fleet's task with one constraint relaxed by a factor (1: unchanged).
 
-    `constraint` is a key of `RELAXED_TOGETHER`, or "keep-outs", whose radii are divided by the factor: of the keep-out
-    with the index `keep_out`, or, for None, of all.
+    `constraint` is a key of `RELAXED_TOGETHER` or "keep-outs". For "keep-outs" the radius is divided by the factor: of
+    the keep-out with the index `keep_out`, or of every keep-out if `keep_out` is None.
     """
     limits = fleet.tasks.limits
     if constraint == "keep-outs":

@@ -41,8 +41,9 @@ def needs_single_flight(scenario: Scenario) -> bool:
 def _precision_problem(scenario: Scenario, precision: Precision) -> Problem | None:
     """Return the reason why a scenario cannot be flown in a precision; None if the precision is allowed.
 
-    float32 is refused for a round Earth, where positions are integrated as distances from the centre of the Earth, of
-    which float32 resolves half a metre; and for scenarios that must be flown alone (`needs_single_flight`).
+    float32 is refused over a round Earth, because positions are then distances from the centre of the Earth, of which
+    float32 resolves half a metre. float32 is also refused for scenarios that must be flown alone
+    (`needs_single_flight`).
     """
     received = None
     if scenario.earth.model != "flat":

@@ -92,18 +92,18 @@ def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> Fl
 
 
 class BatchState(NamedTuple):
-    """State of a batch between two steps."""
+    """State of a batch between two steps: stacked states of the flights, and of their recorders (`summaries`)."""
 
-    flights: FlightState  # states of the flights, stacked
-    summaries: Any  # states of the recorders, stacked
+    flights: FlightState
+    summaries: Any
 
 
 class Segment(NamedTuple):
-    """Segment that a batch has flown."""
+    """Segment that a batch has flown, from `first_sample` to before `end`, with the state after its last step."""
 
     first_sample: int
-    end: int  # sample after the last one
-    state: BatchState  # state after the last step
+    end: int
+    state: BatchState
     rows: Any  # recorded rows
 
 
@@ -117,13 +117,13 @@ def fly_segments(
     replan_steps: int,  # number of steps between two planning times; 0: none
     row_stride: int,  # number of steps between two recorded rows, counted from the start of a segment
 ) -> Iterator[Segment]:
-    """Fly a batch to the last sample, and yield each segment.
+    """Fly a batch from sample 0 to the last sample, and yield each segment.
 
-    The compiled steps make no new plans. If a flight needs a new plan in a segment, the segment is discarded, and the
-    batch flies short segments instead, each up to the next planning time. The first step of a short segment is flown
-    in advance, to find the flights that need a new plan. These are replanned, and the segment is flown. If no flight
-    needs a plan and every step is recorded (`row_stride` 1), the step in advance is kept as a segment. Long segments
-    follow after `_SHORT_SEGMENTS` short ones without a new plan.
+    The compiled steps make no new plans. If a flight needs a new plan within a segment, the segment is discarded, and
+    shorter segments follow, each up to the next planning time: one step is flown on trial; the flights that need a new
+    plan at this step get one by `replan`; then the segment is flown. If no flight needs a plan and every step is
+    recorded (`row_stride` 1), the trial step is yielded as a segment of its own. After `_SHORT_SEGMENTS` short segments
+    without a new plan, the segments are long again.
     """
 
     def flights_to_replan(after: BatchState) -> Int[np.ndarray, " flights"]:

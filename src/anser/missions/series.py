@@ -71,7 +71,7 @@ class SeriesSelection(eqx.Module):
         """Join the rows of all segments (`parts`) to the series of one flight of a batch.
 
         `index` is the flight's index in the batch. Returns arrays (aircraft, rows) by key, in dataset units. Missing
-        are NaN or, for codes and flags, -1, as for a variable that the flight does not have.
+        values are NaN or, for codes and flags, -1; a variable that the flight does not have has only missing values.
         """
         shape = len(scenario.aircraft), self.rows(scenario)
         return {

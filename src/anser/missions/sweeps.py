@@ -54,7 +54,10 @@ def sweep_dataset(
 
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
-    """Return swept values as a coordinate: booleans or numbers if all values are such, else texts (or JSON texts)."""
+    """Return swept values as a coordinate: booleans, or numbers (float64), or else texts.
+
+    Among texts, a value that is no text itself becomes its JSON text.
+    """
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):

@@ -22,7 +22,7 @@ class AbstractSignal(eqx.Module):
 
     @abc.abstractmethod
     def at(self, time: Any) -> Any:
-        """Return the values at times (s), a number or an array; as NumPy if times and signal are concrete."""
+        """Return the values at times (s), a number or an array: NumPy outside of compiled code, JAX inside."""
 
     @abc.abstractmethod
     def scaled(self, factor: float) -> Self:
@@ -52,11 +52,14 @@ class PulseSignal(AbstractSignal):
 
 
 class SweepSignal(AbstractSignal):
-    """Sine from `start` (s) on for `duration` (s) with a frequency that rises exponentially; 0 at other times."""
+    """Sine of a frequency that rises exponentially, from `start` (s) on for `duration` (s); 0 at other times.
+
+    At the time t after the start the frequency is `frequency` (Hz) times exp(`rate` t), with the rate in 1/s.
+    """
 
     amplitude: ScalarLike
-    frequency: ScalarLike  # at the start, Hz
-    rate: ScalarLike  # exponential growth of the frequency, 1/s
+    frequency: ScalarLike
+    rate: ScalarLike
     start: ScalarLike
     duration: ScalarLike
 
@@ -80,11 +83,14 @@ class SweepSignal(AbstractSignal):
 
 
 class SineSumSignal(AbstractSignal):
-    """Sum of cosines from the time `start` (s) on for `duration` (s); 0 at other times."""
+    """Sum of cosines from the time `start` (s) on for `duration` (s); 0 at other times.
+
+    Each cosine has an amplitude, a frequency (Hz) and a phase at the start (rad): one entry of the three arrays.
+    """
 
     amplitudes: Vector | np.ndarray
-    frequencies: Vector | np.ndarray  # Hz
-    phases: Vector | np.ndarray  # at `start`, rad
+    frequencies: Vector | np.ndarray
+    phases: Vector | np.ndarray
     start: ScalarLike
     duration: ScalarLike
 
@@ -129,9 +135,9 @@ _ROUNDINGS = 16
 
 @dataclass(frozen=True)
 class InputSignal:
-    """Increment of one control input or command over time.
+    """Increment of one control input or command over time, in the unit of the input.
 
-    Signals can be added, subtracted, and multiplied by a number.
+    Signals can be added, subtracted, and multiplied by a number. `description` is the text for labels.
     """
 
     #: The increment as a function of time, in the unit of the input: deg for a surface, a fraction for the throttle.

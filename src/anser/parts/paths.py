@@ -72,9 +72,9 @@ class StraightPath(AbstractReference):
 
 
 class LoopExcitation(eqx.Module):
-    """Test input added to the commands from the velocity loop to the attitude loop, and from there to the rate loop.
+    """Test inputs inside the autopilot: increments of the commands to the attitude loop and to the rate loop.
 
-    Flight tests excite a loop with test inputs to measure the loop's margins; `anser.analysis` does the same.
+    `attitude` is added to the commanded (mu, alpha, beta), rad; `rates_b` to the commanded (P, Q, R), rad/s.
     """
 
     attitude: Vector3  #: Addition to the commanded (mu, alpha, beta), rad.
@@ -82,7 +82,7 @@ class LoopExcitation(eqx.Module):
 
 
 class PathCommand(eqx.Module):
-    """Command to the velocity loop: speed, path angle and course, with their time derivatives."""
+    """Command to the velocity loop: speed (m/s), path angle and course (rad), with their rates (per second)."""
 
     V: Scalar  #: Speed, m/s.
     gamma: Scalar  #: Path angle, up positive, rad.

@@ -28,7 +28,10 @@ _VERTICAL = 1e-12
 
 
 class LineOfSight(eqx.Module):
-    """Line of sight from an aircraft to its goal, and its rates, in axes North, East, up."""
+    """Line of sight from an aircraft to its goal: range (m), azimuth and elevation (rad), and their rates.
+
+    The azimuth is clockwise from North, the elevation positive upwards.
+    """
 
     range: Scalar  #: Distance from the aircraft to the goal, m.
     azimuth: Scalar  #: Azimuth, clockwise from North, rad.
@@ -57,10 +60,9 @@ def measure_line_of_sight(
 ) -> LineOfSight:
     """Compute the exact line of sight from an aircraft to its goal; inputs NED, m, and m/s over the ground.
 
-    At zero range all angles and rates are 0. Theory section 7. On the exact vertical the azimuth is undefined; the
-    direction of the horizontal relative velocity is used, so the azimuth rate is zero and the elevation rate contains
-    the whole motion. Elsewhere the azimuth rate uses the rounded elevation, so `goal_from_line_of_sight` recovers the
-    velocity to rounding however close the vertical is.
+    At zero range all angles and rates are 0. With the goal exactly above or below, the azimuth is that of the
+    horizontal relative velocity, the azimuth rate is 0, and the elevation rate contains the whole relative motion. At
+    any other elevation, `goal_from_line_of_sight` recovers position and velocity to rounding. Theory section 7.
     """
     relative, rate = goal_position_n - vehicle_position_n, goal_velocity_n - vehicle_velocity_n
     distance, horizontal_distance = norm(relative), norm(relative[:2])
@@ -153,7 +155,11 @@ class GoalState(eqx.Module):
 
 
 class Truth(eqx.Module):
-    """True state of one aircraft and its goal at one instant."""
+    """True state of one aircraft and its goal at one instant.
+
+    `condition` has air data, forces and moments in this state, gusts included; `disturbance` has the gusts and the loss
+    of thrust.
+    """
 
     airframe: AbstractAirframe
     state: AircraftState
@@ -166,7 +172,12 @@ class Truth(eqx.Module):
 
 
 class GoalReading(eqx.Module):
-    """Measurement of a goal by a sensor with errors at one sample, or an empty reading."""
+    """Measurement of a goal by a sensor with errors at one sample, or an empty reading.
+
+    For the `kind` "sight", `values` are range (m), azimuth and elevation (rad), and their rates; for "report", position
+    (m) and velocity (m/s) of the goal, NED. `sigmas` are the standard deviations of their errors. In an empty reading
+    no value is `measured`. `number` is the sample of the measurement, which may be earlier than that of the reading.
+    """
 
     #: Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three; or the
     #: goal's report: position (NED, m) and velocity (NED, m/s) in the Earth's chart.
@@ -191,7 +202,11 @@ class Fix(eqx.Module):
 
 
 class Reading(eqx.Module):
-    """All measurements of one aircraft at one instant; the input of its estimator."""
+    """All measurements of one aircraft at one instant; the input of its estimator.
+
+    A measurement that the aircraft's sensors do not make is None: `sight` is from an ideal goal sensor, `goal` from one
+    with errors; `fix` is from satellite navigation, `velocity_air_b` from pitot tube and vanes.
+    """
 
     state: AircraftState  #: Measured state of the aircraft.
     #: Ideal sensors: air data, forces and moments of the true airframe in `state`. Sensors with errors: those of the
@@ -220,7 +235,11 @@ class Reading(eqx.Module):
 
 
 class Belief(eqx.Module):
-    """An aircraft's own estimate of its state and its goal's: the only input of guidance and controller."""
+    """An aircraft's own estimate of its state and its goal's: the only input of guidance and controller.
+
+    `airframe` is the airframe as the aircraft knows it, `condition` has air data, forces and moments of this airframe
+    at the estimated `state`. `sight` and `goal` are None without a goal.
+    """
 
     #: The airframe as the aircraft knows it, and its air data, forces and moments at the estimated state.
     airframe: AbstractAirframe
@@ -249,15 +268,20 @@ class AbstractEstimates(eqx.Module):
 
 
 class Uncertainty(eqx.Module):
-    """Uncertainty of an aircraft's estimated position and of the estimated motion of its goal."""
+    """Uncertainty of an aircraft's estimated position and of the estimated motion of its goal.
 
-    position_covariance: Matrix33  # covariance of the aircraft's position, NED, m^2
+    `position_covariance` is that of the aircraft, NED, m^2, `goal_covariance` that of the goal's position and velocity,
+    NED, m and m/s. `nis` is the normalised innovation squared of the goal's last measurement, divided by its dimension
+    (1 on average); `goal_status` is `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
+    """
+
+    position_covariance: Matrix33
     # covariance of the goal's position and velocity, NED, m and m/s; for lines of sight it includes the uncertainty of
     # the aircraft's position
     goal_covariance: Float[Array, "6 6"]
     goal_is_measured: Flag  # whether a measurement of the goal arrived at this sample
-    nis: Scalar  # normalised innovation squared of the last measurement, divided by its dimension; 1 on average
-    goal_status: Integer  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
+    nis: Scalar
+    goal_status: Integer
 
 
 GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)

@@ -25,9 +25,10 @@ from anser.spatial.vectors import norm, safe_sqrt, unit_vector
 
 
 class Rendezvous(eqx.Module):
-    """Rendezvous point relative to the goal, and the prescribed directions of arrival.
+    """Rendezvous point relative to the goal (`stand_off_n`, NED, m), and the prescribed directions of arrival.
 
-    All values are arrays, so a change of the numbers needs no new compilation.
+    `course` and `path_angle` are over the ground, rad, and count only if their flag is set. All values are arrays, so a
+    change of the numbers needs no new compilation.
     """
 
     stand_off_n: Vector3  #: Position of the point relative to the goal, NED, m; (0, 0, -300) is 300 m above the goal.
@@ -123,19 +124,23 @@ _LEAST = 0.05  # relative to the deceleration at the start: a minimum that is al
 
 
 class IdleDeceleration(eqx.Module):
-    """Deceleration (drag minus idle thrust) / mass in level flight, as a table over airspeed; stacked for a fleet.
+    """Deceleration with idle thrust, (drag - thrust) / mass, in level flight, as a table over airspeed.
 
-    The values are relative to a reference deceleration. The table is linear in airspeed between its entries and
-    constant beyond the first and the last. Drag due to lift is proportional to the square of the load factor. Each
-    method takes one airspeed (m/s) and load factor, or arrays of equal length.
+    The values are ratios to the deceleration at the start (`Performance.deceleration`). Between the airspeeds of the
+    table they are linear, beyond them constant. `by_lift` is the part of `level` that is due to lift, which is
+    proportional to the square of the load factor. Each method takes one airspeed (m/s) and load factor, or arrays of
+    equal length. Stacked for a fleet.
     """
 
     speeds: Float[Array, "*aircraft entries"]  # airspeeds of the table, rising, m/s
     level: Float[Array, "*aircraft entries"]  # relative deceleration in level flight (load factor 1) at each airspeed
-    by_lift: Float[Array, "*aircraft entries"]  # part of `level` that is due to lift, at each airspeed; not negative
+    by_lift: Float[Array, "*aircraft entries"]
 
     def share(self, speed: Any, load_factor: Any) -> Any:
-        """Return the relative deceleration at an airspeed (m/s), without the extra drag of a load factor above 1."""
+        """Return the deceleration at an airspeed (m/s) over that at the start; at least `_LEAST`.
+
+        A load factor below 1 reduces the drag due to lift; a load factor above 1 has no effect here, see `rise`.
+        """
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._unloaded_entries(array_module, load_factor), speed)
 
@@ -145,7 +150,10 @@ class IdleDeceleration(eqx.Module):
         return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """Return the additional relative deceleration by a load factor above 1; 0 for a load factor up to 1."""
+        """Return the increase of the deceleration by a load factor above 1, over the deceleration at the start.
+
+        The result is 0 for a load factor up to 1. `speed` is the airspeed, m/s.
+        """
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
 
@@ -155,19 +163,13 @@ class IdleDeceleration(eqx.Module):
         return self._maximum(array_module, self._load_increases(array_module, load_factor), slow, fast)
 
     def _unloaded_entries(self, array_module: ModuleType, load_factor: Any) -> Any:
-        """Return the relative deceleration at every airspeed of the table, reduced for a load factor below 1.
-
-        The last axis of the result is the airspeeds of the table; no value is below `_LEAST`.
-        """
+        """Return `share` at every airspeed of the table; the last axis is the airspeeds."""
         level, by_lift = (_expand_entries(load_factor, entries) for entries in (self.level, self.by_lift))
         unloaded = 1.0 - array_module.clip(load_factor, 0.0, 1.0) ** 2
         return array_module.maximum(level - array_module.expand_dims(unloaded, -1) * by_lift, _LEAST)
 
     def _load_increases(self, array_module: ModuleType, load_factor: Any) -> Any:
-        """Return the increase of the relative deceleration at every airspeed of the table by a load factor above 1.
-
-        The last axis of the result is the airspeeds of the table.
-        """
+        """Return `rise` at every airspeed of the table; the last axis is the airspeeds."""
         loaded = array_module.maximum(load_factor, 1.0) ** 2 - 1.0
         return array_module.expand_dims(loaded, -1) * _expand_entries(load_factor, self.by_lift)
 
@@ -224,8 +226,8 @@ class Performance(eqx.Module):
     """Greatest acceleration and deceleration along the path of one aircraft; stacked for a fleet.
 
     `acceleration` (full thrust) and `deceleration` (idle thrust), m/s^2, are those in level flight at the airspeed of
-    the start. `idle` is the deceleration with idle thrust at other airspeeds and load factors, relative to
-    `deceleration` (or to a least value: `anser.steady.performance`).
+    the start. `idle` is the deceleration with idle thrust at other airspeeds and load factors, as a ratio to
+    `deceleration`, or to `ACCELERATION_FLOOR` of `anser.steady.performance` if this is greater.
     """
 
     deceleration: Float[Array, "..."]
@@ -234,16 +236,27 @@ class Performance(eqx.Module):
 
 
 class NetworkView(eqx.Module):
-    """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet."""
+    """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet.
 
-    lag: Scalar  # true time minus the time on the aircraft's path clock, s
-    rate: Scalar  # rate of the path clock over the rate of true time
-    hears: Bool[Array, " aircraft"]  # whether a message of each aircraft arrived at the last exchange
-    offers: Flag  # whether the aircraft offers the fleet a new path of its own (`anser.planning.decentralised`)
+    The aircraft flies along its path by a clock: `lag` is true time minus clock, s, `rate` is the rate of the clock (1:
+    as fast as time). `hears` flags the aircraft of which a message arrived at the last exchange; `offers` tells whether
+    the aircraft offers the fleet a new path.
+    """
+
+    lag: Scalar
+    rate: Scalar
+    hears: Bool[Array, " aircraft"]
+    offers: Flag
 
 
 class AircraftPlan(eqx.Module):
-    """Plan of one aircraft for the closed loop: path, arrival time, hold and status; stacked for a fleet."""
+    """Plan of one aircraft for the closed loop, stacked for a fleet: path, arrival time (s), hold and status.
+
+    `status` is 0 for success; `replanning` is the origin of the plan, a code from `FIRST_PLAN` on of
+    `anser.planning.certified.replanning`. `hold` is the planned motion after the arrival; None: the hold of the
+    aircraft's mission. The rest is for the record, apart from `hold_reach`, the greatest distance (m) by which the hold
+    moves with its goal.
+    """
 
     trajectory: AbstractReference  #: Planned motion up to the arrival, which the guidance follows.
     arrival_time: Scalar  #: Time of arrival at the rendezvous, s.

@@ -1,4 +1,17 @@
-"""Planners, and the quantities that every planner shares: limits, paths in time, separation, holds."""
+"""Planners, and the quantities that every planner shares.
+
+======================  ===============================================================================================
+``certified``           planner whose paths are proven to keep limits, separation and keep-outs (package)
+``decentralised``       planner of a fleet without a centre, which agrees by messages (package)
+``published``           planner of equal path lengths for a simultaneous arrival, after the publication (package)
+``holds``               the motion after the arrival (package)
+``limits``              flight limits of a path, and their catalogue for checks, refusals and tables
+``timed_path``          path over time, piecewise quintic
+``demand``              airspeed, bank angle and load factor that a motion requires
+``separation``          required separation, and distances from keep-outs
+``goals``               motion of a goal between timed waypoints
+======================  ===============================================================================================
+"""
 
 import lazy_loader
 

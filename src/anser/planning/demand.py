@@ -1,4 +1,4 @@
-"""Demand of a motion on an aircraft in coordinated flight: airspeed, and forces of wings and engine per mass.
+"""What a motion requires of an aircraft in coordinated flight: airspeed, bank angle, and forces per mass.
 
 Coordinated means without side force in body axes. These functions evaluate single points of a path; the certificate
 bounds the same quantities between the knots, see `anser.planning.certified.path_bounds`.
@@ -16,12 +16,16 @@ _SPEED_MIN = 1e-6  # m/s: keeps results finite in vertical flight
 
 
 class Demand(eqx.Module):
-    """Airspeed, and the specific force (wings and engine minus drag, per mass) along three axes of the motion."""
+    """Airspeed (m/s), and the specific force that a motion requires: forces of wings and engine minus drag, per mass.
 
-    speed: Scalar  # airspeed, m/s
-    side: Scalar  # horizontal component normal to the velocity, right positive, m/s^2
-    lift: Scalar  # component normal to the velocity and to `side`, up positive, m/s^2
-    along: Scalar  # component along the velocity: V_dot + g sin(gamma), m/s^2
+    Components in m/s^2: `side`, horizontal and normal to the velocity, right positive; `lift`, normal to the velocity
+    and to `side`, up positive; `along` the velocity, V_dot + g sin(gamma).
+    """
+
+    speed: Scalar
+    side: Scalar
+    lift: Scalar
+    along: Scalar
 
     @property
     def bank(self) -> Scalar:
@@ -46,7 +50,7 @@ class Demand(eqx.Module):
         acceleration: ScalarLike,
         deceleration: ScalarLike,
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the excess of the demand over three limits, m/s^2; negative within a limit.
+        """Return the excess of the required forces over three limits, m/s^2; negative within a limit.
 
         1. Bank angle: abs(side) - lift * bank; the argument `bank` is the tangent of the greatest bank angle.
         2. Force normal to the velocity: the larger of `smooth_normal` - normal and lift_min - lift.

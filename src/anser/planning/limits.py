@@ -17,7 +17,11 @@ _ALTITUDE_RELAXATION_M = 1000.0  # change of an altitude limit where other limit
 
 
 class PathLimits(eqx.Module):
-    """Flight limits of a planned path of one aircraft; stacked, of a fleet."""
+    """Flight limits of a planned path of one aircraft, SI units and rad; stacked, of a fleet.
+
+    `acceleration_max` and `deceleration_max` (positive) limit V_dot + g sin(gamma). With `idle`, the deceleration limit
+    is that at the start airspeed, and changes with airspeed and load factor. Infinite, or None: no limit.
+    """
 
     speed_min: Scalar  #: Least airspeed, m/s.
     speed_max: Scalar  #: Greatest airspeed, m/s.
@@ -72,17 +76,20 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 class Limit:
     """Catalogue entry of one limit of a path: the least or greatest value of a flight quantity that is bounded.
 
-    The entry has names, unit and labels; the value of the limit is the field `field` of `PathLimits`.
+    The value of the limit is the field `field` of `PathLimits`. `key` is the name of the bounded extreme
+    ("airspeed_min"), `suffix` its unit in names ("m_s"), `variable` the bounded quantity, by its key in
+    `anser.variables`; `extreme` computes the least or greatest value along an axis. Empty `violation`: the published
+    planner does not check the limit.
     """
 
-    key: str  # name of the bounded extreme: "airspeed_min"
-    field: str  # name of the value in `PathLimits`: "speed_min"
-    suffix: str  # unit suffix in datasets and scenarios: "m_s"; empty for a dimensionless number
-    variable: str  # bounded variable, by key in `anser.variables`
-    extreme: Callable[[np.ndarray, int], np.ndarray]  # function that computes the extreme along an axis
+    key: str
+    field: str
+    suffix: str
+    variable: str
+    extreme: Callable[[np.ndarray, int], np.ndarray]
     description: str  # description of the extreme in tables and labels
     heading: str = ""  # short column heading; empty: the description
-    violation: str = ""  # message for a trajectory of the published planner beyond the limit; empty if not checked
+    violation: str = ""
     is_certified: bool = True  # whether the certified planner proves the limit
 
     @property
@@ -225,5 +232,5 @@ def describe_bend(bend_m: float) -> str:
 
 
 def describe_turns(turn_sum_deg: float) -> str:
-    """Return the label of a path of the certified planner: the sum of the magnitudes of its turn angles, deg."""
+    """Return the label of a path of the certified planner, such as "turns 83 deg", from its sum of turn angles, deg."""
     return f"turns {turn_sum_deg:.0f} deg"

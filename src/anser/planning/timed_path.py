@@ -68,7 +68,7 @@ class TimedPath(AbstractReference):
         return self.times[-1] - self.times[0]
 
     def _at(self, time: ScalarLike, knots: Knots, *added_knots: Knots) -> Float[Array, "3 3"]:
-        """Return value, first and second derivative (rows) at a time (s) of a quintic, the sum of the knot tables.
+        """Return value, first and second derivative (rows) at a time (s) of the sum of the knot tables' quintics.
 
         Before the first and after the last knot the quintic continues straight, with the velocity at the knot.
         """

@@ -55,7 +55,7 @@ flight."""
 
 
 def is_breakaway(status: Any) -> Any:
-    """Whether the status code (or each of an array of codes) is a breakaway: the plan was abandoned for the hold."""
+    """Whether a status code (or each of an array) is a breakaway: the aircraft left its plan for its hold."""
     has_left_plan = (status == BREAKAWAY) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
     return has_left_plan | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
 
@@ -63,8 +63,8 @@ def is_breakaway(status: Any) -> Any:
 def is_off_plan(status: Any) -> Any:
     """Whether a status (or array of statuses) means that the aircraft does not fly a path to the rendezvous.
 
-    A path that is shorter than the fleet's longest, or whose arrival direction could not be met, still leads to the
-    rendezvous.
+    False for two failures of a plan whose path still leads to the rendezvous: a path shorter than the fleet's longest,
+    and a direction of arrival that is not met.
     """
     return (status != FLYING) & (status != NO_BEND) & (status != DIRECTION_UNATTAINABLE)
 
@@ -171,14 +171,19 @@ def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> 
 
 
 class GuidedCommand(eqx.Module):
-    """Result of `guide` for one aircraft at one sample: command, reference position, approach to the goal, status."""
+    """Result of `guide` for one aircraft at one sample: command, reference position, approach to the goal, status.
+
+    `reference_n` is the position to follow, NED, m; `guidance` the new state of the guidance; `approach` None without a
+    mission. `status` is the code at the sample, `next_status` the code after this sample's checks (departure,
+    breakaway).
+    """
 
     command: Any
-    reference_n: Vector3 | None  # position that the guidance follows, NED, m
-    guidance: Any  # new state of the guidance
-    approach: GoalApproach | None  # None for an aircraft without a mission
+    reference_n: Vector3 | None
+    guidance: Any
+    approach: GoalApproach | None
     status: Integer  # status code at the sample: the aircraft's, or the plan's if the aircraft's is 0
-    next_status: Integer  # status code after this sample's checks for leaving the fleet and breakaway
+    next_status: Integer
 
 
 class ControlAction(eqx.Module):

@@ -44,7 +44,12 @@ class AirspeedStatistics(eqx.Module):
 
 
 class FleetSummary(eqx.Module):
-    """Results of a fleet's flight up to the latest sample: one value per aircraft; for separations, one per fleet."""
+    """Results of a fleet's flight up to the latest sample: one value per aircraft; for separations, one per fleet.
+
+    SI units. `pass_...`: closest pass of the moving rendezvous; `..._until_pass` and `..._on_plan`: airspeeds and
+    greatest errors of the position up to this pass, or as long as the plan is flown (until `off_plan_time`).
+    `clearance_min`: least distance from the goal; `tables_left_time`: time outside the range of the airframe's data.
+    """
 
     #: Time (s) and distance (m) of the closest pass of the moving rendezvous, while the plan is flown and until 10 s
     #: after the planned arrival; NaN and infinite without a pass. Positions are interpolated linearly between samples.
@@ -89,7 +94,8 @@ class _PreviousSample(NamedTuple):
 class SummaryRecorder(AbstractRecorder):
     """Recorder that keeps a summary of the flight so far and stores no time history.
 
-    The recorder's state is the pair (summary, signals of the previous sample).
+    The recorder's state is the pair (summary, signals of the previous sample). `separation` and `keep_outs` are those
+    required (None: no requirement); samples after the number `last_sample` do not count (None: no limit).
     """
 
     separation: Separation | None = None  #: Separation required of the fleet; None: no requirement.

@@ -61,13 +61,17 @@ class Timing(eqx.Module):
 
 
 class AircraftGroup(eqx.Module):
-    """Aircraft of a fleet whose parts have the same pytree structure, shapes and dtypes, flown as one batch."""
+    """Aircraft of a fleet whose parts have the same pytree structure, shapes and dtypes, flown as one batch.
+
+    `members` are the fleet indices of the rows; `starts` the steady flights to trim at the start; `is_real` is false
+    for padding aircraft, which never fly.
+    """
 
     vehicles: Stacked[Vehicle]  # parts of the aircraft, stacked; leading axis members
-    starts: TrimTarget  # trim targets: steady flight of each aircraft at the start; leading axis members
+    starts: TrimTarget
     start_positions_n: Float[Array, "members 3"]  # positions at the start, NED, m
-    is_real: Bool[Array, " members"]  # true for aircraft of the fleet; false for padding aircraft, which never fly
-    members: tuple[int, ...] = eqx.field(static=True)  # fleet indices of the group's aircraft
+    is_real: Bool[Array, " members"]
+    members: tuple[int, ...] = eqx.field(static=True)
 
 
 class Flight(eqx.Module):
@@ -116,7 +120,10 @@ class Flight(eqx.Module):
 
 
 class FlightState(eqx.Module):
-    """State of a flight between two steps: of the aircraft, by aircraft group, and of the planner."""
+    """State of a flight between two steps: of the aircraft, by aircraft group, and of the planner.
+
+    `replan_sample` is the latest sample at which a new plan was made, or is needed, between two steps; -1: none.
+    """
 
     vehicles: tuple[VehicleState, ...]  #: States of the aircraft by group; leading axis members.
     planner: PyTree  #: State of the planner, with the current plan.

@@ -42,7 +42,10 @@ class _SampledControls(AbstractController):
 
 
 class PrescribedControls(_SampledControls):
-    """Open-loop controller that plays controls from a table with a row per sample."""
+    """Open-loop controller that plays controls from a table with a row per sample.
+
+    `surfaces` are commanded deflections, rad; `throttle` is 0..1.
+    """
 
     surfaces: Float[Array, "sample surface"]  #: Commanded deflections, rad.
     throttle: Float[Array, " sample"]  #: Throttle, 0..1.
@@ -56,9 +59,9 @@ class PrescribedControls(_SampledControls):
 
 
 class FeedbackControls(_SampledControls):
-    """Open-loop controller that computes controls by a function of time and state.
+    """Open-loop controller that computes the controls by `law`, a function of time and state.
 
-    A control that the function leaves out keeps its value at the start.
+    A control that the function leaves out keeps its value at the start, from `reference` (rad, throttle 0..1).
     """
 
     reference: Controls  #: Controls at the start: surfaces (rad) and throttle (0..1).
@@ -97,7 +100,10 @@ class FeedbackControls(_SampledControls):
 
 
 class PrescribedCommand(AbstractGuidance):
-    """Guidance that commands airspeed, path angle and course from a table with a row per sample; their rates are 0."""
+    """Guidance that commands airspeed (m/s), path angle and course (rad) from a table with a row per sample.
+
+    The commanded rates are 0.
+    """
 
     values: Float[Array, "sample 3"]  #: Airspeed (m/s), path angle and course (rad); NaN in open loop.
 

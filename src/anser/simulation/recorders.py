@@ -206,7 +206,11 @@ def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
 
 
 class GoalApproach(eqx.Module):
-    """Approach of one aircraft to its goal at one instant: goal, rendezvous, distances, ground clearance and phase."""
+    """Approach of one aircraft to its goal at one instant; vectors NED, m.
+
+    `phase` is `APPROACH` (flies the plan), `FROZEN` (flies the plan, which no longer changes) or `HOLD` (after the
+    arrival or a breakaway).
+    """
 
     goal: GoalState  # true state of the goal
     rendezvous_n: Vector3  # rendezvous position, NED, m
@@ -214,8 +218,6 @@ class GoalApproach(eqx.Module):
     to_goal_n: Vector3
     to_rendezvous_n: Vector3
     clearance: GroundClearance  # ground clearance in the present motion
-    # `APPROACH`: flies the plan; `FROZEN`: flies the plan, which no longer changes; `HOLD`: after the arrival or a
-    # breakaway
     phase: Integer
 
 
@@ -297,7 +299,10 @@ class AbstractRecorder(eqx.Module):
 
 
 class History(AbstractRecorder):
-    """Recorder of the variables of a fleet, or of one aircraft, over time; one row every `stride` samples."""
+    """Recorder of variables over time, of a fleet or of one aircraft; one row every `stride` samples.
+
+    `keys` selects the variables by their keys in `anser.variables.catalogue`; None: every recorded variable.
+    """
 
     stride: int = eqx.field(static=True, default=1)  #: Number of samples between two rows.
     #: Keys of `anser.variables.catalogue`; None: every recorded variable.
@@ -318,7 +323,10 @@ class History(AbstractRecorder):
 
 
 class PackedRows(eqx.Module):
-    """Rows of a recorder in one array: a compiled program then returns one array in place of one per variable."""
+    """Rows of a recorder in one array: a compiled program then returns one array in place of one per variable.
+
+    `layout` has the key, the shape of one row, and the type of each variable, in the order of the numbers.
+    """
 
     values: Float[Array, "*batch rows numbers"]
     #: Key, shape of one row, and type of each variable, in the order of the numbers.

@@ -28,7 +28,11 @@ from anser.steady.trim import TrimPoint
 
 
 class LoopCase(eqx.Module):
-    """Aircraft, autopilot gains and limits, and trim point, for step responses and linear models of the loops."""
+    """Aircraft, autopilot gains and limits, and trim point, for step responses and linear models of the loops.
+
+    `step` is the sampling period, s; `model` is the autopilot's model of the airframe in `modelled_belief`, None:
+    exact. In `loop_flight` and `step_response` the autopilot always knows the airframe exactly.
+    """
 
     # airframe, environment, and gains and limits of the autopilot
     airframe: AbstractAirframe
@@ -36,9 +40,7 @@ class LoopCase(eqx.Module):
     gains: AutopilotGains
     limits: FlightLimits
     trim: TrimPoint  # steady flight at the start
-    step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))  # sampling period, s
-    # onboard model of the autopilot, used by `modelled_belief`; None: the airframe itself. In `loop_flight` and
-    # `step_response` the autopilot knows the airframe exactly, whatever the model
+    step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))
     model: AbstractAirframe | None = None
 
 
@@ -55,11 +57,14 @@ class ConstantCommand(AbstractGuidance):
 
 
 class Response(eqx.Module):
-    """Time histories of one loop's step response, SI units and radians; leading axis samples."""
+    """Time histories of one loop's step response; leading axis samples.
 
-    time: Float[Array, " steps"]  # time, s
-    measured: Float[Array, "steps 3"]  # outputs of the commanded loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)
-    # deflections (rad), throttle (0..1) and engine power (percent)
+    `time` in s; `measured` has the outputs of the commanded loop: (P, Q, R) rad/s, (mu, alpha, beta) rad, or (V, gamma,
+    chi) m/s and rad. Deflections in rad, throttle 0..1, engine `power` in percent.
+    """
+
+    time: Float[Array, " steps"]
+    measured: Float[Array, "steps 3"]
     surfaces: Float[Array, "steps 3"]
     throttle: Float[Array, " steps"]
     power: Float[Array, " steps"]
@@ -136,7 +141,10 @@ def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
 
 
 def settled_residual(belief: Belief) -> ModelResidual:
-    """Return the residual, measured minus modelled, after a long flight with the constant body rates in `belief`."""
+    """Return the settled difference, measured minus modelled, of force (N) and angular acceleration (rad/s^2).
+
+    Settled means: after a long flight with the constant body rates and the specific force in `belief`.
+    """
     mass_properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
     force_b = mass_properties.mass * belief.specific_force_b - condition.wrench.force_b
     acceleration_b = angular_acceleration(mass_properties, rates_b, condition.wrench.moment_b)
@@ -171,17 +179,21 @@ _END = 0.1
 
 
 class StepMetrics(eqx.Module):
-    """Metrics of a step response, one value for each of the loop's three channels and for each surface."""
+    """Metrics of a step response, one value for each of the loop's three channels and for each surface.
 
-    stepped: Bool[Array, "3"]  # channels with a step. The next four metrics apply to these channels and are 0 otherwise
-    rise_time: Vector3  # time from 10 to 90 percent of the step, s; infinite if 90 percent is not reached
-    # time from the step to the last sample at which the error is outside the band, s; infinite if that is the last one
+    For channels with a step (`stepped`): rise from 10 to 90 percent and settling time, s (infinite: not reached);
+    overshoot and final error (command minus output, mean of the last tenth), fractions of the step. For the other
+    channels: `coupling`, the largest deviation, in the channel's unit. `surface_utilization` is the largest deflection
+    over the travel from trim to the stop.
+    """
+
+    stepped: Bool[Array, "3"]
+    rise_time: Vector3
     settling_time: Vector3
-    overshoot: Vector3  # overshoot over the command, fraction of the step; 0 without overshoot
-    final_error: Vector3  # command minus output, mean of the last tenth of the record, fraction of the step
-    # largest deviation of the channels without a step, in the channels' units; 0 for the stepped channels
+    overshoot: Vector3
+    final_error: Vector3
     coupling: Vector3
-    surface_utilization: Vector  # largest deflection of each surface, as a fraction of the travel from trim to the stop
+    surface_utilization: Vector
 
 
 def step_metrics(

@@ -21,12 +21,16 @@ from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
 
 
 class TrimmedFleet(eqx.Module):
-    """Trim points, first reports and performance of a fleet at its start, before the first plan."""
+    """Trim points, first reports and performance of a fleet at its start, before the first plan.
 
-    trims: tuple[TrimPoint, ...]  # trim points by aircraft group; leading axis: aircraft of the group
-    is_trimmed: Bool[Array, " aircraft"]  # whether a steady flight within the limits exists; leading axis aircraft
-    vehicles: tuple[VehicleState, ...]  # initial states by aircraft group
-    reports: AircraftReport  # reports to the planner; leading axis aircraft
+    `trims` and `vehicles` (states at time 0) are by aircraft group; `reports`, `performance` and `is_trimmed` (whether
+    a steady flight within the limits exists) have a leading aircraft axis.
+    """
+
+    trims: tuple[TrimPoint, ...]
+    is_trimmed: Bool[Array, " aircraft"]
+    vehicles: tuple[VehicleState, ...]
+    reports: AircraftReport
     performance: Performance  # greatest acceleration and deceleration along the path; leading axis aircraft
 
 

@@ -1,4 +1,4 @@
-"""Survey flights: response of one aircraft in trim to a step command, of which only extremes and metrics are kept."""
+"""Survey flights: response of one aircraft in trim to a step command, of which only metrics are kept."""
 
 import dataclasses
 
@@ -54,13 +54,15 @@ BETA_BOUND = 2.0 * DEG_RAD
 class SurveySummary(eqx.Module):
     """Metrics of one survey flight, the response of one aircraft to a step of the velocity command.
 
-    Channels are (V, gamma, chi) in m/s and rad; surfaces are in the airframe's order.
+    Channels are (V, gamma, chi) in m/s and rad; surfaces are in the airframe's order. Errors are command minus output
+    in the last tenth of the flight; the settling time (s) is infinite if the error leaves the tolerance to the end. The
+    `..._share` are fractions: of the travel from the middle to the stop, and of the limits of surface and body rates.
+    `limited_time` and `limited_late` are the times (s) at each of `AUTOPILOT_LIMITS`, in the whole flight and in its
+    last tenth; `left_time` is the first time outside the airframe's data along each of `TABLE_AXES`.
     """
 
-    # command minus output over the last tenth of the flight: mean, and largest magnitude
     final_error: Vector3
     final_error_max: Vector3
-    # time from the step until the error stays within the tolerance, s; infinite if the flight ends before
     settling_time: Vector3
     overshoot: Vector3  # overshoot over the command, fraction of the step; 0 for channels without a step
     coupling: Vector3  # largest error of the channels without a step; 0 for the stepped channels
@@ -71,15 +73,12 @@ class SurveySummary(eqx.Module):
     # least and greatest load factor: minus body z force over weight
     load_factor_min: Scalar
     load_factor_max: Scalar
-    surface_share: Vector  # largest deflection of each surface, as a fraction of the travel from the middle to the stop
-    # largest rate of each surface over the actuator's rate limit; largest (P, Q, R) over the autopilot's limits
+    surface_share: Vector
     surface_rate_share: Vector
     body_rate_share: Vector3
-    # time at each of the limits `AUTOPILOT_LIMITS`, s: in the whole flight, and in its last tenth
     limited_time: Float[Array, "9"]
     limited_late: Float[Array, "9"]
     limited_before_slip: Float[Array, "9"]  # time at the limits before the sideslip first exceeds `BETA_BOUND`, s
-    # first time outside the airframe's data, by axis of `TABLE_AXES`, s; infinite if never
     left_time: Float[Array, "4"]
     finite: Flag  # whether the final state is finite
 
@@ -149,10 +148,11 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
 
 
 def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside: AirDataAndForces) -> Bool[Array, "4"]:
-    """Flag each of `TABLE_AXES` along which the air data of `condition` are outside the airframe's data.
+    """Return the flags of `TABLE_AXES` along which the air data of `condition` are outside the airframe's data.
 
-    The airframe has no ranges of altitude and Mach number, but tells whether air data are outside its tables. Therefore
-    altitude or Mach number of `condition` is combined with the rest of `inside`, a condition within the data.
+    Angle of attack and sideslip are compared with the airframe's ranges. For altitude and Mach number there are no
+    ranges: each is put alone into the air data of `inside`, a condition within the data, and the airframe tells whether
+    the result is outside its tables.
     """
     data, inside_data = condition.air_data, inside.air_data
 
@@ -209,14 +209,17 @@ class SteppedPath(AbstractGuidance):
 
 
 class SurveyRecorder(AbstractRecorder):
-    """Recorder of a survey flight that keeps the running summary and stores no rows."""
+    """Recorder of a survey flight that keeps the running summary and stores no rows.
+
+    `size` and `tolerance` are the step of (V, gamma, chi) and the tolerance of the settled error, m/s and rad; `start`
+    is the flight condition before the step, within the airframe's data; `count` the number of samples.
+    """
 
     limits: FlightLimits  # limits of the autopilot
-    start: AirDataAndForces  # flight condition at the start, within the range of the airframe's data
-    # step of (V, gamma, chi), and tolerance of the settled error, m/s and rad
+    start: AirDataAndForces
     size: Vector3
     tolerance: Vector3
-    count: int = eqx.field(static=True)  # number of samples of the flight
+    count: int = eqx.field(static=True)
     surfaces: int = eqx.field(static=True)  # number of control surfaces
     stride: int = eqx.field(static=True, default=1)
 

@@ -170,17 +170,20 @@ class Vehicle(eqx.Module):
 
 
 class VehicleState(eqx.Module):
-    """State of one aircraft between two steps: motion, states of the parts, and status."""
+    """State of one aircraft between two steps: motion (`aircraft`), states of the parts, and status.
 
-    aircraft: MotionState  # motion state over the environment's Earth
+    `status` is an index into `STATUS_MESSAGES`, 0 without an event. A `stopped` aircraft no longer moves: on the
+    ground, outside the wind field of a file, not trimmed, after a non-finite state, or padding. `index` is the fleet
+    index.
+    """
+
+    aircraft: MotionState
     # states of the parts; opaque to the closed loop
     sensors: Any
     estimator: Any
     guidance: Any
     controller: Any
     gusts: Any
-    status: Integer  # index into `STATUS_MESSAGES`; 0 without an event
-    # whether the aircraft no longer moves: on the ground, outside the wind field of a file, not trimmed, after a
-    # non-finite state, or padding of the fleet
+    status: Integer
     stopped: Flag
-    index: Integer  # fleet index, which selects the aircraft's random numbers
+    index: Integer

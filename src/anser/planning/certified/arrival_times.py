@@ -240,9 +240,10 @@ def direct_times(
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
     """Compute the flight time (s) of each aircraft's shortest direct path at its mean airspeed `speeds` (m/s).
 
-    The flight time is found by a fixed-point iteration, because the goal moves and the air drifts during the flight.
-    The second result tells for each aircraft whether the iteration converged. If no direct path exists in a round, the
-    flight time stays as it is. `intervals`: number of intervals of the tabulated profile.
+    The flight time is found by a fixed-point iteration of `ROUNDS` rounds, because the goal moves and the air drifts
+    during the flight. The second result tells for each aircraft whether the last round changed the time by less than a
+    millionth. If no direct path exists in a round, the flight time stays as it is. `intervals`: number of intervals of
+    the tabulated profile.
     """
 
     def solve_task(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
@@ -334,10 +335,10 @@ def _open_times(
 ) -> Bool[np.ndarray, "active n"]:
     """Return the mask of the reachable times of `grid`, (aircraft, time), s; `fleet` has the indices of the aircraft.
 
-    The candidates of `ALONE_STANDARD` are tried at every time. Turn-and-leg paths, then splines, are tried only near
-    times that are reachable or inadmissible, in growing neighbourhoods, or at every time if an aircraft has no
-    reachable time. Splines are searched for "none" or "all" of the aircraft, or for "unreached" aircraft: aircraft
-    without a reachable time so far.
+    Every time is tested with the cheap candidates, `ALONE_STANDARD`. Times that remain are tested with turn-and-leg
+    paths, then with splines: those near a time that is reachable or inadmissible, again and again until no near time is
+    left, or all times of an aircraft without a reachable time. `splines_for` selects the aircraft for splines: "none",
+    "all", or "unreached" (aircraft without a reachable time so far).
     """
     aircraft = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(tasks, airspace, aircraft.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
@@ -412,7 +413,7 @@ def arrival_sets(
 
 
 def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
-    """Return the intervals of times T, s after the start, such that each aircraft can arrive its offset (s) after T.
+    """Return the intervals of times T, s after the start, for which each aircraft can arrive at T plus its offset (s).
 
     `arrivals` has the reachable intervals of each aircraft.
     """

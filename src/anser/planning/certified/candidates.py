@@ -118,16 +118,21 @@ class Routes(NamedTuple):
 
 
 class Candidates(eqx.Module):
-    """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last."""
+    """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last.
 
-    generator: Int[Array, "*aircraft candidates"]  # generator of the candidate: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`
-    valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists within its aircraft's limits
-    cost: Float[Array, "*aircraft candidates"]  # order of preference, dimensionless: the cheapest is preferred
+    `valid` tells whether the candidate exists within its aircraft's limits; a smaller `cost` (no unit) is preferred;
+    `penetration` is the depth inside keep-outs, m. `generator` is `DETOUR`, `TURN_LEG_PATH` or `SPLINE`. `routes` and
+    `profiles` are those of the candidates that are no splines.
+    """
+
+    generator: Int[Array, "*aircraft candidates"]
+    valid: Bool[Array, "*aircraft candidates"]
+    cost: Float[Array, "*aircraft candidates"]
     # sum of the absolute turn angles, rad, and mean airspeed, m/s
     total_turn: Float[Array, "*aircraft candidates"]
     speed: Float[Array, "*aircraft candidates"]
     tracks: Track  # positions at the sample times that are common to the fleet
-    penetration: Float[Array, "*aircraft candidates"]  # depth inside keep-outs, m
+    penetration: Float[Array, "*aircraft candidates"]
     # routes of all candidates except the splines, and their profiles of altitude and airspeed, shape (aircraft,
     # profile); None if all candidates are splines
     routes: Routes | None
@@ -245,9 +250,10 @@ def _candidates_within_limits(
     costs: Float[Array, " profiles"],
     numbers: Int[Array, " profiles"],
 ) -> _Routed:
-    """Generate the candidates of the profiles within limits, one profile after another: often a fifth of all profiles.
+    """Generate the candidates of those profiles that are within limits, one profile after another.
 
-    Returns candidates of shape (profile, candidate); those of a profile beyond its limits are invalid, cost `ABSENT`.
+    Often only a fifth of the profiles is within limits. Returns candidates of shape (profile, candidate); those of the
+    remaining profiles are invalid, with the cost `ABSENT`.
     """
     of_profile = jax.jit(of_profile)  # traced once, for its shapes and for the loop
     profiles = timed, costs, numbers
@@ -276,8 +282,10 @@ def _detours(
 ) -> _Routed:
     """Generate the detours of one `kind` to one `side` (1 right, -1 left) of a direct path, as long as the profile.
 
-    `word` is the index of the direct path in `timed.direct`; with the `kind` `RACETRACK` the detours are racetracks.
-    Returns two candidates, stacked: with the tightest and with wide turns; without `with_wide_turns`, the first alone.
+    The direct path is entry `word` of `timed.direct`; for the `kind` `RACETRACK` the detours are racetracks. Returns
+    two candidates, stacked: with the tightest and with wide turns; the first alone unless
+    `candidate_set.with_wide_turns`. `cost_and_profile` are cost and index of the profile. If the task prescribes the
+    opposite side, both are invalid.
     """
     endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
@@ -300,7 +308,11 @@ def _detours(
 def _turn_leg_paths(
     task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, cost_and_profile: tuple[Scalar, Integer]
 ) -> _Routed:
-    """Generate turn-and-leg paths as long as the profile, stacked; invalid if the task prescribes a side of detours."""
+    """Generate turn-and-leg paths as long as the profile, stacked, from `starts` initial guesses.
+
+    The paths are invalid if the task prescribes a side of detours. `cost_and_profile` are cost and index of the
+    profile.
+    """
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
     problem = TurnLegProblem(timed.endpoints, schedule, keep_outs, timed.table.length)
@@ -430,13 +442,19 @@ def _first_profiles(
 
 
 def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, ...]]) -> Candidates:
-    """Return absent candidates: zeros with the cost `ABSENT`, in shapes that `resize` makes of those in `shapes`."""
+    """Return absent candidates: zeros with the cost `ABSENT`.
+
+    The shape of each array is the result of `resize` for the shape of the array in `shapes`.
+    """
     absent = jax.tree.map(lambda leaf: jnp.zeros(resize(leaf.shape), leaf.dtype), shapes)
     return eqx.tree_at(lambda c: c.cost, absent, jnp.full_like(absent.cost, ABSENT))
 
 
 def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidates:
-    """Return absent candidates, shaped as those of a candidate set, for the fleet of `base`; NumPy arrays."""
+    """Return absent candidates for the fleet of `base`, as many as `candidate_set` has; NumPy arrays.
+
+    Absent candidates fill arguments of a compiled program: the cost `ABSENT` keeps them from being chosen.
+    """
     routed, profiles, splines = candidate_set.routed_count, len(candidate_set.speeds), candidate_set.max_splines
 
     def resize(tree: Any, count: int) -> Any:

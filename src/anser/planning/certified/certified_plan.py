@@ -177,15 +177,17 @@ TIMES_PER_INTERVAL = 4
 
 
 class Certificate(eqx.Module):
-    """Proven bounds of flight quantities and distances for a fleet's paths, valid between the sample times, too."""
+    """Proven bounds of flight quantities and distances for a fleet's paths, valid between the sample times, too.
+
+    `excess` is relative to each limit, in the order of `CERTIFIED_LIMITS` (positive: violated); `clearance_ratio` is a
+    lower bound of distance over required separation of each pair, `keep_out_clearance` of the distance to keep-outs, m.
+    """
 
     bounds: PathBounds  # bounds of each path
-    # relative excess over each limit, in the order of `CERTIFIED_LIMITS`; positive: violated
     excess: Float[Array, "aircraft limits"]
     # lower bound on each pair's ratio of distance to separation; at least 1 is required. Infinite on the diagonal. In a
     # large fleet close for the nearest pairs only, see `anser.planning.certified.clearance`
     clearance_ratio: Float[Array, "aircraft aircraft"]
-    # lower bound on each path's distance from each keep-out, m; negative inside
     keep_out_clearance: Float[Array, "aircraft volumes"]
 
     @property
@@ -231,7 +233,7 @@ class CertifiedPlan(eqx.Module):
 
     @property
     def feasible(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft's path keeps limits, keep-outs and separation."""
+        """Mask of the aircraft whose path is `valid` and proven to keep limits, keep-outs and separation."""
         return namespace(self).asarray(self.valid) & self.certificate.satisfied
 
 
@@ -377,9 +379,10 @@ def standard_candidates(
     intervals: int,
     candidate_set: CandidateSet = STANDARD,
 ) -> Candidates:
-    """Generate candidates of the set `STANDARD`, which contains smaller sets like `MINIMAL`, by a compiled program.
+    """Generate the candidates of the set `STANDARD`, by one compiled program for `STANDARD` and smaller sets.
 
-    Of its profiles only those up to the last one that `candidate_set` needs are generated; later candidates are absent.
+    For a smaller `candidate_set`, such as `MINIMAL`, candidates are generated only up to the last profile (altitude and
+    airspeed) of this set; the candidates of later profiles are absent.
     """
     speeds = _find_speeds(tasks, airspace, durations, intervals, *_speed_flags(STANDARD, candidate_set))
     arguments = as_array(start_time), tasks, airspace, durations
@@ -401,11 +404,9 @@ def plans_at(
 ) -> Iterator[CertifiedPlan]:
     """Yield two certified plans: separated up to the arrivals; then separated, as far as possible, after them, too.
 
-    The second plan is for fleets without separated holds after the first: candidates are chosen as if each aircraft
-    flew straight on for `_LOOK_AHEAD_S` after its arrival.
-
-    One compiled program per kind of extra candidates generates the candidates; one program chooses and certifies, with
-    absent candidates and fixed paths of no aircraft as arguments that are not requested.
+    The second plan is for fleets whose first plan has no separated holds: its candidates are chosen as if each aircraft
+    flew straight on for `_LOOK_AHEAD_S` after its arrival. Each kind of extra candidates has a compiled program; one
+    more program chooses and certifies, with absent candidates and fixed paths where none are requested.
     """
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
@@ -466,12 +467,12 @@ def prepare_extra_candidates(tasks: AircraftTask, airspace: Airspace, intervals:
 
 
 def _speed_flags(candidate_set: CandidateSet, members: CandidateSet) -> tuple[Array, Array]:
-    """Return two flags: may paths of `candidate_set` have wide turns; do `members` need the airspeed `MATCHED`."""
+    """Return the flags whether `candidate_set` allows wide turns, and whether `members` have the airspeed `MATCHED`."""
     return as_array(candidate_set.with_wide_turns, bool), as_array(members.with_matched, bool)
 
 
 def _profile_count(candidate_set: CandidateSet) -> Array:
-    """Return how many of the first profiles of `STANDARD` contain all profiles of a candidate set."""
+    """Return the number of profiles of `STANDARD`, from the first on, that include every profile of a smaller set."""
     return as_array(STANDARD.leading_profiles(candidate_set), np.int64)
 
 
@@ -495,7 +496,7 @@ class _Shapes(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _shared_arrays(make: Callable[..., Any], shapes: _Shapes, *arguments: Any) -> Any:
-    """Return the result of `make(candidates, *arguments)` for candidates of `shapes`: cached arrays on the device."""
+    """Return `make(candidates, *arguments)` for candidates of `shapes`, as arrays on the device; cached."""
     candidates = shapes.structure.unflatten([jax.ShapeDtypeStruct(*leaf) for leaf in shapes.leaves])
     return jax.tree.map(lambda leaf: as_array(leaf, None), make(candidates, *arguments))
 
@@ -567,10 +568,10 @@ def _choose_best_placement(
 ) -> CertifiedPlan:
     """Choose candidates for the fleet and certify them, repeatedly; return the plan with the fewest failing aircraft.
 
-    The choice checks limits at discrete times only; the certificate also bounds the motion in between. A chosen
-    candidate that fails the certificate of limits and keep-outs is excluded from later rounds, and with this candidate
-    all those of its aircraft in the mask `withdrawn`. At most `rounds` rounds; the last is the first in which no
-    aircraft fails or no candidate is rejected. `valid` is the mask of the candidates allowed in the first round.
+    The choice checks limits at discrete times only, the certificate at all times. A chosen candidate without proven
+    limits and keep-outs is excluded from later rounds, as are all candidates of the aircraft in the mask `withdrawn`.
+    The rounds end when no aircraft fails, no candidate is excluded, or after `rounds`; `valid` is the mask for the
+    first round.
     """
     fleet = jnp.arange(valid.shape[0])
 

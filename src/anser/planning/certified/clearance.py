@@ -32,13 +32,12 @@ _ROUNDING_S = 1e-6  # tolerance of comparisons of times
 class Track(eqx.Module):
     """Positions of a path at equally spaced times, with an error bound for the motion in the intervals between them.
 
-    The error bounds of `path_track` are proven, those of `route_track` are estimates.
+    `error_bound` is the greatest distance of the path from its chord in each interval, m: proven from `path_track`, an
+    estimate from `route_track`. `included` is 1 in the intervals whose distances count (up to the arrival), else 0.
     """
 
     positions_n: Float[Array, "*batch instants 3"]  # over the ground, (time, axis), NED, m
-    # bound of the distance between the path and its chord in each interval, m
     error_bound: Float[Array, "*batch intervals"]
-    # 1 in intervals whose distances count, up to the arrival of an active aircraft, else 0
     included: Float[Array, "*batch intervals"]
 
 
@@ -74,7 +73,7 @@ def clearance_from_keep_outs(
 ) -> Float[Array, " volumes"]:
     """Return a lower bound of a path's distance from each keep-out over time, m; negative inside.
 
-    `times` are the sample times of the track, s; the keep-outs are in `volumes.position_n` at time 0.
+    `times` are the sample times of the track, s; at time 0 the keep-outs are at `volumes.position_n`.
     """
 
     def volume_clearance(volume: KeepOuts) -> Scalar:
@@ -97,7 +96,7 @@ def continue_straight(
     seconds: ScalarLike,  # duration for which each track is included after its arrival, s
     continuing: Bool[Array, " aircraft"],  # mask of the aircraft whose tracks are continued
 ) -> Track:
-    """Continue tracks straight on beyond the arrivals, in place of the motion before the turn into the hold."""
+    """Continue tracks beyond the arrivals in a straight line, as an estimate of the motion until the hold."""
     last_s, intervals = jnp.max(arrivals), tracks.error_bound.shape[-1]
     step = last_s / intervals
     ends_n = tracks.positions_n[..., -1:, :]
@@ -132,14 +131,17 @@ _CYLINDER_TINY = (
 
 
 class BoundingCylinders(eqx.Module):
-    """Upright cylinders that enclose a path and its error bounds, one per group of consecutive intervals."""
+    """Upright cylinders that enclose a path and its error bounds, one per group of consecutive intervals.
 
-    centre: Float[Array, "*batch cylinders 2"]  # position of the axis, north and east, m
-    radius: Float[Array, "*batch cylinders"]  # radius, m
-    # least and greatest down coordinate, m
+    `centre` (north, east) and `radius` in m; `low` and `high` are the least and the greatest down coordinate, m;
+    `included` is 1 if a distance of the group counts, else 0.
+    """
+
+    centre: Float[Array, "*batch cylinders 2"]
+    radius: Float[Array, "*batch cylinders"]
     low: Float[Array, "*batch cylinders"]
     high: Float[Array, "*batch cylinders"]
-    included: Float[Array, "*batch cylinders"]  # 1 if any of the group's intervals is included, else 0
+    included: Float[Array, "*batch cylinders"]
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
@@ -262,12 +264,14 @@ _LIMIT_FRACTION = 0.995  # of the limits: a margin for the motion between the sa
 class ProfileSamples(eqx.Module):
     """Samples of one profile at equally spaced times, used by all candidates with this profile.
 
-    At times after the end of the profile, the samples hold the values at the end.
+    `length` is the horizontal length flown through the air, m; `drift_n` the displacement of the air, `wind_n` the
+    wind, NED, with the rate `wind_dot_n`; `climb` the vertical speed over the ground, `speed` the horizontal airspeed,
+    m/s, with their rates. After the end of the profile the values are those at the end; `since_end` is the time since
+    then, s.
     """
 
-    since_end: Float[Array, " instants"]  # time since the end, s; 0 before it
-    length: Float[Array, " instants"]  # horizontal length flown, m
-    # displacement of the air, NED, m; wind and its rate at the aircraft, m/s and m/s^2
+    since_end: Float[Array, " instants"]
+    length: Float[Array, " instants"]
     drift_n: Float[Array, "instants 3"]
     wind_n: Float[Array, "instants 3"]
     wind_dot_n: Float[Array, "instants 3"]
@@ -275,7 +279,6 @@ class ProfileSamples(eqx.Module):
     altitude: Float[Array, " instants"]
     climb: Float[Array, " instants"]
     climb_dot: Float[Array, " instants"]
-    # horizontal airspeed and its rate, m/s and m/s^2
     speed: Float[Array, " instants"]
     speed_dot: Float[Array, " instants"]
 
@@ -296,14 +299,14 @@ def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) ->
 
 
 class _CandidatePoint(eqx.Module):
-    """Position (NED, m) and acceleration of a candidate at one time, and whether the candidate keeps its limits then.
+    """Position (NED, m) of a candidate at one time, and magnitude of the acceleration over the ground, m/s^2.
 
-    After the end of its path a candidate counts as within its limits.
+    `within_limits` tells whether bank angle, load factor and acceleration along the path keep their limits; always true
+    after the end of the path.
     """
 
     position_n: Vector3
-    acceleration: Scalar  # magnitude of the acceleration over the ground, m/s^2
-    # whether bank angle, load factor, and acceleration and deceleration along the path are within limits
+    acceleration: Scalar
     within_limits: Flag
 
 

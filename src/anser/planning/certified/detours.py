@@ -60,15 +60,18 @@ _PARALLEL = 1e-9
 
 
 class DirectPath(eqx.Module):
-    """Direct path of one word (senses of its two turns): a turn, a straight line, a turn."""
+    """Direct path of one word (senses of its two turns): a turn, a straight line, a turn.
 
-    heading: Scalar  # heading of the straight part, rad
-    angles: Float[Array, "2"]  # angles of the first and the last turn, rad, right positive
-    # length of the straight part and of the whole path, m
+    `heading` (rad) is that of the straight line; `angles` are the turn angles, rad, right positive; `scales` the radii
+    of the turns over the tightest radius; `straight` and `length` the lengths of the line and of the whole path, m.
+    """
+
+    heading: Scalar
+    angles: Float[Array, "2"]
     straight: Scalar
     length: Scalar
     exists: Flag  # whether the path reaches its end
-    scales: Float[Array, "2"]  # radius of each turn in units of the tightest turn's radius
+    scales: Float[Array, "2"]
 
 
 def _four_values(outer: Float[Array, "2"], inner: float = 0.0) -> Float[Array, "4"]:
@@ -95,7 +98,7 @@ class _Aim(NamedTuple):
 
 
 def _aim(endpoints: PathEndpoints, initial: RollOut, angles: Float[Array, "2"], scales: Float[Array, "2"]) -> _Aim:
-    """Compute straight part, miss distance and length (m) of a direct path with prescribed turns.
+    """Compute straight part, miss distance and length (m) of a direct path whose turns have the given `angles`.
 
     The path begins with the roll-out `initial` from the initial turn. `angles` are the turn angles (rad, right
     positive), `scales` the radius of each turn over the tightest radius.
@@ -182,19 +185,26 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
 
 
 class Detour(eqx.Module):
-    """Shape of a detour of three legs, as arrays: a batch of different kinds is one computation."""
+    """Shape of a detour of three legs, in place of the straight part of a direct path.
 
-    # heading of each leg relative to the direct path's straight part, in units of the detour's angle; right positive
+    `headings` of the legs are relative to the straight part, in units of the detour's angle, right positive. The leg
+    lengths are `first_parts` and `second_parts` times two unknown lengths, plus `fixed_parts` times the length of the
+    straight part. `angle_max` is the greatest angle of the detour, rad.
+    """
+
     headings: Float[Array, "3"]
-    # coefficients in each leg's length of the two unknown lengths, which follow from the end position
     first_parts: Float[Array, "3"]
     second_parts: Float[Array, "3"]
-    fixed_parts: Float[Array, "3"]  # fraction of the straight part's length that is added to each leg
-    angle_max: Scalar  # greatest angle of the search, rad
+    fixed_parts: Float[Array, "3"]
+    angle_max: Scalar
 
 
 def detour(kind: Integer | int, side: ScalarLike) -> Detour:
-    """Return the shape of a detour of one kind (0 to DETOUR_KINDS - 1) to one side (+1 right, -1 left)."""
+    """Return the shape of a detour to one side (+1 right, -1 left).
+
+    Kinds: 0 to 2, one corner (in the middle, near the start, near the end); 3, along a parallel line; 4, first to this
+    side, then to the other. A batch of kinds is one computation.
+    """
     headings, *parts_and_limit = (
         jnp.asarray(table)[kind] for table in (HEADINGS, FIRST_PARTS, SECOND_PARTS, FIXED_PARTS, ANGLE_MAX)
     )
@@ -320,9 +330,10 @@ _CORNER_MAX = 2.4  # rad: the corner of a greater turn is far away or does not e
 def _widest_scales(
     endpoints: PathEndpoints, angles: Float[Array, " turns"], lengths: Float[Array, " turns"]
 ) -> Float[Array, " turns"]:
-    """Return the scales (radius over tightest radius) of the widest turns by `angles` (rad) that the legs allow.
+    """Return the widest turns by `angles` (rad) for which the legs have room, as radius over tightest radius.
 
-    A turn may start and end farther from its corner than the tightest turn by `lengths`, m.
+    The tangents of a turn, from its corner to its start and end, may be longer than those of the tightest turn by
+    `lengths`, m. The result is between 1 and `endpoints.scale_max`.
     """
     size = jnp.abs(angles)
     corner = jnp.tan(0.5 * jnp.minimum(size, _CORNER_MAX)) / endpoints.curvature_max
@@ -333,14 +344,15 @@ def _widest_scales(
 def widen_direct(endpoints: PathEndpoints, base: DirectPath, width: ScalarLike) -> DirectPath:
     """Return a direct path with the word of `base` and wider turns, which shorten the straight part.
 
-    `width` is an exponent of the greatest possible scales: 1 for the widest turns, 0 for the tightest.
+    `width` (0..1) interpolates the turn radii geometrically: 0 for the tightest turns, 1 for the widest that the
+    straight part allows.
     """
     widest = _widest_scales(endpoints, base.angles, _PART_OF_STRAIGHT * jnp.broadcast_to(base.straight, (2,)))
     return reaim(endpoints, base, widest**width)
 
 
 def widen_directs(endpoints: PathEndpoints, base: DirectPath) -> DirectPath:
-    """Return direct paths with the word of `base` and turns of each of the `WIDTHS`, stacked."""
+    """Return the direct path `base` with turns widened by `widen_direct` to each of `WIDTHS`; stacked, widest first."""
     return jax.vmap(lambda width: widen_direct(endpoints, base, width))(jnp.array(WIDTHS))
 
 
@@ -355,8 +367,8 @@ def widen_detour(
 ) -> TurnsAndLegs:
     """Return the detour of a target length (m) with turns as wide as its legs allow.
 
-    `wide` is the direct path with turns of each of the `WIDTHS`, stacked; `tight` is the detour with the tightest
-    turns, and the result if no wider turns fit.
+    `wide` are the direct paths of `widen_directs`; `tight` is the detour with the tightest turns, and the result if no
+    wider turns fit.
     """
     legs_before, legs_after = jnp.append(tight.legs[:1], tight.legs), jnp.append(tight.legs, tight.legs[-1:])
     widest = _widest_scales(endpoints, tight.angles, _PART_OF_LEG * jnp.minimum(legs_before, legs_after))
@@ -376,8 +388,8 @@ def widen_racetrack(
 ) -> TurnsAndLegs:
     """Return the racetrack of a target length (m) with turns as wide as one lap allows.
 
-    `wide` is the direct path with turns of each of the `WIDTHS`, stacked; `tight` is the racetrack with the tightest
-    turns, and the result if no wider turns fit. `side` is +1 for a racetrack to the right, -1 to the left.
+    `wide` are the direct paths of `widen_directs`; `tight` is the racetrack with the tightest turns, and the result if
+    no wider turns fit. `side` is +1 for a racetrack to the right, -1 to the left.
     """
 
     def solve_width(base: DirectPath) -> TurnsAndLegs:

@@ -70,7 +70,11 @@ class FittedWind(AbstractWind):
 
 
 class FieldSamples(NamedTuple):
-    """Wind field (one member of an ensemble) at its nodes in time, horizontal coordinates and levels."""
+    """Wind field (one member of an ensemble) at its nodes in time, horizontal coordinates and levels.
+
+    `columns` has wind (NED, m/s) and altitude (m) of each level at each node. The horizontal coordinates are m on the
+    chart, or latitude and longitude (rad) from its origin, with the chart's `radii_m`.
+    """
 
     times: Float[np.ndarray, " time"]  #: Times, s after the start of the flight, at least one.
     north: Float[np.ndarray, " north"]  #: Northward coordinates: m on the chart, or rad from its origin.
@@ -84,7 +88,11 @@ class FieldSamples(NamedTuple):
 
 
 class Way(NamedTuple):
-    """Box around starts, goals and rendezvous of a flight, and how far the flight can go beyond it."""
+    """Region of a flight: box around starts, goals and rendezvous, and the distance that paths can go beyond it.
+
+    The corners of the box are northward and eastward position and altitude, m; `reach_m` is horizontal. `end_s` is the
+    end of the flight, s.
+    """
 
     least_m: Float[np.ndarray, "3"]  #: Least northward and eastward position and altitude, m.
     greatest_m: Float[np.ndarray, "3"]  #: Greatest northward and eastward position and altitude, m.

@@ -27,7 +27,13 @@ _EDGE_M = 1e-6
 
 
 class PathBounds(eqx.Module):
-    """Proven bounds of the flight quantities along one path in coordinated flight, from start to arrival."""
+    """Proven bounds of the flight quantities along one path in coordinated flight, from start to arrival.
+
+    SI units, rad. `acceleration_max` bounds V_dot + g sin(gamma), `deceleration_max` its negative, both at least 0;
+    climb rates are relative to the air, up or down. `wind_error_max` is the greatest difference between the wind of the
+    path (the slope of its drift) and the wind at the aircraft. The fields `cell_...` are bounds in each cell between
+    two knots.
+    """
 
     # airspeed, m/s
     speed_min: Scalar
@@ -36,14 +42,13 @@ class PathBounds(eqx.Module):
     bank_max: Scalar
     load_factor_max: Scalar
     load_factor_min: Scalar  # least lift (`Demand.lift`) over weight
-    climb_rate_max: Scalar  # relative to the air, up or down, m/s
+    climb_rate_max: Scalar
     # altitude, m
     altitude_min: Scalar
     altitude_max: Scalar
-    # upper bounds of V_dot + g sin(gamma) and of its negative, m/s^2, at least 0
     acceleration_max: Scalar
     deceleration_max: Scalar
-    wind_error_max: Scalar  # greatest difference between the drift's slope and the wind at the aircraft, m/s
+    wind_error_max: Scalar
     # acceleration over the ground in each cell, m/s^2; for distances between paths
     cell_acceleration: Float[Array, " cells"]
     # per cell: `acceleration_max` and `deceleration_max`; least and greatest airspeed; least and greatest load factor
@@ -52,11 +57,11 @@ class PathBounds(eqx.Module):
     cell_load_factors: Float[Array, "cells 2"]
 
     def along_at_start(self, limits: PathLimits) -> tuple[Any, Any]:
-        """Return the greatest acceleration and deceleration, m/s^2, as for level flight at the start airspeed.
+        """Return the path's greatest acceleration and deceleration, m/s^2, converted to level flight at the start.
 
-        The limits depend on airspeed and load factor. The returned values, each cell's demand converted to level flight
-        at the start airspeed, are within `acceleration_max` and `deceleration_max` of `limits` if and only if the path
-        keeps the limits at the airspeeds and load factors of each cell.
+        The limits of both change with airspeed and load factor (`limits.idle`). Each cell's values are converted to
+        level flight at the start airspeed such that the path keeps the limits everywhere if and only if the results are
+        at most `limits.acceleration_max` and `limits.deceleration_max`.
         """
         idle, xp = limits.idle, namespace(self, limits)
         if idle is None:

@@ -65,26 +65,35 @@ def _assign_holds(
     cells: int,
     former: PlannedHolds | None,
 ) -> PlannedHolds:
-    """Assign a hold from arrival to `end_time` (s) to each aircraft; the holds in use, `former`, follow the goals."""
+    """Assign a hold from arrival to `end_time` (s) to each aircraft, in `cells` cells.
+
+    Aircraft that have arrived at `time` (s) keep their `former` hold, moved with its goal; None: before the flight.
+    """
     moved = None if former is None else move_with_goals(former, tasks, time)
     return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved, one_kernel=True)
 
 
 class CertifiedPlanState(eqx.Module):
-    """State of the certified planner: plan in force, its origin, holds, limits."""
+    """State of the certified planner: plan in force, its holds, and the flight limits of the paths.
+
+    `replanning` tells how the plan was made (`FIRST_PLAN`, `CORRECTED`, ...: `anser.planning.certified.replanning`).
+    `replan_needed` tells whether the plan or its holds must be replaced between two steps. `limits` include the
+    accelerations that the engine allows. `holds` None: each aircraft's hold is that of its mission.
+    """
 
     plan: CertifiedPlan  # current plan
-    # origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`
     replanning: Integer
-    holds: PlannedHolds | None  # planned holds after the arrivals; None: each aircraft's default hold
-    # flight limits of each path, including the accelerations available from the engine; leading axis aircraft
+    holds: PlannedHolds | None
     limits: PathLimits
-    # whether the plan must be replaced between two steps, because no correction was feasible or the holds are outdated
     replan_needed: Flag = eqx.field(default_factory=lambda: as_array(False, bool))
 
 
 class CertifiedPlanner(AbstractPlanner):
-    """Planner whose paths are proven to keep flight limits, separation and keep-outs, before and during the flight."""
+    """Planner whose paths are proven to keep flight limits, separation and keep-outs, before and during the flight.
+
+    `speed` is the preferred mean airspeed, m/s. In the last `freeze` seconds before the arrival a path no longer
+    changes. `acceleration_reserve` is the fraction of the acceleration limits that a new path leaves for corrections.
+    """
 
     sides: Int[Array, " aircraft"]  #: Side of each aircraft's detour: +1 right, -1 left, 0 either.
     speed: Float[Array, " aircraft"]  #: Preferred mean airspeed per aircraft, m/s.
@@ -119,11 +128,11 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST_PLAN), holds, tasks.limits)
 
     def resolve_limits(self, performance: Performance) -> PathLimits:
-        """Return the limits with the engine's performance in place of infinite (not prescribed) acceleration limits.
+        """Return the flight limits with acceleration limits for every aircraft, reduced by the `acceleration_reserve`.
 
-        The performance, at least `ACCELERATION_FLOOR`, is the acceleration at the start with full thrust, and the
-        deceleration with idle thrust by airspeed and load factor. All acceleration limits are then reduced by the
-        `acceleration_reserve`.
+        A limit that is not prescribed (infinite) is replaced by the engine's performance, but at least
+        `ACCELERATION_FLOOR`: the acceleration with full thrust at the start, and the deceleration with idle thrust by
+        airspeed and load factor.
         """
 
         def resolve(prescribed: Array, available: Array) -> Array:
@@ -243,8 +252,8 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> CertifiedPlanState:
         """Correct the plan so that it leads to the currently measured goals; return the new planner state.
 
-        `replan_needed` is set if the corrected plan violates its certificate, or if goals have shifted too far for the
-        holds; once set, the flag stays.
+        `replan_needed` is set if the corrected plan is not proven to keep every constraint, or if goals have shifted
+        too far for the holds; once set, the flag stays.
         """
         in_flight = self._plan_in_flight(planner_state, time, reports)
         plan, status, is_feasible = correct_plan(in_flight)
@@ -391,7 +400,7 @@ class CertifiedPlanner(AbstractPlanner):
 
 
 def _end_of_holds(holds: PlannedHolds) -> float:
-    """Return the end of the holds, s, at most the latest end for which new holds have as many cells."""
+    """Return the time, s, at which the holds end, limited so that new holds to this time have as many cells."""
     times = np.asarray(holds.paths.times)
     cells = times.shape[1] - 1
     return min(float(np.max(times)), CELL_S * cells)

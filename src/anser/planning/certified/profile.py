@@ -45,24 +45,25 @@ class ProfileState(eqx.Module):
 
 
 class Profile(eqx.Module):
-    """Altitude and airspeed as functions of time: parameters from which `at` computes both, 0 to `duration`."""
+    """Altitude and airspeed as functions of time, from 0 to `duration` (s); `at` evaluates both.
 
-    duration: Scalar  # s
-    # initial altitude, m; initial and final vertical speed over the ground, m/s, and its initial rate, m/s^2
+    The vertical speed over the ground changes from `climb_0` to `plateau` and to `climb_1` (m/s), each in `climb_ramp`
+    seconds; `detour` is the greatest additional altitude, m. The airspeed changes from `speed_0` to `speed_1` in
+    `speed_ramp` seconds, and to `speed_2` in `speed_ramp_2` seconds. Initial rates have the suffix `_dot_0`.
+    """
+
+    duration: Scalar
     altitude_0: Scalar
     climb_0: Scalar
     climb_1: Scalar
     climb_dot_0: Scalar
-    # vertical speed in the middle, m/s, and duration of the change to and from it, s
     plateau: Scalar
     climb_ramp: Scalar
-    detour: Scalar  # greatest additional altitude, in the middle, m
-    # initial, middle and final airspeed, m/s, and initial rate of it, m/s^2
+    detour: Scalar
     speed_0: Scalar
     speed_1: Scalar
     speed_2: Scalar
     speed_dot_0: Scalar
-    # durations of the first and of the last change of airspeed, s
     speed_ramp: Scalar
     speed_ramp_2: Scalar
 
@@ -70,8 +71,8 @@ class Profile(eqx.Module):
     def kinks(self) -> Float[Array, "5"]:
         """Times, s after the start, at which higher derivatives jump.
 
-        The ends of the first changes of climb and airspeed and of the initial acceleration, then the starts of the last
-        changes of climb and airspeed.
+        In order: the ends of the first change of climb, of the first change of airspeed and of the initial
+        acceleration; the starts of the last change of climb and of the last change of airspeed.
         """
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])

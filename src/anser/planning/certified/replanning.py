@@ -163,12 +163,16 @@ def arrival_delays(
 
 
 class AttemptLadder(eqx.Module):
-    """Order of the attempts at a new plan in flight: all delays with the limits of a new path, then with wider ones."""
+    """Order of the attempts at a new plan in flight: every allowed delay with `limits`, then with `relaxed_limits`.
 
-    delays: Float[Array, " tries"]  # delays of the arrivals, s
-    delay_count: Integer  # number of allowed delays, see `arrival_delays`
-    limits: PathLimits  # limits of a new path
-    relaxed_limits: PathLimits | None  # wider limits, those of a corrected path; None: only the limits of a new path
+    The first `delay_count` of `delays` (s) are allowed. `limits` are those of a new path, `relaxed_limits` the wider
+    ones of a corrected path; None: no attempts with wider limits.
+    """
+
+    delays: Float[Array, " tries"]
+    delay_count: Integer
+    limits: PathLimits
+    relaxed_limits: PathLimits | None
 
     def attempts(self) -> Iterator[tuple[float, PathLimits]]:
         """Yield the delay of the arrivals (s) and the path limits of each attempt; not traceable by JAX."""
@@ -179,23 +183,28 @@ class AttemptLadder(eqx.Module):
 
 
 class PlanInFlight(eqx.Module):
-    """A certified plan in flight, with the data for its correction or replacement."""
+    """A certified plan in flight, with the data for its correction or replacement at the current time (s).
 
-    plan: CertifiedPlan  # plan in force
-    time: ScalarLike  # current time, s
+    `tasks` have the currently measured goals, `covariances` their uncertainty (None: exact). A path is frozen in the
+    last `freeze` seconds before its arrival. `has_left` is the mask of the aircraft on exit paths, which the fleet
+    avoids. `arrival_is_free` tells whether arrivals may be postponed, at most to `latest_arrival`, s.
+    """
+
+    plan: CertifiedPlan
+    time: ScalarLike
     # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
     # its last path and arrival time; active aircraft avoid this path only if the aircraft has left the fleet
     tasks: AircraftTask
     airspace: Airspace
-    freeze: ScalarLike  # duration before the arrival in which a path is frozen, s
+    freeze: ScalarLike
     # covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
     # (`rendezvous_has_moved`) causes no new plan, and the path to the goal stays if a correction is not feasible. None:
     # the goals are exact
     covariances: Float[Array, "aircraft 6 6"] | None
     correction_limits: PathLimits | None  # limits of a corrected path; None: those of the tasks
-    has_left: Bool[Array, " aircraft"]  # mask of the inactive aircraft that fly exit paths, which the others avoid
-    arrival_is_free: Flag  # whether the arrival times may be postponed, see `arrival_delays`
-    latest_arrival: ScalarLike  # latest allowed arrival time, s
+    has_left: Bool[Array, " aircraft"]
+    arrival_is_free: Flag
+    latest_arrival: ScalarLike
 
     @property
     def under_way(self) -> Bool[Array, " aircraft"]:
@@ -241,8 +250,9 @@ class PlanInFlight(eqx.Module):
     def accepts(self, plan: CertifiedPlan) -> Flag:
         """Return whether a certified plan satisfies every constraint of the aircraft under way.
 
-        A conflict with an exit path that exists in the plan in force, too, does not count, unless the clearance ratio
-        falls below `_INHERITED_SHARE` of its present value: no plan resolved the conflict at the event.
+        One exception: a path that is already too near to an exit path in the plan in force may stay so, because no plan
+        resolved this conflict at the event. Its clearance ratio must then be at least `_INHERITED_SHARE` of the present
+        one.
         """
         ratios, in_force = plan.certificate.clearance_ratio, self.plan.certificate.clearance_ratio
         is_inherited = self.has_left[None, :] & (in_force < 1.0) & (ratios >= _INHERITED_SHARE * in_force)
@@ -275,12 +285,16 @@ def correct_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, Integer, Flag]
 
 
 class ReplanningProblem(eqx.Module):
-    """Data of the attempts at another plan, if the plan in force cannot be corrected to the expected rendezvous."""
+    """Data of the attempts at another plan, if the plan in force cannot be corrected to the expected rendezvous.
+
+    `paths` are the corrected paths; new paths start from `planned_tasks` and take `times_to_go` (s) plus the delays of
+    the `ladder`.
+    """
 
     in_flight: PlanInFlight
-    paths: TimedPath  # corrected paths of the plan in force
-    planned_tasks: AircraftTask  # planning problems that start at planned position, velocity and acceleration
-    times_to_go: Float[Array, " aircraft"]  # durations of new paths without delay, s
+    paths: TimedPath
+    planned_tasks: AircraftTask
+    times_to_go: Float[Array, " aircraft"]
     ladder: AttemptLadder
 
     def accept(self, new_plan: CertifiedPlan, durations: Float[Array, " aircraft"]) -> tuple[Flag, CertifiedPlan]:

@@ -31,12 +31,16 @@ def cis(angle: ScalarLike) -> Plane:
 
 
 class Turn(eqx.Module):
-    """A turn: a ramp of growing curvature, an arc, and a ramp back to zero curvature."""
+    """A turn by `angle` (rad, right positive): a ramp of growing curvature, an arc, and a ramp back to zero curvature.
 
-    angle: Scalar  # change of course, rad, right positive
-    ramp: Scalar  # length of each ramp, m
-    arc: Scalar  # length of the arc between the ramps, m
-    peak: Scalar  # curvature of the arc, 1/m, right positive
+    `ramp` is the length of each ramp, `arc` that of the arc, m; `peak` is the curvature of the arc, 1/m, right
+    positive.
+    """
+
+    angle: Scalar
+    ramp: Scalar
+    arc: Scalar
+    peak: Scalar
 
     @property
     def length(self) -> Scalar:
@@ -99,28 +103,35 @@ _PIECE_KINDS = np.array([_DOWN, *([_UP, _FLAT, _DOWN, _FLAT] * LEGS), _UP, _FLAT
 
 
 class PathEndpoints(eqx.Module):
-    """Start and end conditions of a horizontal path through the air, and the limits of its turns."""
+    """Start and end conditions of a horizontal path in the frame of the drifting air, and the limits of its turns.
 
-    # start, relative to the air: position, north + i east, m; heading, rad; curvature, 1/m
+    Positions are north + i east, m; headings rad; `curvature` at the start, 1/m. `end_free` tells whether the end
+    heading is free. `curvature_max` (1/m) and `sharpness` (greatest rate of the curvature along the path, 1/m^2) are
+    those of the tightest turn; `scale_max` is the radius of the widest turn over that of the tightest.
+    """
+
     start: Plane
     heading: Scalar
     curvature: Scalar
-    end: Plane  # end position in the frame that drifts with the air, m
-    # heading through the air at the end, rad; whether the end heading is free (the heading of the last leg)
+    end: Plane
     end_heading: Scalar
     end_free: Flag
-    curvature_max: Scalar  # greatest curvature, 1/m
-    sharpness: Scalar  # greatest rate of the curvature along the path, 1/m^2
-    scale_max: Scalar  # radius of the widest turn in units of the tightest turn's radius
+    curvature_max: Scalar
+    sharpness: Scalar
+    scale_max: Scalar
 
 
 class TurnsAndLegs(eqx.Module):
-    """Four turns with three straight legs between them, which describe a route; with a leading axis, several routes."""
+    """Four turns with three straight legs between them, which describe a route; with a leading axis, several routes.
 
-    angles: Float[Array, "4"]  # turn angles, rad, right positive
-    scales: Float[Array, "4"]  # radius of each turn in units of the tightest turn's radius, see `turn_limits`
-    legs: Float[Array, "3"]  # lengths of the legs, m
-    exists: Flag  # whether the solver found a path to the end conditions; the numbers are arbitrary otherwise
+    `angles` rad, right positive; `scales`: radius of each turn over the tightest radius; `legs` in m. If `exists` is
+    false, no path to the end conditions was found, and the numbers are arbitrary.
+    """
+
+    angles: Float[Array, "4"]
+    scales: Float[Array, "4"]
+    legs: Float[Array, "3"]
+    exists: Flag
 
 
 class RollOut(eqx.Module):
@@ -142,13 +153,17 @@ def roll_out(endpoints: PathEndpoints) -> RollOut:
 
 
 class Route(eqx.Module):
-    """A horizontal path as a chain of pieces of constant or linearly changing curvature."""
+    """A horizontal path as a chain of pieces of constant or linearly changing curvature.
 
-    marks: Float[Array, " marks"]  # length along the path at the ends of the pieces, m
-    positions: Complex[Array, " marks"]  # position at the marks: north + i east, m
-    headings: Float[Array, " marks"]  # heading at the marks, rad
-    curvatures: Float[Array, " marks"]  # curvature at the marks, 1/m
-    sharpness: Float[Array, " pieces"]  # signed rate of the curvature in each piece, 1/m^2
+    `marks` are the lengths from the start to the ends of the pieces, m, with position (north + i east, m), heading
+    (rad) and curvature (1/m) there; `sharpness` is the rate of the curvature in each piece, 1/m^2.
+    """
+
+    marks: Float[Array, " marks"]
+    positions: Complex[Array, " marks"]
+    headings: Float[Array, " marks"]
+    curvatures: Float[Array, " marks"]
+    sharpness: Float[Array, " pieces"]
 
     @property
     def length(self) -> Float[Array, "*batch"]:

@@ -106,8 +106,8 @@ class FleetTask:
     def preferred_times(self) -> ArrivalTimes:
         """Flight time of each direct path at the preferred mean airspeed, s; the time of the climb if this is longer.
 
-        With windows, where no aircraft waits for another, the flight time is shortened for the turns of the direct path
-        by a factor of up to `_WINDOW_SPEED_FACTOR`, but not below that of the straight line.
+        With windows, the time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least that of the straight line.
+        Where `direct_times` does not converge, the initial distance of the rendezvous over the airspeed counts.
         """
         tasks = self.tasks
         times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
@@ -128,7 +128,7 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Return sets of arrival times, (set, aircraft), s: the prescribed, or with a first arrival every 0.25 s."""
+        """Return sets of arrival times, (set, aircraft), s: the prescribed set, or first arrivals every 0.25 s."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
         return np.append(np.arange(_GRID_S, self.latest_first_s, _GRID_S), self.latest_first_s)[:, None] + self.offsets
@@ -161,7 +161,7 @@ def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal
 
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
-    """Propose the preferred arrival times with `MINIMAL`, then larger candidate sets if the times are admissible."""
+    """Propose the preferred times with `MINIMAL`; if admissible, with `STANDARD` or (times prescribed) larger sets."""
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
         return
@@ -208,7 +208,7 @@ class _DelayedTimes:
     times: Float[np.ndarray, "n group"]  # sets of arrival times, s
 
     def truncated(self, index: int | None) -> "_DelayedTimes":
-        """Keep the times before an index (None: all); none if the time there is within a step of the first."""
+        """Return the times before an index (None: all); none if that time is within 1.5 steps of the first."""
         is_close = index is not None and self.times[index, 0] <= DELAY_RATIO**1.5 * self.times[0, 0]
         return _DelayedTimes(self.indices, self.times[: 0 if is_close else index])
 
@@ -237,9 +237,9 @@ def _delays(
 def _find_first_open(
     delays: Sequence[_DelayedTimes], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
 ) -> Generator[Proposal, FailedAircraft, list[int | None]]:
-    """Return the index of the first feasible time of each entry of `delays`, None without such a time.
+    """Search the first feasible time of each entry of `delays`; return the indices, None without a feasible time.
 
-    Feasible times are also written into `times` (s). All entries are searched at once: an attempt tests each of them.
+    Each proposal tests one time per entry; feasible times are put into `times` (s). `one_by_one`: see `first_index`.
     """
     scans = {k: first_index(len(group_delays.times), one_by_one) for k, group_delays in enumerate(delays)}
     index: list[int | None] = [None] * len(delays)
@@ -407,7 +407,7 @@ class _Attempt(NamedTuple):
 
 
 class FailedAttempt(str):
-    """Progress message that carries the attempt with standard candidates that failed, before further candidates."""
+    """Progress message before further kinds of candidates are tried, with the failed attempt with standard ones."""
 
     attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
 
@@ -447,7 +447,7 @@ class _Search:
         return max(reversed(failures), key=lambda past: float(np.sum(past.times))).plan if failures else None
 
     def run(self, stage: Stage, run_to_end: bool = False) -> None:
-        """Attempt the proposals of a stage up to the first plan, with `run_to_end` all of them; keep the last plan."""
+        """Attempt the proposals of a stage until one gives a plan (`run_to_end`: all); store the last plan found."""
         with contextlib.suppress(StopIteration):
             proposal = next(stage)
             while True:
@@ -477,9 +477,9 @@ class _Search:
     def attempt(self, times: ArrivalTimes, candidate_set: CandidateSet) -> CertifiedPlan | None:
         """Plan the fleet for arrival times (s) and a candidate set; return the plan, or None if an aircraft fails.
 
-        None also if these were attempted before. Extra candidates are generated for the aircraft that fail with the
-        standard candidates. If every standard path is proven and only holds are missing, the attempt fails without
-        extra candidates: a choice is by cost, not by the holds, and extra candidates are seldom the cheapest.
+        None also if both were attempted before. Extra candidates are generated only for aircraft that fail with the
+        standard candidates; not if holds alone are missing, because the choice is by cost, and extra candidates mostly
+        cost more.
         """
         if self.failed_at(times, candidate_set) is not None:
             return None

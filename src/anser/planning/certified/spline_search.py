@@ -51,21 +51,25 @@ _TINY_M = 1e-6
 
 
 class Guess(NamedTuple):
-    """Random parameters of one initial guess of the spline search; with a leading axis, of several."""
+    """Random parameters of one initial guess of the spline search; with a leading axis, of several.
 
-    line_fraction: Float[Array, " points"]  # position along the straight line at each point of a polyline, 0 to 1
-    # detour at each point, along and across the line, scaled later to the path's length
+    The guess is a polyline through the air with a detour: at each point, `line_fraction` along the straight line, the
+    detour along and across, and the `angle` (rad) flown in full circles. `speed` is a fraction of the range of
+    airspeeds, `limit_fraction` of the limits; the legs at both ends are in turn radii; `hump` is a detour in altitude,
+    m.
+    """
+
+    line_fraction: Float[Array, " points"]
     along_detour: Float[Array, " points"]
     across_detour: Float[Array, " points"]
-    angle: Float[Array, " points"]  # angle flown in full circles at each point, rad; 0 without circles
+    angle: Float[Array, " points"]
     circle_fraction: Scalar  # number of circles as a fraction of the possible number; negative: to the left
-    speed: Scalar  # mean airspeed, which gives the path's length, as a fraction of the range of airspeeds
-    # length of the straight legs at the start and the end, in turn radii
+    speed: Scalar
     first_leg: Scalar
     last_leg: Scalar
     course: Scalar  # course of arrival unless prescribed, rad
-    hump: Scalar  # detour in altitude, m
-    limit_fraction: Scalar  # fraction of the limits of bank, load factor and acceleration along the path
+    hump: Scalar
+    limit_fraction: Scalar
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:

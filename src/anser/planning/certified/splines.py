@@ -106,9 +106,9 @@ def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 @functools.cache
 def mean_squares() -> Float[np.ndarray, "3 4 4"]:
-    """Return the quadratic forms of an interval's four coefficients for mean squares over an interval of 1 s.
+    """Return matrices for mean squares over an interval of 1 s of position, velocity and acceleration, in this order.
 
-    Row by row: the mean squares of position, velocity and acceleration.
+    With the interval's four coefficients c of one axis, the mean square is c^T M c.
     """
     basis = basis_values(np.asarray(_RULE.nodes))
     return np.einsum("ouk,oul,u->okl", basis, basis, np.asarray(_RULE.weights))
@@ -239,17 +239,18 @@ class SplineProblem(NamedTuple):
 
 
 class TightenedLimits(NamedTuple):
-    """Limits of a spline search: narrower than the aircraft's, so that these hold between the sample points, too."""
+    """Limits of a spline search: narrower than the aircraft's, so that these hold between the sample points, too.
 
-    # airspeed, m/s
+    SI units; `bank` is the tangent of the bank angle; accelerations are those along the path.
+    """
+
     speed_min: Scalar
     speed_max: Scalar
-    bank: Scalar  # tangent of the bank angle
+    bank: Scalar
     # load factor, greatest and least
     load_factor: Scalar
     load_factor_min: Scalar
-    climb_rate: Scalar  # climb rate, m/s
-    # accelerations along the path, m/s^2
+    climb_rate: Scalar
     acceleration: Scalar
     deceleration: Scalar
 
@@ -428,7 +429,10 @@ def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiago
 
 
 def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) -> BlockTridiagonal:
-    """Return a quadratic form of the coefficients as a form of the unknowns: only the last group differs."""
+    """Convert a quadratic form of the coefficients to a form of the unknowns.
+
+    Both differ only in the last group, whose derivative with respect to the unknowns is `end_jacobian`.
+    """
     diagonal = form.diagonal.at[-1].set(end_jacobian.T @ form.diagonal[-1] @ end_jacobian)
     return BlockTridiagonal(diagonal, form.subdiagonal.at[-1].set(end_jacobian.T @ form.subdiagonal[-1]))
 
@@ -440,10 +444,10 @@ def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
 
 
 def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
-    """Return the quadratic form that measures the size of a step of the unknowns.
+    """Return the quadratic form that measures the size of a step of the unknowns, for the damping.
 
-    The size is the mean square of the changes of position, velocity and acceleration, each relative to the change that
-    makes a step of size 1. Unknowns without effect get a diagonal of 1.
+    The form is the mean square over time of the changes of position, velocity and acceleration, each divided by a
+    reference change (`_STEP_M`, `_STEP_SPEED`, `_STEP_ACCELERATION`). Unknowns without effect get a diagonal of 1.
     """
     cells = start.coefficients.shape[0] - 3
     cell = problem.duration / cells

@@ -15,22 +15,24 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 
 
 class AircraftTask(eqx.Module):
-    """Planning problem of one aircraft: start, goal and flight limits; with a leading axis, of a fleet."""
+    """Planning problem of one aircraft: start, goal and flight limits; with a leading axis, of a fleet.
 
-    position_n: Vector3  # start of the plan, NED, m
-    # velocity relative to the air at the start, and its rate, NED, m/s and m/s^2
+    The start has position, velocity relative to the air and its rate; the goal moves at constant velocity; NED, m, m/s,
+    m/s^2. `speed` is the preferred mean airspeed, m/s; `side` is that of detours (positive right, negative left, 0
+    either); `roll_rate_max` in rad/s. `active` is 0 for an aircraft that gets no plan and does not constrain the
+    others.
+    """
+
+    position_n: Vector3
     air_velocity_n: Vector3
     air_acceleration_n: Vector3
-    # position and ground velocity of the goal at the start of the plan, NED, m and m/s; the velocity is taken as steady
     goal_position_n: Vector3
     goal_velocity_n: Vector3
     rendezvous: Rendezvous  # stand-off and arrival conditions at the goal
-    speed: Scalar  # preferred mean airspeed, m/s
-    side: Int[Array, ""]  # side of detours: positive right, negative left, 0 either
+    speed: Scalar
+    side: Int[Array, ""]
     limits: PathLimits  # flight limits of the path
-    roll_rate_max: Scalar  # greatest mean bank rate of a level turn, rad/s; `limits.bank_rate_max` may be tighter
-    # 0 for a stopped aircraft or for padding of a fleet to a larger size: the other aircraft do not avoid it, and its
-    # path never makes a plan infeasible
+    roll_rate_max: Scalar
     active: Scalar
 
     @property
@@ -75,7 +77,11 @@ Intervals = list[tuple[float, float]]
 
 @dataclass(frozen=True)
 class ArrivalRequest:
-    """Arrival rule of a fleet; all times are s after the start of the plan."""
+    """Arrival rule of a fleet ("together", "earliest", "at", "sequence", "times", "windows") and its times.
+
+    All times are s after the start of the plan, one per aircraft: `times_s` are prescribed (for "at" and "times"),
+    `offsets_s` are delays after the first arrival ("sequence"), `windows_s` earliest and latest times ("windows").
+    """
 
     #: "together": one common time, first the time at which the last aircraft arrives at its preferred airspeed, then
     #: later times. "earliest": the earliest feasible common time, see `anser.planning.certified.arrival_times`. "at":

@@ -55,13 +55,15 @@ PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE
 
 
 class CandidateSet(NamedTuple):
-    """Selection of the candidates that are generated for each aircraft."""
+    """Selection of the candidates that are generated for each aircraft: profiles, and detours for each profile.
 
-    # one entry per profile: choice of the airspeed (`PREFERRED` to `LATE_SLOW`), and greatest additional altitude, m
+    A profile has an entry in `speeds` (`PREFERRED` to `LATE_SLOW`) and in `altitude_detours` (greatest additional
+    altitude, m). A detour has an entry in `direct_ranks` (rank of its direct path by length, 0: the shortest), in
+    `detour_kinds` (or `RACETRACK`) and in `sides` (1 right, -1 left).
+    """
+
     speeds: tuple[int, ...]
     altitude_detours: tuple[float, ...]
-    # one entry per detour: rank of its direct path by length, from 0 for the shortest; kind of detour (or `RACETRACK`);
-    # side, 1 right, -1 left
     direct_ranks: tuple[int, ...]
     detour_kinds: tuple[int, ...]
     sides: tuple[int, ...]
@@ -118,7 +120,11 @@ def make_candidate_set(
     with_wide_turns: bool = False,
     rounds: int = 1,
 ) -> CandidateSet:
-    """Build a candidate set: each airspeed with each altitude detour, direct path, kind of detour and side."""
+    """Build a candidate set of all combinations.
+
+    The profiles are the pairs of an airspeed and an altitude detour; the detours are the triples of a direct path
+    (rank), a kind of detour and a side.
+    """
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
     detours = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
     speed_column, altitude_column = zip(*profiles, strict=True)
@@ -161,12 +167,16 @@ _LEVEL_MIN = 1.0  # m/s: keeps the horizontal airspeed of a vertical arrival fin
 
 
 class ArrivalMotion(eqx.Module):
-    """Vertical speed and heading at the arrival."""
+    """Vertical speed over the ground (`climb`, m/s) and heading through the air (rad) at the arrival.
+
+    `heading_free` tells whether the heading is not prescribed; it is then that of the straight line over the ground.
+    `attainable` tells whether the prescribed motion can be flown at this airspeed in this wind.
+    """
 
     climb: Scalar  # vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's
-    heading: Scalar  # heading of the velocity through the air, rad; if free, along the straight line over the ground
-    heading_free: Flag  # whether the heading is free
-    attainable: Flag  # whether the prescribed motion can be flown at this airspeed in this wind
+    heading: Scalar
+    heading_free: Flag
+    attainable: Flag
 
 
 def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike, speed: ScalarLike) -> ArrivalMotion:
@@ -229,10 +239,10 @@ def _plane(vector_n: Vector3) -> Array:
 
 
 def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
-    """Return the greatest curvature of a path with a profile, 1/m, and its greatest rate along the path, 1/m^2.
+    """Return the greatest curvature, 1/m, and its greatest rate along the path, 1/m^2, of a path with a profile.
 
-    Both hold for the whole path: they follow from the limits at the greatest airspeed, the steepest climb and the
-    strongest vertical acceleration.
+    Both apply to the whole path: they follow from the limits of bank angle, load factor and bank rate at the greatest
+    airspeed, in the steepest climb and with the strongest vertical acceleration of the profile.
     """
     limits = task.limits
     speed = profile.speed_max
@@ -385,10 +395,13 @@ def timed_profile(
 
 
 class _NearbyPath(NamedTuple):
-    """Shortest direct path at a mean airspeed near the solution."""
+    """Shortest direct path at a mean airspeed near the solution, with the tightest turns.
 
-    shortest: DirectPath  # path with the tightest turns
-    width: Scalar  # width to which its turns can be widened, see `widen_direct`; 0: the tightest turns
+    `width` is the width to which the turns can be widened, see `widen_direct`; 0: not at all.
+    """
+
+    shortest: DirectPath
+    width: Scalar
 
 
 def _approach_direct_length(
@@ -403,7 +416,7 @@ def _approach_direct_length(
 ) -> tuple[Scalar, _NearbyPath]:
     """Approach the mean airspeed at which the shortest direct path takes the duration (s), by fixed-point iteration.
 
-    Returns the mean airspeed, m/s, and the direct path with the greatest width of turns with which the path is at most
+    Returns this airspeed, m/s, and the direct path there, with the greatest of `WIDTHS` for which the path is at most
     `_SPEED_FACTOR_MAX` times as long as the profile. `_match_direct_length` refines the airspeed.
     """
 
@@ -489,10 +502,10 @@ def profile_speeds(
     preferred_speed = jnp.clip(preferred, low, high)
 
     def match(mean: Scalar, bounds: tuple[Scalar, Scalar], rounds: Integer, fallback_factor: Scalar) -> Scalar:
-        """Return the mean airspeed, m/s, at which the direct path takes the duration, if near the approximation.
+        """Return the mean airspeed, m/s, at which the direct path takes the duration.
 
-        Otherwise returns the approximation times `fallback_factor`. The approximation starts at `mean`, takes a number
-        of rounds and stays within `bounds` (m/s).
+        An approximation starts at `mean` (m/s), takes a number of rounds and stays within `bounds` (m/s); the exact
+        solution is returned if close to the approximation, else the approximation times `fallback_factor`.
         """
         where = task, airspace, duration, intervals
         mean, nearby = _approach_direct_length(*where, mean, bounds, rounds, with_wide_turns)

@@ -60,10 +60,13 @@ def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Integer, Scal
 
 
 class RadiusSchedule(eqx.Module):
-    """Least turn radius that the limits allow, as a function of the length along a path."""
+    """Least turn radius that the limits allow, tabulated over the length along a path.
 
-    step: Scalar  # length between two values, m
-    # radii in units of the radius that is allowed everywhere on the path, 1 / `curvature_max` of its endpoints
+    The table has one value every `step` metres, in units of the radius allowed everywhere on the path, 1 /
+    `PathEndpoints.curvature_max`.
+    """
+
+    step: Scalar
     scales: Float[Array, " intervals"]
 
     def least_radius(self, length: ScalarLike, span: ScalarLike) -> Scalar:
@@ -80,14 +83,16 @@ class RadiusSchedule(eqx.Module):
 
 
 class KeepOutsAlongPath(eqx.Module):
-    """Keep-outs in the frame of the drifting air, tabulated over the length along a path of known profile."""
+    """Keep-outs in the frame of the drifting air, tabulated over the length along a path of known profile.
 
-    step: Scalar  # path length between two values, m
-    # centre of each volume at the time of each path length, in the air's frame, m
+    One value every `step` metres: position of the centres, m, and whether the path is at the altitudes of each keep-out
+    (1) or not (0). Radii and altitudes include a margin.
+    """
+
+    step: Scalar
     norths: Float[Array, "volumes intervals"]
     easts: Float[Array, "volumes intervals"]
-    radii: Float[Array, " volumes"]  # radii with a margin, m
-    # 1 if the path is between bottom and top, with a margin, else 0
+    radii: Float[Array, " volumes"]
     in_altitude_band: Float[Array, "volumes intervals"]
 
     def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
@@ -151,12 +156,15 @@ def make_radius_schedule(
 
 
 class Starts(NamedTuple):
-    """Initial values of the searches for turn-and-leg paths, one row per search."""
+    """Initial values of the searches for turn-and-leg paths, one row per search.
 
-    senses: Float[ArrayLike, "*starts 4"]  # senses of the turns: 1 right, -1 left
-    # square roots of: the turn angles (rad), the leg lengths as fractions of the path, the turns' excess radii
+    `senses` of the four turns: 1 right, -1 left. The eleven `unknowns` are the square roots of four turn angles (rad),
+    three leg lengths (as fractions of the path) and four excess radii. `circling_fraction` is the fraction of the spare
+    length (target length less straight line) that each turn flies in full circles.
+    """
+
+    senses: Float[ArrayLike, "*starts 4"]
     unknowns: Float[ArrayLike, "*starts 11"]
-    # fraction of the spare length (target length less straight line) that each turn flies in full circles
     circling_fraction: Float[ArrayLike, "*starts 4"]
 
 
@@ -239,11 +247,11 @@ def _evaluate_path(
     turn_data = (angles, full_turns, excess_radii, legs, senses[:, None] * squares_by[:TURNS], excess_radii_by, legs_by)
 
     def turn(parameters: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
-        """Return five lengths of a turn, m; then these lengths again with the scale of the turn.
+        """Return five lengths of a turn, m, and, as auxiliary output of `jacfwd`, these lengths and the turn's scale.
 
-        The lengths are the displacements to the end and to the middle of the turn (ahead, right), and the length of the
-        turn. `parameters` are angle (rad), excess radius and length of the path before the turn (m); `circled` is the
-        angle flown in full circles, rad.
+        The lengths are the displacements to the end and to the middle of the turn (ahead, right; each two), and the
+        length of the turn. `parameters` are angle (rad), excess radius and length of the path before the turn (m);
+        `circled` is the angle flown in full circles, rad.
         """
         angle, excess_radii, length = parameters
         # The length of a turn depends on its radius, and the radius on the schedule over that length: iterate.

@@ -15,33 +15,42 @@ LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """Latest data that each receiver holds about each subject, both aircraft; diagonal: current data on itself."""
+    """Latest data that each receiver (row) holds about each subject (column); diagonal: current data on itself.
 
-    clocks: Float[Array, "aircraft aircraft"]  # clocks, s
-    times: Float[Array, "aircraft aircraft"]  # times at which the subject sent the data, s
-    # step counter of the subject's agreement on its path, see `path_exchange`; odd while its offer is open
+    `clocks` (s) of the subjects, `times` (s) at which they sent the data, `tokens` of their offers (see
+    `path_exchange`), `delays` (s) that they request for the fleet's arrivals. `acknowledged` (receiver, subject,
+    owner): the last token of the owner that the subject has acknowledged.
+    """
+
+    clocks: Float[Array, "aircraft aircraft"]
+    times: Float[Array, "aircraft aircraft"]
     tokens: Int[Array, "aircraft aircraft"]
-    # (receiver, subject, owner): last token of the owner that the subject has acknowledged
     acknowledged: Int[Array, "aircraft aircraft aircraft"]
-    delays: Float[Array, "aircraft aircraft"]  # requested delay of the fleet's arrivals, s
+    delays: Float[Array, "aircraft aircraft"]
 
 
 class Broadcast(eqx.Module):
-    """Data that each aircraft sends about itself in one exchange; leading axis aircraft."""
+    """Data that each aircraft sends about itself in one exchange; leading axis aircraft.
 
-    clocks: Float[Array, " aircraft"]  # clock, s
-    tokens: Int[Array, " aircraft"]  # step counter of the agreement on the aircraft's path, see `path_exchange`
-    # (aircraft, owner): last token of the owner that the aircraft has acknowledged
+    `clocks` (s), `tokens` of its offers (see `path_exchange`), `delays` (s) requested for the fleet's arrivals, and
+    `acknowledged` (aircraft, owner): the last token of the owner that the aircraft has acknowledged.
+    """
+
+    clocks: Float[Array, " aircraft"]
+    tokens: Int[Array, " aircraft"]
     acknowledged: Int[Array, "aircraft aircraft"]
-    delays: Float[Array, " aircraft"]  # requested delay of the fleet's arrivals, s
+    delays: Float[Array, " aircraft"]
 
 
 class NetworkState(eqx.Module):
-    """State of a network between two exchanges: knowledge, outages, and messages that have not arrived."""
+    """State of a network between two exchanges: knowledge, outages, and messages that have not arrived.
+
+    Links are (receiver, sender). `hears` are the links over which a message arrived in the last exchange; `messages`
+    and `message_links` are a ring buffer over the exchanges: messages under way, and the links that carry them.
+    """
 
     outages: LinkMatrix  # links in an outage, (aircraft, aircraft)
-    hears: LinkMatrix  # links over which a message arrived in the last exchange: (receiver, sender)
-    # messages under way, and the links they use; leading axis exchanges, a ring buffer
+    hears: LinkMatrix
     messages: KnowledgeMatrix
     message_links: Bool[Array, "slots aircraft aircraft"]
     knowledge: KnowledgeMatrix  # knowledge of the aircraft after the last exchange
@@ -50,15 +59,16 @@ class NetworkState(eqx.Module):
 class Network(eqx.Module):
     """Broadcast network: in each exchange, each aircraft sends its whole knowledge, data received earlier included.
 
-    A link is up or down in both directions. It is down beyond the range, during an outage (Gilbert-Elliott model,
-    independent links), and for lost exchanges (independent). Messages arrive after a delay.
+    A link is up or down in both directions. It is down beyond the `range` (m), during an outage (Gilbert-Elliott model,
+    independent links), and for lost exchanges (independent). Exchanges take place every `period` seconds, which are
+    `period_samples` samples; a message arrives after a `delay` counted in exchanges.
     """
 
-    range: Scalar  # range of a link, m
+    range: Scalar
     dropouts: Dropouts  # losses and outages of the links
-    period: Scalar  # time between two exchanges, s
-    period_samples: Integer  # time between two exchanges, sampling periods
-    delay: Integer  # delay of messages, exchanges
+    period: Scalar
+    period_samples: Integer
+    delay: Integer
     slots: int = eqx.field(static=True)  # length of the ring buffer, more than the delay
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:

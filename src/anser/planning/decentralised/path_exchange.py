@@ -1,10 +1,11 @@
 """Agreement on paths in a decentralised fleet with guaranteed separation: offer, acknowledgement, change.
 
 Each aircraft has an agreed path (an approach and a hold) that the fleet has acknowledged, and flies within a tube
-around it. For another path, the aircraft makes an offer. The other aircraft acknowledge an offer that keeps the
-separation from every path that they may fly. With every acknowledgement, the aircraft changes to the offered path and
-broadcasts the change. Until the fleet has acknowledged the change, the other aircraft avoid both paths, and the
-aircraft makes no new offer. Lost or late messages never lead to a path that another aircraft has not acknowledged.
+around that path. For another path, the aircraft makes an offer. The other aircraft acknowledge an offer that keeps the
+separation from every path that they may fly. Once all of them have acknowledged the offer, the offering aircraft
+changes to the new path and broadcasts the change. Until the fleet has acknowledged the change, the other aircraft avoid
+both paths, and the aircraft makes no new offer. Lost or late messages never lead to a path that another aircraft has
+not acknowledged.
 
 Each aircraft has a token that counts its steps: odd while an offer is open, even after acceptance or withdrawal.
 """
@@ -28,19 +29,19 @@ _GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 class Exchange(eqx.Module):
     """State of the agreement on paths: each aircraft's agreed and offered path, and its acknowledgements of offers.
 
-    Leading axis aircraft.
+    `alternative` is the path offered or, after a change or a withdrawal, the path given up. As soon as the fleet has
+    acknowledged the outcome, the aircraft is `settled`, and `alternative` equals its agreed path. `tokens` count the
+    steps of each aircraft's offers (odd: open offer); `acknowledged` (aircraft, owner) is the owner's last token
+    acknowledged by the aircraft. `offered_at` is the time of the last offer by the aircraft's clock, s. Leading axis
+    aircraft.
     """
 
     # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path
     agreed_paths: ApproachAndHold
-    # paths that are offered, or were just left or withdrawn, and may still be flown as far as the fleet knows; equal to
-    # the agreed paths where `settled`
     alternative: ApproachAndHold
-    # step counter of each aircraft's offers; odd while an offer is open (see the module docstring)
     tokens: Int[Array, " aircraft"]
-    settled: Bool[Array, " aircraft"]  # whether the fleet knows which of both paths the aircraft flies
-    offered_at: Float[Array, " aircraft"]  # time of the last offer, on the path's clock, s
-    # (aircraft, owner): last token of the owner that the aircraft has acknowledged
+    settled: Bool[Array, " aircraft"]
+    offered_at: Float[Array, " aircraft"]
     acknowledged: Int[Array, "aircraft aircraft"]
 
     @property
@@ -70,10 +71,10 @@ def process_messages(
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
     """Process the messages received by each aircraft; return the new state and the mask of the accepted offers.
 
-    An aircraft acknowledges the others' offers that keep clear of every path that the aircraft may fly. The
-    aircraft's own offer is accepted when every participating aircraft has acknowledged it in time. It is withdrawn when
-    it is older than `patience`, or conflicts with the open offer of an aircraft with a lower index. After that, the
-    aircraft is settled when every participating aircraft has acknowledged the outcome.
+    Each aircraft acknowledges those offers of the fleet that keep clear of every path that it may fly. An offer is
+    accepted when every participating aircraft has acknowledged it in time. An offer is withdrawn when older than
+    `patience`, or in conflict with the open offer of an aircraft of lower index. Afterwards, the offering aircraft is
+    settled when every participating aircraft has acknowledged the outcome.
     """
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]

@@ -67,17 +67,19 @@ _DELAY_FRACTIONS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 
 
 class ClockedPath(AbstractReference):
-    """Path of one aircraft as a function of the aircraft's clock, which may run faster or slower than time."""
+    """Path of one aircraft as a function of the aircraft's clock, which may run faster or slower than time.
 
-    # present path and next path, as functions of the clock
+    At the flight time `time` (s) the clock shows `clock` (s), with its `rate` (1: as fast as time) and `acceleration`
+    (1/s). `next_path` replaces `path` from its start on if `has_next_path`.
+    """
+
     path: TimedPath
     next_path: TimedPath
-    has_next_path: Flag  # whether the next path replaces the present one from its start on
-    # clock (s) at `time`, its rate (1) and acceleration (1/s)
+    has_next_path: Flag
     clock: Scalar
     rate: Scalar
     acceleration: Scalar
-    time: Scalar  # time to which clock and rate belong, s
+    time: Scalar
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Return position, velocity and acceleration over the ground at a flight time (s); NED, m, m/s, m/s^2."""
@@ -94,10 +96,9 @@ class ClockedPath(AbstractReference):
 
 
 class Clocks(eqx.Module):
-    """Clocks by which the aircraft of a fleet fly along their paths; leading axis aircraft."""
+    """Clocks (s) by which the aircraft of a fleet fly along their paths, their rates (1) and accelerations (1/s)."""
 
-    clock: Float[Array, " aircraft"]  # commanded progress along the path, s
-    # rate (1) and acceleration (1/s) of the clock
+    clock: Float[Array, " aircraft"]
     rate: Float[Array, " aircraft"]
     acceleration: Float[Array, " aircraft"]
 
@@ -153,26 +154,29 @@ def advance_clocks(
 
 
 class DecentralisedPlanState(eqx.Module):
-    """State of the decentralised planner; leading axis aircraft. Only the aircraft itself knows its row."""
+    """State of the decentralised planner; leading axis aircraft. Only the aircraft itself knows its row.
 
-    plan: CertifiedPlan  # paths that the aircraft fly, as functions of their clocks
-    # origin of the plan: `FIRST_PLAN` or a following constant of `anser.planning.certified.replanning`
-    replanning: Array
+    `plan` has the paths flown, as functions of the `clocks`; `exchange` is the agreement on paths. `waits` is the mask
+    of the aircraft still on their previous path; `first_arrivals` are the arrival times agreed before the flight,
+    `delays` the delay of the fleet's arrivals that each aircraft knows, s. `replan_needed`: an aircraft must search for
+    another path.
+    """
+
+    plan: CertifiedPlan
+    replanning: Array  # origin of the plan, from `FIRST_PLAN` on, see `anser.planning.certified.replanning`
     limits: PathLimits  # flight limits of each path, including the accelerations available from the engine
-    exchange: Exchange  # state of the agreement on paths
-    # present state of clocks and network, and time, s
+    exchange: Exchange
     clocks: Clocks
     network: NetworkState
     time: Scalar
-    replan_needed: Flag  # whether a new path was needed, which is searched between two steps
-    waits: Bool[Array, " aircraft"]  # mask of the aircraft on the previous path until the agreed path begins
-    first_arrivals: Float[Array, " aircraft"]  # arrival times agreed before the flight, by the clocks, s
-    # delay of the fleet's arrivals known to each aircraft, s: the greatest requested or received
+    replan_needed: Flag
+    waits: Bool[Array, " aircraft"]
+    first_arrivals: Float[Array, " aircraft"]
     delays: Float[Array, " aircraft"]
 
 
 class _Correction(eqx.Module):
-    """Result of a correction of the fleet's paths, before any offer of new paths; leading axis aircraft."""
+    """Corrected paths of a fleet, other paths to offer (`proposals`), masks of aircraft that offer or must search."""
 
     planner_state: DecentralisedPlanState  # state with corrected paths and processed messages
     tasks: AircraftTask  # tasks to the goals measured now
@@ -189,7 +193,7 @@ class _Correction(eqx.Module):
 
 
 class _CorrectionLoop(eqx.Module):
-    """State of the loop over the fractions (1 first) of the corrections of the paths; leading axis aircraft."""
+    """Largest fraction, of those tried so far, by which each aircraft's path can be corrected, and the path."""
 
     attempt: Integer  # index of the next fraction in `CORRECTION_FRACTIONS`; after the last, the fraction 0
     paths: TimedPath  # paths corrected by the largest fraction that fits
@@ -202,7 +206,7 @@ class _CorrectionLoop(eqx.Module):
 
 
 class _PathSearch(eqx.Module):
-    """Problem of finding a new path for one aircraft of the fleet."""
+    """Problem of finding a new path for one aircraft, from `start` to `arrival` or a later time (s, by its clock)."""
 
     start: Scalar  # start of the path by the aircraft's clock, s
     arrival: Scalar  # arrival time known to the aircraft, s
@@ -212,14 +216,17 @@ class _PathSearch(eqx.Module):
 
 
 class DecentralisedPlanner(AbstractPlanner):
-    """Planner of a fleet without a central planner: each aircraft plans for itself and communicates over a network."""
+    """Planner of a fleet without a central planner: each aircraft plans for itself and communicates over a network.
+
+    `aircraft_planner` is the planner of the single aircraft; its separation includes twice the `tube` (m), the greatest
+    distance of a flown path from the agreed one, and the greatest difference of the clocks.
+    """
 
     searches_often: ClassVar[bool] = True
-    # limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew
     aircraft_planner: CertifiedPlanner
     network: Network  # communication network
     gains: CoordinationGains  # gains of the clocks' coordination
-    tube: Scalar  # greatest distance of an aircraft's path from its agreed path, m
+    tube: Scalar
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
         """Raise ValueError: `anser.missions.consensus` makes the first plan of a decentralised fleet, by messages."""
@@ -296,11 +303,7 @@ class DecentralisedPlanner(AbstractPlanner):
     def prepare_replanning(
         self, planner_state: DecentralisedPlanState, reports: AircraftReport
     ) -> Iterator[PreparedProgram]:
-        """Yield the programs that correct the paths, set up the search for a path, and propose a path.
-
-        The programs are for the shapes of `planner_state` and `reports`. Not included are the programs of the search
-        itself (`plan_at`).
-        """
+        """Yield the programs of `replan_between_steps`, the search (`plan_at`) excepted, for its arguments' shapes."""
         program = _correct.prepare(self, planner_state, reports)
         yield program
         correction, selected = program.shapes, reports.active
@@ -324,8 +327,7 @@ class DecentralisedPlanner(AbstractPlanner):
         may_change = under_way & ~state.offer_open & ~waits
         lead = jnp.minimum(LEAD_S, jnp.maximum(0.25 * to_go, 0.0))
         bent = select_rows(may_change, jax.vmap(correct_path)(paths, tasks, clock, time_to_go, lead), paths)
-        # latest requested arrival known to each aircraft
-        delays = jnp.maximum(planner_state.delays, jnp.max(knowledge.delays, axis=1))
+        delays = jnp.maximum(planner_state.delays, jnp.max(knowledge.delays, axis=1))  # the greatest known to each
         is_late = planner_state.first_arrivals + delays > state.agreed_paths.path.times[:, -1] + _SAME_TIME_S
 
         from_time = jnp.min(clock)
@@ -418,7 +420,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
     def _path_search(self, correction: _Correction, selected: Bool[Array, " aircraft"]) -> _PathSearch:
-        """Return the problem of finding a new path for the selected aircraft, which begins `LEAD_S` after now."""
+        """Return the problem of finding a new path for the aircraft `selected`, from `LEAD_S` after now on."""
         planner_state, tasks, planner = correction.planner_state, correction.tasks, self.aircraft_planner
         agreed_paths, clock = planner_state.exchange.agreed_paths.path, planner_state.clocks.clock
 
@@ -453,10 +455,7 @@ class DecentralisedPlanner(AbstractPlanner):
         paths: TimedPath,  # paths of a plan
         selected: Bool[Array, " aircraft"],  # mask of the aircraft that offers its path
     ) -> tuple[Flag, ApproachAndHold]:
-        """Add a hold to the selected aircraft's new path (`paths`).
-
-        Returns whether path and hold keep the separation from the fleet, and the proposals of all aircraft.
-        """
+        """Add a hold to a new path; return whether both keep clear of the fleet, and the proposals of all aircraft."""
         planner, exchange = self.aircraft_planner, correction.planner_state.exchange
         former = exchange.agreed_paths.hold
         holds = assign_holds(

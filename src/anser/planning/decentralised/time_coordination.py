@@ -24,13 +24,17 @@ SETTLED_LAG_S = 0.03
 
 
 class CoordinationGains(eqx.Module):
-    """Gains and limits of the law that coordinates the clocks, see the module's docstring."""
+    """Gains and limits of the law that coordinates the clocks, with the symbols of the module's docstring.
 
-    coupling: Scalar  # c: rate at which clocks agree in a complete network, 1/s
-    damping: Scalar  # b: rate at which a clock's rate returns to 1, 1/s
-    waiting: Scalar  # k: gain on the lag behind the path, 1/s^2
-    rate_range: Scalar  # greatest deviation of a clock's rate from 1
-    skew_max: Scalar  # greatest difference between two clocks, s
+    `coupling` c (1/s), `damping` b (1/s), `waiting` k (1/s^2); `rate_range` is the greatest deviation of a clock's rate
+    from 1, `skew_max` the greatest difference between two clocks, s.
+    """
+
+    coupling: Scalar
+    damping: Scalar
+    waiting: Scalar
+    rate_range: Scalar
+    skew_max: Scalar
 
 
 def clock_acceleration(
@@ -46,7 +50,7 @@ def clock_acceleration(
 ) -> Scalar:
     """Return the acceleration of one aircraft's clock, 1/s, by the coordination law.
 
-    A lag of up to `SETTLED_LAG_S` is ignored, and a greater one counts less by this time.
+    The magnitude of the lag is reduced by `SETTLED_LAG_S`; a smaller lag counts as 0.
     """
     clock_difference = jnp.sum(jnp.where(hears, clock - other_clocks, 0.0))
     effective_lag = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)

@@ -1,4 +1,8 @@
-"""Holds: the motion after the arrival, around the goal or along a path that stays clear of the other holds."""
+"""Holds: the motion after the arrival, around the goal or along a path that stays clear of the other holds.
+
+``assignment`` chooses a hold for each aircraft of a fleet, ``hold_paths`` computes holds as paths over time,
+``hold_around_goal`` is the guidance in the hold.
+"""
 
 import lazy_loader
 

@@ -67,27 +67,30 @@ def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: Guidanc
 
 
 class _HoldOption(eqx.Module):
-    """Candidate hold of one aircraft, with the approach before the hold; stacked: of a fleet."""
+    """Candidate hold of one aircraft, with the approach before the hold; stacked: of a fleet.
 
-    # path of the hold, and its circle
+    `path` and `circle` are those of the hold. `whole` is the track of approach and hold, with the bounding `cylinders`;
+    `hold_track` and `cylinders_after` are the part after the arrival. `fits` tells whether the hold keeps altitude
+    limits, keep-outs and distance from the goal; `keep_out_clearance` is the least distance outside each keep-out, m.
+    """
+
     path: TimedPath
     circle: HoldCircle
-    # track of approach and hold, and the part after the arrival
     whole: Track
     hold_track: Track
-    # bounding cylinders of both tracks, for large fleets
     cylinders: BoundingCylinders
     cylinders_after: BoundingCylinders
-    fits: Flag  # whether the hold keeps the altitude limits and stays away from goal and keep-outs
-    keep_out_clearance: Float[Array, " volumes"]  # least distance outside each keep-out, m
+    fits: Flag
+    keep_out_clearance: Float[Array, " volumes"]
 
 
 def _clearance_ratios(
     index: Integer, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
 ) -> Float[Array, " aircraft"]:
-    """Return the clearance ratio of one aircraft and each aircraft of the fleet, from the first arrival of the two on.
+    """Return the clearance ratios of one aircraft with each aircraft of the fleet, (aircraft,), holds included.
 
-    The lower bound of distance over separation, (aircraft,); infinite for the aircraft itself (`index`).
+    A ratio is a lower bound of distance over separation from the first arrival of the two on; infinite for the aircraft
+    itself (`index`).
     """
     is_other = jnp.arange(fleet.fits.shape[0]) != index
 
@@ -110,13 +113,17 @@ _Search = tuple[Integer, Integer, Scalar, _HoldOption, Flag]
 
 
 class _Choice(eqx.Module):
-    """State of the assignment of holds; leading axis aircraft."""
+    """State of the assignment of holds after `turn` rounds; leading axis aircraft.
 
-    turn: Integer  # number of finished rounds
-    options: _HoldOption  # chosen holds
-    pick: Array  # index of the chosen circle
-    clearance_ratio: Float[Array, "aircraft aircraft"]  # as in `PlannedHolds`
-    clear: Bool[Array, " aircraft"]  # as in `PlannedHolds`
+    `options` are the chosen holds, `pick` the indices of their circles; `clearance_ratio` and `clear` as in
+    `PlannedHolds`.
+    """
+
+    turn: Integer
+    options: _HoldOption
+    pick: Array
+    clearance_ratio: Float[Array, "aircraft aircraft"]
+    clear: Bool[Array, " aircraft"]
 
 
 def assign_holds(
@@ -135,10 +142,11 @@ def assign_holds(
 ) -> PlannedHolds:
     """Choose a hold for each aircraft that keeps the separation from the fleet until the end of the flight.
 
-    The aircraft choose one after the other, in the order of arrival. Each takes its first circle whose hold keeps the
-    altitude limits, the keep-outs, the distance from the goal, and the separation from all paths and the holds chosen
-    so far; or else the circle with the largest clearance ratio, preferably among holds that lack the separation only.
-    Then aircraft in conflict choose again, with the other aircraft's holds as chosen, in at most three rounds.
+    The aircraft choose one after another, in the order of arrival. Each takes its first circle whose hold keeps the
+    altitude limits, the keep-outs, the distance from the goal, and the separation from all paths and from the holds
+    chosen so far. If there is none, it takes the circle with the largest clearance ratio, first among holds that lack
+    only the separation. Then aircraft in conflict choose again around the holds of the rest, in at most three rounds.
+    The field `clear` of the result tells for which aircraft a hold without conflict was found.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]

@@ -39,7 +39,11 @@ class HoldAroundGoal(eqx.Module):
         return ground_clearance(belief, self.limits)
 
     def lateral_acceleration_max(self, clearance: GroundClearance, gravity: Scalar) -> Scalar:
-        """Return the greatest lateral acceleration in a level turn within bank limit, lift and load factor, m/s^2."""
+        """Return the greatest lateral acceleration, m/s^2, of a level turn in the hold.
+
+        The turn keeps the limits of bank angle, lift and load factor; `clearance` is that of
+        `HoldAroundGoal.clearance`.
+        """
         by_bank = gravity * jnp.tan(jnp.minimum(self.limits.bank_max, _BANK_MAX))
         by_lift = jnp.sqrt(jnp.maximum(clearance.normal_acceleration_max**2 - gravity**2, 1e-6))
         return jnp.minimum(by_bank, by_lift)

@@ -41,27 +41,32 @@ CELL_S = 2.0
 
 
 class HoldCircle(eqx.Module):
-    """Circle around the goal that a hold joins."""
+    """Circle around the goal that a hold joins: radius (m), `turn` (+1 clockwise seen from above, -1 anticlockwise).
 
-    radius: Scalar  # radius, m
-    turn: Scalar  # +1: clockwise seen from above, -1: anticlockwise
-    height: Scalar  # height above the goal, m
+    `height` is that above the goal, m.
+    """
+
+    radius: Scalar
+    turn: Scalar
+    height: Scalar
 
 
 class PlannedHolds(eqx.Module):
-    """Planned holds of a fleet, from the arrivals to the end of the flight; leading axis aircraft."""
+    """Planned holds of a fleet, from the arrivals to the end of the flight; leading axis aircraft.
+
+    The goals' positions and velocities (NED, m, m/s) are forecast from `forecast_time` (s). `clearance_ratio` is the
+    least ratio of distance to separation of each pair from its first arrival on, `keep_out_clearance` the least
+    distance outside each keep-out, m; `clear` tells whether the hold keeps separation, keep-outs and altitude limits to
+    the end.
+    """
 
     paths: TimedPath  # paths from the arrivals to the end of the flight
     circles: HoldCircle  # circles at the end of the paths
-    # forecast of the goals: positions (NED, m) and velocities over the ground (NED, m/s) at `forecast_time`, s
     goal_positions_n: Float[Array, "aircraft 3"]
     goal_velocities_n: Float[Array, "aircraft 3"]
     forecast_time: Scalar
-    # least ratio of distance to separation of each pair, from the first arrival of the pair to the end of the flight;
-    # infinite on the diagonal
     clearance_ratio: Float[Array, "aircraft aircraft"]
-    keep_out_clearance: Float[Array, "aircraft volumes"]  # least distance outside each keep-out after the arrival, m
-    # whether the hold keeps separation, keep-outs and altitude limits until the end of the flight
+    keep_out_clearance: Float[Array, "aircraft volumes"]
     clear: Bool[Array, " aircraft"]
 
 
@@ -124,10 +129,10 @@ def goals_have_shifted(
 ) -> Bool[Array, "aircraft aircraft"]:
     """Return the mask of the pairs whose goals have shifted so far that the pair's holds may lack separation.
 
-    The shift is that of one goal relative to the other, expected at the first arrival of the pair, from the forecast of
-    the holds. The ratio of distance to separation falls by at most the ratio of the shift. With `covariances`, the
-    shift must also exceed what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with an inactive
-    aircraft or one that has arrived do not count.
+    The shift is that of one goal relative to the other, from the forecast of the holds, expected at the first arrival
+    of the pair. A pair is marked if the ratio of shift to separation exceeds the pair's clearance ratio minus 1 and,
+    with `covariances`, the shift exceeds what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with
+    an inactive aircraft, or with one that has arrived, are never marked.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
     offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))
@@ -147,13 +152,16 @@ def goals_have_shifted(
 
 
 class HoldReference(AbstractReference):
-    """Reference motion of one aircraft in its hold: the planned path, moved with the sensed goal."""
+    """Reference motion of one aircraft in its hold: the planned path, moved with the sensed goal.
+
+    At the time `now` (s) the goal is off its forecast by `goal_offset_n` (NED, m), which grows by `goal_offset_rate_n`
+    (m/s).
+    """
 
     path: TimedPath  # planned path of the hold
-    # offset of the goal from the forecast of the hold, NED, m, and rate of the offset, m/s
     goal_offset_n: Vector3
     goal_offset_rate_n: Vector3
-    now: Scalar  # time of the offset, s
+    now: Scalar
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Return position, velocity and acceleration over the ground at a time (s); NED, m, m/s, m/s^2."""
@@ -198,14 +206,18 @@ def hold_reference(
 
 
 class _PointMass(eqx.Module):
-    """State of a point mass in a hold, or its rates."""
+    """State of a point mass in a hold, or its rates: position and drift (NED, m), course (rad), airspeed, climb rate.
 
-    position_n: Vector3  # position over the ground, NED, m
-    drift_n: Vector3  # displacement by the wind since the start of the hold, NED, m
-    course: Scalar  # course through the air, rad
+    `drift_n` is the displacement by the wind since the start of the hold; `turning` the horizontal acceleration to the
+    right, m/s^2.
+    """
+
+    position_n: Vector3
+    drift_n: Vector3
+    course: Scalar
     speed: Scalar  # airspeed, m/s
     climb: Scalar  # climb rate relative to the air, m/s
-    turning: Scalar  # horizontal acceleration to the right, m/s^2
+    turning: Scalar
 
 
 def _air_velocity_n(state: _PointMass) -> Vector3:

@@ -45,13 +45,18 @@ _SPEED_ROUNDS = 3  # each round gains two digits: the path hardly depends on the
 
 
 class FleetPlan(eqx.Module):
-    """Plan of a fleet: one trajectory per aircraft, with a common arrival time of the active aircraft."""
+    """Plan of a fleet: one trajectory per aircraft, with a common arrival time (s) of the active aircraft.
+
+    `speed` is the mean airspeed, m/s; `nominal_lengths` are those of the paths without bend, m, and `farthest` is the
+    aircraft with the longest, which flies without bend. The bends (`lateral_bends`, m, right positive) make every path
+    as long as `reference_length` plus the aircraft's `path_length_deficit`. `status` is an index into PLAN_MESSAGES.
+    """
 
     trajectories: Trajectory  # trajectories of the aircraft, stacked
-    arrival_time: Scalar  # common time of arrival, s
+    arrival_time: Scalar
     # arrival time per aircraft, s; for an inactive aircraft, that of its last plan
     arrival_times: Float[Array, " aircraft"]
-    nominal_lengths: Float[Array, " aircraft"]  # lengths of the unbent air paths, m
+    nominal_lengths: Float[Array, " aircraft"]
     # mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed
     speed: Scalar
     # longest nominal length minus `path_length_deficit` of the active aircraft that can arrive, m; the length of each
@@ -60,10 +65,10 @@ class FleetPlan(eqx.Module):
     lengths: Float[Array, " aircraft"]  # lengths of the planned paths, m
     # lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew
     lateral_bends: Float[Array, " aircraft"]
-    farthest: Integer  # index of the aircraft that flies its nominal path, because this path is the longest
+    farthest: Integer
     converged: Bool[Array, " aircraft"]  # whether the aircraft's trajectory has the reference length and arrival time
     goal_reachable: Bool[Array, " aircraft"]  # whether a path meets the aircraft's moving goal at the plan's airspeed
-    status: Int[Array, " aircraft"]  # status of each aircraft: index into PLAN_MESSAGES
+    status: Int[Array, " aircraft"]
 
     @property
     def active(self) -> Bool[Array, " aircraft"]:
@@ -72,9 +77,15 @@ class FleetPlan(eqx.Module):
 
 
 class PlanningTask(eqx.Module):
-    """Planning problem of one aircraft for the published planner; stacked: of a fleet."""
+    """Planning problem of one aircraft for the published planner; stacked: of a fleet.
 
-    position_n: Vector3  # position of the aircraft, NED, m
+    Positions NED, m; the wind and the goal are as sensed. `origin_n` is the position at the first plan, moved with the
+    air since; `path_length_deficit` is the planned airspeed times the time since the first plan, minus the length
+    flown, m; `deceleration` is that with the engine idle in level flight, m/s^2. An inactive aircraft does not count
+    for the common arrival time.
+    """
+
+    position_n: Vector3
     air_velocity_n: Vector3  # velocity of the aircraft relative to the air, NED, m/s
     # sensed goal, NED, m and m/s over the ground; predicted at constant velocity
     goal_position_n: Vector3
@@ -90,7 +101,7 @@ class PlanningTask(eqx.Module):
     # speed of the remaining path would differ from that of the whole, and the arrival time would change from plan to
     # plan.)
     path_length_deficit: Scalar
-    deceleration: Scalar  # deceleration with the engine idle in level flight, m/s^2
+    deceleration: Scalar
     # whether the aircraft flies. An inactive aircraft (stopped, or never started) does not count for the common arrival
     # time, speed and length, for the farthest aircraft, or for distances. Without any active aircraft, the first plan
     # treats every aircraft as active, with status INACTIVE
@@ -130,7 +141,7 @@ def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Arra
 
 
 def _planned_for(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
-    """Return the mask of the active aircraft; if none is active, of all, so that the numbers stay finite."""
+    """Return the mask of the aircraft for which the plan is made: the active ones; if none is active, all."""
     return tasks.active | ~jnp.any(tasks.active)
 
 
@@ -187,16 +198,19 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
 
 
 class _CommonTime(NamedTuple):
-    """Mean airspeed and flight duration that are common to a fleet, and the nominal paths for this duration."""
+    """Mean airspeed (m/s) and duration (s) that are common to a fleet, and the nominal paths for this duration.
 
-    # mean airspeed, m/s, and duration from now to the arrival, s
+    `is_solved`: the duration equals the flight time of the longest path. `attainable`: the path has the prescribed
+    direction of arrival. `lengths` are those of the nominal paths, without bend, m.
+    """
+
     speed: Scalar
     duration: Scalar
-    is_solved: Flag  # whether the duration equals the flight time of the longest path
+    is_solved: Flag
     reachable: Bool[Array, " aircraft"]  # mask of the aircraft with reachable goals
-    nominal: Trajectory  # paths without bend, stacked
-    attainable: Bool[Array, " aircraft"]  # whether each path has the prescribed arrival direction
-    lengths: Float[Array, " aircraft"]  # lengths of the paths, m
+    nominal: Trajectory
+    attainable: Bool[Array, " aircraft"]
+    lengths: Float[Array, " aircraft"]
 
 
 def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_raise: Flag) -> _CommonTime:

@@ -111,31 +111,31 @@ _PULL_SHARE = 0.75
 
 
 class LimitReport(eqx.Module):
-    """Extremes of the flight quantities at samples of a trajectory, and whether the samples satisfy each limit.
+    """Least and greatest flight quantities at samples of a trajectory, and whether the samples keep each limit.
 
-    Between the samples, nothing is proven.
+    Airspeeds and climb rate (up or down, relative to the air) in m/s, turn rate in rad/s, altitudes in m.
+    `turn_utilization_max` is the turn rate over that at the bank limit; `level_off_altitude` is the least altitude of
+    the level-off after the arrival. `is_satisfied` and `status` refer to LIMIT_MESSAGES: one flag per limit, and the
+    index of the first violated limit (0: none). Between the samples, nothing is proven.
     """
 
-    speed_min: Scalar  # least airspeed, m/s
-    speed_max: Scalar  # greatest airspeed, m/s
-    turn_rate_max: Scalar  # greatest magnitude of the course rate, rad/s
-    # greatest ratio of the course rate to the rate at the bank limit and the local speed; 1 is the limit
+    speed_min: Scalar
+    speed_max: Scalar
+    turn_rate_max: Scalar
     turn_utilization_max: Scalar
-    climb_rate_max: Scalar  # greatest vertical speed relative to the air, up or down, m/s
-    altitude_min: Scalar  # least altitude, m, over the ground frame's origin
-    # least altitude, m, if the hold levels off after the arrival with 1 g in excess of the weight
+    climb_rate_max: Scalar
+    altitude_min: Scalar
     level_off_altitude: Scalar
-    # whether each limit is satisfied, in the order of LIMIT_MESSAGES from the second on
     is_satisfied: Bool[Array, " limits"]
-    status: Integer  # index of the first violated limit in LIMIT_MESSAGES; 0: none
+    status: Integer
 
 
 def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
     """Compare a trajectory with flight limits at `count` equidistant instants from start to rendezvous.
 
-    Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. Speed, turn and climb are
-    relative to the air, as the aircraft experiences them; altitude is over the ground. The hold must be able to level
-    off from the end state: see `level_off_height`, with the bank and the vertical acceleration at the end of the path.
+    Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. Airspeed, turn rate and climb
+    rate are relative to the air. The altitude must keep its least value on the path, and in a level-off from the state
+    at the arrival, see `_level_off_height`.
     """
     times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
     points = jax.vmap(trajectory.at)(times)
@@ -171,7 +171,10 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
 
 
 def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Return the height, m, that an aircraft loses from the end of a trajectory to level flight in the hold."""
+    """Return the height, m, that an aircraft loses from the end of a trajectory to level flight in the hold.
+
+    The bank angle and the vertical acceleration at the start of the level-off are those at the end of the trajectory.
+    """
     end = trajectory.start_time + trajectory.duration
     end_point = trajectory.at(end)
     end_demand = demand(end_point.velocity_n - trajectory.wind_n, end_point.acceleration_n, gravity)
@@ -181,22 +184,30 @@ def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: Scala
 
 
 class PublishedPlanState(eqx.Module):
-    """State of the published planner."""
+    """State of the published planner: plan in force, and what is kept from the first plan on.
 
-    plan: FleetPlan  # current plan
-    sides: Float[Array, " aircraft"]  # sides of the detours, chosen with the first plan: +1 right, -1 left
-    deceleration: Float[Array, " aircraft"]  # deceleration with the engine idle in level flight at the start, m/s^2
-    flown_length: Float[Array, " aircraft"]  # length of the path flown through the air, m
-    replan_needed: Flag  # whether the fleet must be coordinated again
+    `sides` of the detours (+1 right, -1 left); `deceleration` with the engine idle in level flight at the start, m/s^2;
+    `flown_length` through the air since the first plan, m; `replan_needed`: the fleet must be coordinated again.
+    """
+
+    plan: FleetPlan
+    sides: Float[Array, " aircraft"]
+    deceleration: Float[Array, " aircraft"]
+    flown_length: Float[Array, " aircraft"]
+    replan_needed: Flag
 
 
 class PublishedPlanner(AbstractPlanner):
-    """Planner of a fleet's simultaneous arrival by paths of equal length (theory section 8)."""
+    """Planner of a fleet's simultaneous arrival by paths of equal length (theory section 8).
 
-    start_positions_n: Float[Array, "aircraft 3"]  # start positions, NED, m
-    sides: Int[Array, " aircraft"]  # side of the detour: +1 right, -1 left, 0 free choice
-    speed: Scalar  # mean airspeed of the fleet, m/s
-    # whether the airspeed changes evenly along a path; otherwise by the published time law, see `time_law`
+    Start positions NED, m; `sides` of the detours: +1 right, -1 left, 0 free choice; `speed` is the mean airspeed, m/s.
+    With `even_speed`, the airspeed changes evenly along a path; otherwise the path parameter is linear in time, as
+    published.
+    """
+
+    start_positions_n: Float[Array, "aircraft 3"]
+    sides: Int[Array, " aircraft"]
+    speed: Scalar
     even_speed: Flag
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> PublishedPlanState:

@@ -99,12 +99,13 @@ class Clock(eqx.Module):
 class Cell(eqx.Module):
     """Section of a path between two values of the path parameter, s and s + width.
 
-    The rows of the arrays belong to the nodes of the quadrature rule in the section, then to the section's end.
+    The rows of the arrays belong to the nodes of the quadrature rule in the section, then to the section's end:
+    `slopes` |dr/ds|, m; `lengths` from the start of the section, m; `energy_gain`, the potential energy per mass
+    released from there on, m^2/s^2.
     """
 
-    slopes: Float[Array, " rows"]  # |dr/ds|, m
-    lengths: Float[Array, " rows"]  # length from the start of the cell, m
-    # potential energy per mass released from the start of the cell, m^2/s^2
+    slopes: Float[Array, " rows"]
+    lengths: Float[Array, " rows"]
     energy_gain: Float[Array, " rows"]
 
     def time(self, speeds: Float[Array, " rows"], width: ScalarLike) -> Scalar:
@@ -130,24 +131,32 @@ def _cell(path: PathPolynomials, s: ScalarLike, width: ScalarLike) -> Cell:
 
 
 class _CellMotion(eqx.Module):
-    """Motion at an offset of the path parameter s from the start of a cell."""
+    """Motion at one value of the path parameter s in a cell: slope |dr/ds| (m), airspeed, time since its start (s).
 
-    slope: Scalar  # |dr/ds|, m
-    speed: Scalar  # airspeed, m/s
-    is_slowest: Flag  # whether the airspeed is the least
-    time: Scalar  # time since the start of the cell, s
+    `is_slowest` tells whether the airspeed (m/s) is limited to the least one.
+    """
+
+    slope: Scalar
+    speed: Scalar
+    is_slowest: Flag
+    time: Scalar
 
 
 class TimeLaw(eqx.Module):
-    """Path parameter s (0 to 1, no unit) over time; the fields from `exchange` on are for the even law only."""
+    """Path parameter s (0 to 1, no unit) over time; the fields from `exchange` on are for the even law only.
+
+    `exchange` (0..1) is the fraction of the lost potential energy that becomes kinetic, `braking` the deceleration in
+    addition, m/s^2 (see `even_law`); `slowest` is the least airspeed, m/s. At s = k / CELLS: `slopes` |dr/ds|, m;
+    `squares` of the airspeed without regard to `slowest`, m^2/s^2; `times` after the start, s.
+    """
 
     even: Flag  # whether the speed changes evenly; otherwise s is linear in time
-    exchange: Scalar  # energy exchange: fraction of the potential energy lost that becomes kinetic, 0 to 1
-    braking: Scalar  # deceleration along the path in addition to the exchange, m/s^2
-    slowest: Scalar  # least airspeed, m/s: lower demands are limited to this speed
-    slopes: Float[Array, " nodes"]  # |dr/ds| at s = k / CELLS, m
-    squares: Float[Array, " nodes"]  # square of the airspeed demanded at s = k / CELLS, m^2/s^2
-    times: Float[Array, " nodes"]  # time at s = k / CELLS, s after the start
+    exchange: Scalar
+    braking: Scalar
+    slowest: Scalar
+    slopes: Float[Array, " nodes"]
+    squares: Float[Array, " nodes"]
+    times: Float[Array, " nodes"]
 
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
         """Return the path parameter and its rates `elapsed` seconds after the start of a path of `duration` seconds.
@@ -242,15 +251,20 @@ def published_law() -> TimeLaw:
 
 
 class _Profile(eqx.Module):
-    """Data for the even law of one path, before the braking (m/s^2) is solved; fields as in `TimeLaw`."""
+    """Data for the even law of one path, before the braking (m/s^2) is solved.
 
-    cells: Cell  # stacked cells
-    lengths: Float[Array, " nodes"]  # length from the start, m
-    energy_gain: Float[Array, " nodes"]  # potential energy per mass released since the start, m^2/s^2
-    exchange: Scalar  # energy exchange, 0 to 1
-    speed_0: Scalar  # airspeed at the start, m/s
-    duration: Scalar  # duration of the path, s
-    slowest: Scalar  # least airspeed, m/s
+    The path is divided into `cells`; at their ends, `lengths` from the start (m) and `energy_gain`, the potential
+    energy per mass released since the start (m^2/s^2). `speed_0` is the airspeed at the start, m/s; `exchange` and
+    `slowest` as in `TimeLaw`.
+    """
+
+    cells: Cell
+    lengths: Float[Array, " nodes"]
+    energy_gain: Float[Array, " nodes"]
+    exchange: Scalar
+    speed_0: Scalar
+    duration: Scalar
+    slowest: Scalar
 
     def squares(self, braking: Scalar) -> Float[Array, " nodes"]:
         """Return the square of the airspeed demanded at s = k / CELLS with a braking (m/s^2), m^2/s^2."""

@@ -199,10 +199,13 @@ _BEND_SLOPE_SQUARE = 2.0 / 105.0
 
 
 class Bend(eqx.Module):
-    """Lateral bend of a path, and whether the path with this bend has the required length (`solve_lateral_bend`)."""
+    """Lateral bend `kappa` of a path (m, right positive), from `solve_lateral_bend`.
 
-    kappa: Scalar  # lateral bend, m; positive to the right
-    converged: Flag  # whether the path has the required length
+    `converged` tells whether the path with this bend has the required length.
+    """
+
+    kappa: Scalar
+    converged: Flag
 
 
 def bend_slope(phase: np.ndarray) -> np.ndarray:
