@@ -31,7 +31,13 @@ class ThrustDemand(eqx.Module):
 
 
 class AttitudeDemand(eqx.Module):
-    """Demand to the attitude loop: (mu, alpha, beta), and flags of the limits for which the path is not followed."""
+    """Command of the velocity loop to the attitude loop, `angles` (mu, alpha, beta), rad, and flags of limits.
+
+    `alpha_saturated`: the path angle is not followed (alpha or load factor at a limit, lift unloaded, or a push-over
+    limited). `bank_saturated`: the course is not followed (bank or bank rate at a limit, bank faded out, or too little
+    lift). `lift_short`, `load_factor_short`: the turn is reduced for the lift at alpha_max, or for the greatest load
+    factor.
+    """
 
     angles: Vector3  # (mu, alpha, beta), rad
     # the path angle is not followed: alpha or load factor at a limit, lift unloaded, or a push-over limited
@@ -191,7 +197,11 @@ def limit_bank_rate(
 
 
 def _feasible_share(gravity_normal: Scalar, normal: Scalar, lateral: Scalar, magnitude_max: Scalar) -> Scalar:
-    """Return the largest share s in 0..1 with |(gravity_normal + s normal, s lateral)| <= magnitude_max; m/s^2."""
+    """Return the largest share s in 0..1 of a path acceleration for which the total acceleration keeps a limit.
+
+    The path acceleration (m/s^2) has the components `normal` in the vertical plane and `lateral`; gravity needs
+    `gravity_normal` in any case: |(gravity_normal + s normal, s lateral)| <= `magnitude_max`.
+    """
     square = normal**2 + lateral**2 + 1e-12
     root = jnp.sqrt(
         jnp.maximum((gravity_normal * normal) ** 2 + square * (magnitude_max**2 - gravity_normal**2), 1e-12)
