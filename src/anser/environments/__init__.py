@@ -13,7 +13,7 @@
 ``gymnasium_environments``   environments for Gymnasium
 ``pettingzoo_environments``  environments of fleets for PettingZoo
 ``minari_datasets``          episodes as datasets of Minari
-==========================  ===========================================================================================
+===========================  ==========================================================================================
 """
 
 import lazy_loader

@@ -78,7 +78,11 @@ class AbstractActionLevel(eqx.Module):
 
     @abc.abstractmethod
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the action, entries in -1..1, that commands at this level the same as one step of the expert's autopilot."""
+        """Return the action, entries in -1..1, that has the same effect as one step of the expert's autopilot.
+
+        For example, at the level of body rates the action commands the rates that the autopilot's attitude loop
+        commands.
+        """
 
 
 def _from_unit(action: Array, low: ScalarLike, high: ScalarLike) -> Array:

@@ -110,8 +110,8 @@ class AbstractEnvironment(abc.ABC):
 
     `observed` is the table of the entries of one aircraft's observation. In the environment of a fleet, observations,
     actions and rewards have an axis over the aircraft. An environment is hashable, so that `jax.jit(environment.step)`
-    compiles a step. `supports_transition_gradients` is a class's flag: false if `step` cannot pass gradients through
-    observation and state.
+    compiles a step. `supports_transition_gradients`, part of gymnax's contract, says that `with_transition_gradients`
+    exists.
     """
 
     observed: tuple[Entry, ...]

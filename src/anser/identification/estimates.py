@@ -27,21 +27,34 @@ _LABELS = {
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimate(Fit, PrintedTable):
-    """Estimated parameters with covariance, and the fit to the measured responses; prints a table of 95 % intervals."""
+    """Estimated parameters with covariance, and the fit to the measured responses; prints a table of 95 % intervals.
 
-    method: str  #: Name of the method, for labels.
-    #: Names of the parameters, their values, and the covariance of the errors, in the parameters' units.
+    Attributes
+    ----------
+    method
+        Name of the method, for labels.
+    names, values, covariance
+        Names of the parameters, their values, and the covariance of the errors, in the parameters' units.
+    degrees_of_freedom
+        Degrees of freedom of Student's distribution for the intervals.
+    condition_number, variance_inflation
+        Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
+        length, and the factor by which the correlation with the remaining parameters raises each variance.
+    white_covariance
+        Covariance for white residuals (the textbook value), for comparison; None: not computed.
+    notes
+        Remarks on the estimate, printed below the table.
+    """
+
+    method: str
     names: tuple[str, ...]
     values: Float[np.ndarray, " parameter"]
     covariance: Float[np.ndarray, "parameter parameter"]
-    degrees_of_freedom: float  #: Degrees of freedom of Student's distribution for the intervals.
-    #: Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
-    #: length, and the factor by which the correlation with the remaining parameters raises each variance.
+    degrees_of_freedom: float
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
-    #: Covariance for white residuals (the textbook value), for comparison; None: not computed.
     white_covariance: Float[np.ndarray, "parameter parameter"] | None = None
-    notes: tuple[str, ...] = ()  #: Remarks on the estimate, printed below the table.
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> float:
         """Return the value of a parameter by its name; raises ValueError if the name is unknown."""

@@ -200,14 +200,18 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
 
 
 class _LinearSeries(NamedTuple):
-    """Time series of a linear model: measured states, inputs, and the known rates from gravity and gusts."""
+    """Time series of a linear model along a record.
 
-    axes: tuple[str, ...]  # prefixes of the parameters, by equation, such as Z and M
-    names: tuple[str, ...]  # of the states
+    `axes` are the first letters of the parameters of each equation, such as Z and M; `names` and `inputs` the names of
+    the states and the inputs. `known` is the known part of the states' rates, from gravity and gusts, without its mean.
+    """
+
+    axes: tuple[str, ...]
+    names: tuple[str, ...]
     inputs: tuple[str, ...]
     states: Float[np.ndarray, "sample state"]
     u: Float[np.ndarray, "sample input"]
-    known: Float[np.ndarray, "sample state"]  # known part of the states' rates, without its mean
+    known: Float[np.ndarray, "sample state"]
 
     def matrix(self, parameters: Mapping[str, float], arguments: Sequence[str]) -> Float[np.ndarray, "state argument"]:
         """Return columns of the state or input matrix, for the names `arguments`; an absent parameter is zero."""

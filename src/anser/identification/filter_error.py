@@ -117,9 +117,10 @@ def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Ar
     indices = np.asarray(noisy, dtype=int)
 
     def innovate(unknown: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-        """Run the filter; return (innovations, variances), and these again with the errors of the predicted outputs.
+        """Run the filter; return innovations and variances twice: alone, to be differentiated, and for the result.
 
-        The second tuple is the auxiliary result of `jax.jacfwd`, which is not differentiated.
+        `unknown` is (values, densities, logs). The second tuple, the auxiliary result of `jax.jacfwd`, is (innovations,
+        variances, measured minus predicted outputs before the corrections of each sample).
         """
         values, densities, logs = unknown
         theta, start = case.start(values)

@@ -44,14 +44,17 @@ class Whiteness(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Fit:
-    """Measured responses of a manoeuvre, and a model's responses to the same inputs, over time or frequency."""
+    """Measured responses of a manoeuvre, and a model's responses to the same inputs, over time or frequency.
 
-    responses: tuple[str, ...]  #: Names of the measured quantities that the model reproduces.
-    #: Measured and fitted values, shape (sample, response); complex in the frequency domain.
+    `responses` are the names; `measured` and `fitted` have the shape (sample, response). `sample_points` are times, s,
+    or if `is_spectrum`, frequencies, Hz: the values are then Fourier transforms, complex numbers.
+    """
+
+    responses: tuple[str, ...]
     measured: Samples
     fitted: Samples
-    sample_points: Float[np.ndarray, " sample"]  #: Times of the samples, s, or their frequencies, Hz (`is_spectrum`).
-    is_spectrum: bool = False  #: Whether the samples are those of a Fourier transform.
+    sample_points: Float[np.ndarray, " sample"]
+    is_spectrum: bool = False
 
     @property
     def residuals(self) -> Samples:

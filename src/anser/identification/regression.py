@@ -20,14 +20,19 @@ Square = Float[np.ndarray, "parameter parameter"]
 
 
 class Regression(NamedTuple):
-    """A linear regression problem z = X theta + v: response z, regressors X, parameters theta, error v."""
+    """A linear regression problem z = X theta + v: response z, regressors X, parameters theta, error v.
 
-    names: tuple[str, ...]  # parameters, by the names of their regressors
-    X: Matrix  # regressors; the column of `CONSTANT` is 1
-    z: Float[np.ndarray, " sample"]  # response
-    time_s: Float[np.ndarray, " sample"] | None  # times of a uniformly sampled record, s; None: independent samples
-    response: str  # name of z
-    noise: Float[np.ndarray, " parameter"]  # standard deviation of the white noise in each regressor
+    `names` are those of the regressors and parameters; the regressor named `CONSTANT` is 1. `time_s` are the times of a
+    uniformly sampled record, s; None: independent samples. `response` is the name of z; `noise` holds the standard
+    deviations of the white noise in the regressors, 0 for exact ones.
+    """
+
+    names: tuple[str, ...]
+    X: Matrix
+    z: Float[np.ndarray, " sample"]
+    time_s: Float[np.ndarray, " sample"] | None
+    response: str
+    noise: Float[np.ndarray, " parameter"]
 
     def information(self) -> Square:
         """Return X^T X minus the expected contribution of the regressors' noise."""

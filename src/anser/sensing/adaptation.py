@@ -443,9 +443,9 @@ def _gradient_step(
 
 
 def _bounded(state: AdaptationState, increments: Increments) -> Increments:
-    """Return the increments, limited to 3 standard deviations before the flight, (6, p).
+    """Return the increments (6, p) with magnitudes of at most 3 of their standard deviations before the flight.
 
-    The control effectiveness of the surfaces of `_is_effective` is limited to 0.3 to 2 times the model's.
+    A derivative with a flag in `_is_effective` stays, with its increment, within 0.3 to 2 times the model's derivative.
     """
     limit = _INCREMENT_MAX * state.prior_deviation
     bounded = jnp.clip(increments, -limit, limit)
@@ -455,7 +455,11 @@ def _bounded(state: AdaptationState, increments: Increments) -> Increments:
 
 
 def _is_effective(derivatives: Increments) -> Any:
-    """Return flags (6, p) of derivatives of a moment by a surface that exceed a tenth of the axis' greatest."""
+    """Return flags (6, p) of the derivatives of Cl, Cm and Cn by a surface that are not small.
+
+    The flag is true if the magnitude exceeds a tenth of the greatest magnitude among the surfaces for the same moment;
+    it is false for force coefficients and regressors of the motion.
+    """
     size = jnp.abs(derivatives)
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)
     greatest = jnp.max(size[:, STATE_REGRESSORS:], axis=1, keepdims=True)
