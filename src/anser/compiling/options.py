@@ -59,11 +59,11 @@ def blocks_on_cores(
     count: int,
     least: int,  # rows of a block whose computation takes longer than its hand-over to another thread
 ) -> list[slice]:
-    """Divide a batch of `count` rows into equal blocks; return their slices.
+    """Divide a batch of `count` rows into equal blocks for computation in parallel; return their slices.
 
-    There is a block for each usable core, or fewer if the rows would not divide equally or a block would have fewer
-    than `least` rows. Blocks of the same size share a program; XLA itself divides only the largest of its kernels among
-    cores. On a device other than a CPU, one block holds the whole batch.
+    The number of blocks is the greatest divisor of `count` that is at most the number of usable cores and leaves each
+    block `least` rows or more; at least 1. Blocks of the same size share a program; XLA itself divides only the largest
+    of its kernels among cores. On a device other than a CPU, one block holds the whole batch.
     """
     most = min(usable_cores(), count // least) if jax.default_backend() == "cpu" else 1
     number = next((number for number in range(most, 1, -1) if count % number == 0), 1)

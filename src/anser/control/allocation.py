@@ -106,13 +106,14 @@ def allocate(
     """Solve for the deflections within the stops at which aerodynamics and propulsion give the moment `moment_b` (N m).
 
     The moment is the total about the centre of gravity, body axes. Two Newton steps start from `present`, the
-    aerodynamic moment and its derivatives at the present deflections, with the control effectiveness evaluated at every
-    iterate (theory section 5, item 1: Cm0 is not linear in the elevator). Scheduled surfaces keep their present
-    deflections.
+    aerodynamic moment and its derivatives at the present deflections; the second step evaluates moment and control
+    effectiveness at the result of the first (theory section 5, item 1: Cm0 is not linear in the elevator). Surfaces
+    that follow a schedule keep their present deflections.
 
-    A surface with a demand beyond a stop is fixed at the stop, and the remaining surfaces give as much of the missing
-    moment as possible, pitch before roll before yaw. With one surface per axis, no surface can compensate. The flags of
-    the result mark the surfaces whose demand exceeded a stop before the redistribution.
+    With more or fewer than one surface per axis, a surface whose solution is beyond a stop is fixed at the stop, and
+    the remaining surfaces give as much of the missing moment as possible, pitch before roll before yaw. With one
+    surface per axis, no surface can compensate. The flags of the result mark the surfaces whose solution was beyond a
+    stop before the redistribution.
     """
     target_b = moment_b - condition.propulsive.moment_b
     actuators = airframe.actuators

@@ -69,7 +69,7 @@ def limit_to_braking(
     error: Vector3,  # r - y, shape (3,)
     acceleration: Vector3,  # L, shape (3,), units of the error per s^2, above 0
 ) -> Vector3:
-    """Limit the error so that the loop never approaches faster than it can brake with `acceleration`.
+    """Return the error, limited so that the loop approaches the reference no faster than `acceleration` can brake.
 
     The linear loop e_dot = -K e, K = K_P / (1 + K_D), converges with e_ddot = K^2 e, which exceeds the acceleration L
     for |e| > L / K^2. Beyond that error, e_dot is limited to the rate that L can brake, sqrt(2 L (|e| - L / 2K^2)),

@@ -108,14 +108,14 @@ def side_force(model: OnboardModel) -> Scalar:
 def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarLike) -> AttitudeDemand:
     """Compute bank and angle of attack for commanded gamma_dot and chi_dot (rad/s) in coordinated flight (beta = 0).
 
-    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, with the
-    resultant acceleration a and the side force Y of an asymmetric aircraft. Alpha follows from the balance of forces
+    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), with the side force Y of an
+    asymmetric aircraft and the resultant acceleration a of the two arguments. Alpha follows from the balance of forces
     normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with L = F_X
     sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If the bank
     error exceeds 60 deg (an upset), the aircraft unloads first.
 
-    A demand beyond nine tenths of the lift at alpha_max, or beyond the load factor, reduces the turn of the path and
-    the turn of the course by the same share: gravity is carried first.
+    If the command needs more than nine tenths of the lift at alpha_max, or more than the greatest load factor, V
+    gamma_dot and V cos(gamma) chi_dot are reduced by the same factor; the part that carries the weight is not reduced.
     """
     limits, condition, motion, gravity = model.limits, model.slow_condition, model.motion, model.gravity
     mass = model.airframe.mass_properties.mass

@@ -117,9 +117,9 @@ class AbstractEarth(eqx.Module):
 
 
 class FlatEarth(AbstractEarth):
-    """A flat Earth at rest with uniform gravity (theory section 2)."""
+    """A flat Earth at rest with uniform gravity, `gravity` (m/s^2), along down (theory section 2)."""
 
-    gravity: Scalar  #: Gravity along down, m/s^2.
+    gravity: Scalar
 
     @property
     def gravity_at_origin(self) -> Scalar:

@@ -43,7 +43,7 @@ class GriddedWind(AbstractWind):
         Number of neighbouring intervals between levels to search for an altitude; more than 1 if the altitude of a
         level varies so much that one altitude lies in different intervals at different nodes.
     is_held
-        Whether a flight may leave the grid and meets the wind of the boundary.
+        True: a flight may leave the grid, and meets the wind of the boundary there; False: see `has_left_field`.
     """
 
     columns: Float[Array, "node level 4"]

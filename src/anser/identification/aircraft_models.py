@@ -25,10 +25,11 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Parameters) -> Array:
-    """Return the rates of a linear model, for each axis such as Z or M a constant plus derivatives times arguments.
+    """Return the rates of a linear model, one for each axis: a constant plus the sum of derivatives times arguments.
 
-    For the axis Z, `theta` contains `Z_alpha`, `Z_q`, ... (elements of the state matrix, as from `anser.linearize`),
-    `Z_elevator`, ... (elements of the input matrix) and the constant `Z0`; an absent parameter is zero.
+    `arguments` are the states and inputs by name. For the axis Z, `theta` contains `Z_alpha`, `Z_q`, ... (elements of
+    the state matrix, as from `anser.linearize`), `Z_elevator`, ... (elements of the input matrix) and the constant
+    `Z0`; an absent parameter is zero.
     """
     zero = jnp.zeros(())
     sums = [

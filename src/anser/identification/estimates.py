@@ -200,14 +200,14 @@ def coloured_covariance(
     *,
     is_record: bool = True,
 ) -> ErrorCovariance:
-    """Compute the covariance of parameters with the errors A^-1 sum_i S_i^T v_i, for coloured errors v_i of samples.
+    """Compute the covariance of estimated parameters if the errors of the samples are coloured.
 
-    The derivation is in the theory, page identification. The autocovariances up to a greatest lag are estimated from
-    the residuals and tapered to zero (M. S. Bartlett, 1950), so that the spectrum has 3 samples / lags degrees of
-    freedom. The fit has removed the errors' spectrum near the frequencies of the sensitivities from the residuals: each
-    variance is divided by the share that would remain of white errors. Source: E. A. Morelli, V. Klein, *Accuracy of
-    aerodynamic model parameters estimated from flight test data*, J. Guidance 20(1), 1997; the taper and the share are
-    additions.
+    The parameters have the errors A^-1 sum_i S_i^T v_i, with the errors v_i of the samples i. The derivation is in the
+    theory, page identification. The autocovariances of v up to a greatest lag are estimated from the residuals and
+    tapered to zero (M. S. Bartlett, 1950), so that the spectrum has 3 samples / lags degrees of freedom. The fit has
+    removed the errors' spectrum near the frequencies of the sensitivities from the residuals: each variance is divided
+    by the share that would remain of white errors. Source: E. A. Morelli, V. Klein, *Accuracy of aerodynamic model
+    parameters estimated from flight test data*, J. Guidance 20(1), 1997; the taper and the share are additions.
 
     Parameters
     ----------

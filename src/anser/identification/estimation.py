@@ -131,7 +131,11 @@ def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def jump_cautions(record: FlightRecord, method: str) -> list[str]:
-    """Return a caution (or nothing) on surfaces that jump between samples if the method assumes straight lines."""
+    """Return a list with one sentence on surfaces that jump between samples; empty without jumps.
+
+    The list is also empty for the method `frequency` if `held_surfaces` shows that the deflections are constant over
+    each step; otherwise all methods assume straight lines between the samples.
+    """
     held = held_surfaces(record)
     if held and method == "frequency":
         return []

@@ -107,12 +107,16 @@ def estimate_filter_error(
 def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Array, logs: Array) -> tuple[Array, ...]:
     """Return negative log-likelihood, gradient, Fisher information, innovations, whitened innovations, sensitivities.
 
-    Constants are left out of the likelihood. Gradient, information and sensitivities are with respect to (values,
-    densities, logs), in this order. An extended Kalman filter corrects the state with the outputs of a sample one after
-    the other, which is equivalent to a joint correction and has scalar innovation variances. The returned innovations
-    are the measured outputs less the outputs predicted before the corrections of the sample. The whitened innovations
-    are the innovations of the single corrections, divided by their standard deviations. The sensitivities are minus the
-    derivatives of the innovations of the single corrections, divided by the same standard deviations.
+    `values` are the estimated parameters, `densities` the spectral densities of the process noise in the rates of the
+    states with the indices `noisy`, `logs` the logarithms of the variances of the measurement noise. Gradient,
+    information and sensitivities are with respect to (values, densities, logs), in this order. Constants are left out
+    of the likelihood.
+
+    An extended Kalman filter corrects the state with the outputs of a sample one after the other, which is equivalent
+    to a joint correction and has scalar innovation variances. The returned innovations are the measured outputs less
+    the outputs predicted before the corrections of the sample. The whitened innovations are the innovations of the
+    single corrections, divided by their standard deviations; the sensitivities are minus the derivatives of the former,
+    divided by the latter.
     """
     indices = np.asarray(noisy, dtype=int)
 

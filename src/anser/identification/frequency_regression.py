@@ -227,10 +227,11 @@ def _correlated_covariance(
 ) -> tuple[Float[np.ndarray, "parameter parameter"], float]:
     """Return the covariance of the parameters `weights` @ z, and the degrees of freedom of the residuals.
 
+    z are the transforms of the response, X those of the regressors; a part is a real or imaginary part at a frequency.
     The error of the equation is modelled as a sum of white noises in time, each transformed by a matrix of
-    `components`. Their variances are fitted to the squares of the residuals, which are P = 1 - X weights times the
-    error. The degrees of freedom are those of a chi-square distribution with the mean and variance of the sum of
-    squares (F. E. Satterthwaite, 1946).
+    `components`. The variances of the noises are fitted to the squares of the residuals, which are (1 - X `weights`)
+    times the error. The degrees of freedom are those of a chi-square distribution with the mean and variance of the sum
+    of squared residuals (F. E. Satterthwaite, 1946).
     """
     P = np.eye(len(X)) - X @ weights
     shapes = [F @ F.T for F in components]

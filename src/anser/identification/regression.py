@@ -62,7 +62,10 @@ class Regression(NamedTuple):
         return X
 
     def error_covariance(self, X: Matrix, residuals: Float[np.ndarray, " sample"], inverse: Square) -> ErrorCovariance:
-        """Return the covariance of the parameter errors inverse @ X^T v, for coloured v if the samples are a record."""
+        """Return the covariance of the parameter errors, `inverse` @ X^T v, where v is the error of the regression.
+
+        In a record (`time_s` is not None) v may be coloured, otherwise v is white; `residuals` are the estimates of v.
+        """
         return coloured_covariance(X[:, None], residuals[:, None], inverse, is_record=self.time_s is not None)
 
     def subset(self, names: Sequence[str]) -> "Regression":

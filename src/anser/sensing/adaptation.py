@@ -3,8 +3,9 @@
 The missing coefficients are the measured forces and moments (from accelerometers and gyros) minus those of the onboard
 model, made dimensionless. From the missing coefficients, recursive least squares estimate increments of constants and
 derivatives of CX, CY, CZ, Cl, Cm and Cn. The autopilot's dynamic inversion uses the airframe with these increments.
-Derivations: docs/theory/identification.md. In array shapes, p is the number of regressors: 4 of the motion
-(`anser.aircraft.corrected_airframe`) and one for each control surface.
+Derivations: docs/theory/identification.md. In array shapes, p is the number of regressors: 4 of the motion (1, alpha, q
+c/2V and 0 for CX, CZ, Cm; 1, beta, p b/2V and r b/2V for CY, Cl, Cn; see `anser.aircraft.corrected_airframe`), and one
+for each control surface.
 """
 
 import dataclasses
@@ -498,7 +499,8 @@ def model_derivatives(
 ) -> Increments:
     """Return the derivatives of CX, CY, CZ, Cl, Cm, Cn by the regressors, (6, p), in the present flight condition.
 
-    The column of the constant is 0, and so is the fourth regressor's of the longitudinal coefficients.
+    The column of the constant is 0. For the longitudinal coefficients the column of the fourth regressor is 0 too,
+    because only the lateral coefficients have a fourth regressor of the motion (r b/2V).
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     scale = double_V / jnp.stack([lengths.span, lengths.mean_chord, lengths.span])

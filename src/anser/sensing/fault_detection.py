@@ -41,11 +41,11 @@ class FaultDetection(eqx.Module):
     size_min
         Least magnitude of the size of a reported fault, as a fraction of `FAULT_SIZES`.
     ratio_min
-        Least energy, s, that a hypothesis explains, (fault,). The bound excludes small deflections with which the loops
-        answer sensor noise, and which correlate with the missing coefficients.
+        Least energy, s, that the hypothesis of each fault must explain for a report, (fault,). The bound excludes small
+        deflections with which the loops answer sensor noise, and which correlate with the missing coefficients.
     share_min, lead_min
-        Least fraction of the energy that the hypothesis explains, and least ratio of this energy to the energy that the
-        next best hypothesis explains.
+        Least fraction of the energy that a reported hypothesis explains, and least ratio of this energy to the energy
+        that the next best hypothesis explains.
     confirmation
         Time for which the conditions must hold without interruption, s.
     surfaces

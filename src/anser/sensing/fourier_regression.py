@@ -266,9 +266,10 @@ class _EndWeights:
     def noise(
         self, sum_factor: Complex[Array, " frequency"], end_factor: float
     ) -> tuple[Complex[Array, "f f"], Complex[Array, "f f"]]:
-        """Return covariance and pseudo-covariance over frequencies of `sum_factor` transform + `end_factor` end term.
+        """Return covariance and pseudo-covariance over frequencies of noise in the residual of an equation.
 
-        Transform and end term are those of white noise of variance 1 in the samples.
+        The noise is `sum_factor` times the transform plus `end_factor` times the end term of a signal that is white
+        noise of variance 1.
         """
         w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
         index = jnp.arange(size)

@@ -31,13 +31,13 @@ class Dropouts(eqx.Module):
     outage_mean: Scalar  # mean duration of an outage, s
 
     def initial_outage(self, uniform: ScalarLike) -> Flag:
-        """Return whether an outage exists at the start; `uniform` is a random number between 0 and 1."""
+        """Return whether the sensor is in an outage at the start; `uniform` is a random number between 0 and 1."""
         return jnp.asarray(uniform) < self.outage_share
 
     def next_outage(self, outage: Flag, elapsed: ScalarLike, uniform: ScalarLike) -> Flag:
-        """Return whether an outage exists `elapsed` seconds after `outage`, with the chain's exact probabilities.
+        """Return whether the sensor is in an outage `elapsed` seconds later, with the chain's exact probabilities.
 
-        `uniform` is a random number between 0 and 1.
+        `outage` is true if the sensor is in an outage now; `uniform` is a random number between 0 and 1.
         """
         # share = mean_bad / (mean_bad + mean_good): the chain's memory decays with the sum of both rates
         mean = jnp.maximum(self.outage_mean, _SHORTEST_S)
