@@ -185,7 +185,7 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:
-    """Draw `count` random steady flights in the range: level, climbing, descending and turning, in any direction.
+    """Draw `count` random steady flights in the range `flown`: level, climbing, descending, turning, in any direction.
 
     Returns the trim points with a leading axis. Raises ValueError if at most 2 % of the drawn conditions are steady
     flights within the aircraft's limits.

@@ -82,9 +82,9 @@ class AbstractTask(eqx.Module):
         return jnp.zeros((), bool)
 
     def reward(self, situation: Situation, errors: Float[Array, " error"]) -> Scalar:
-        """Return the reward of a decision, 0..1: the mean over the errors of 1 / (1 + (error / (10 tolerance))^2).
+        """Return the reward of a decision, 0..1: the mean over the errors of 1 / (1 + (e / 10)^2).
 
-        `errors` are divided by their tolerances.
+        e is an entry of `errors`, an error divided by its tolerance.
         """
         return jnp.mean(1.0 / (1.0 + (errors / _ERROR_SCALE) ** 2))
 

@@ -49,7 +49,10 @@ class ShortPeriod(eqx.Module):
     surfaces: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of alpha (rad/s) and q (rad/s^2), and as outputs alpha, q, specific force z (m/s^2)."""
+        """Return the rates of alpha (rad/s) and q (rad/s^2), and the outputs alpha, q and specific force z.
+
+        Units of the outputs: rad, rad/s, m/s^2.
+        """
         alpha, q = x
         arguments = {"alpha": alpha, "q": q, **dict(zip(self.surfaces, u, strict=True))}
         rates = linear_rates("ZM", arguments, {"Z_q": jnp.ones(()), **theta})

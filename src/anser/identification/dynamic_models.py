@@ -143,8 +143,9 @@ class ParameterSet:
     ) -> Float[np.ndarray, "parameter sample input"]:
         """Return the derivatives of weighted sums of the outputs with respect to every sample of the inputs.
 
-        The sum of a parameter is over samples and outputs, with the weights of this parameter. The response is that of
-        the model without correction by measured outputs; reverse-mode automatic differentiation.
+        For each parameter the sum is over all samples and outputs, with the weights of the parameter. The outputs are
+        those of the model without correction by measured outputs. The derivatives are computed by reverse-mode
+        automatic differentiation.
         """
         return np.asarray(_input_influence(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights)))
 

@@ -114,9 +114,9 @@ def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Ar
 
     An extended Kalman filter corrects the state with the outputs of a sample one after the other, which is equivalent
     to a joint correction and has scalar innovation variances. The returned innovations are the measured outputs less
-    the outputs predicted before the corrections of the sample. The whitened innovations are the innovations of the
-    single corrections, divided by their standard deviations; the sensitivities are minus the derivatives of the former,
-    divided by the latter.
+    the outputs predicted before the corrections of the sample. The innovations of the single corrections, divided by
+    their standard deviations, are the whitened innovations; minus the derivatives of these innovations, divided by the
+    same standard deviations, are the sensitivities.
     """
     indices = np.asarray(noisy, dtype=int)
 

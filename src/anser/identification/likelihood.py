@@ -57,9 +57,9 @@ def maximize_likelihood(
 
 
 def _scoring_step(values: Values, point: LikelihoodPoint, lower: Values, damping: float) -> tuple[Values, float]:
-    """Return a damped step of the parameters, 0 for a parameter held at its lower bound, and its length.
+    """Return a damped step of the parameters, and the length of the step in standard errors of the parameters.
 
-    The length is in standard errors of the parameters.
+    The step is 0 for a parameter that stays at its lower bound.
     """
     free, step = (values > lower) | (point.gradient < 0.0), np.zeros_like(values)
     information = point.information[np.ix_(free, free)]

@@ -234,7 +234,10 @@ def _is_excited(name: str, values: Series) -> bool:
 
 
 def _varies(values: Series, least: float) -> bool:
-    """Return whether the smoothed values' standard deviation exceeds both `least` and half of the noise's."""
+    """Return whether a series varies: whether the standard deviation of its smoothed values exceeds two bounds.
+
+    The bounds are `least`, and half of the standard deviation of the noise that the smoothing removes.
+    """
     smoothed = smooth(values, 1.0)
     return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), least)
 

@@ -64,7 +64,10 @@ class SeededRandomness(AbstractRandomness):
         return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw `count` uniform numbers in (0, 1): centres of 2^52 equal intervals. Raises ValueError beyond 65,536."""
+        """Draw `count` uniform numbers in (0, 1): centres of 2^52 equal intervals.
+
+        Raises ValueError if `count` exceeds 65,536.
+        """
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))

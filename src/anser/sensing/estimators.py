@@ -34,7 +34,10 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
-    """Return the measured goal motion, or `previous` moved on by one step at constant velocity if the sensor failed."""
+    """Return the measured goal motion or, if the goal sensor does not work, the predicted one.
+
+    The prediction moves `previous` on by one sampling period at constant velocity.
+    """
     predicted = GoalState(previous.position_n + instant.step * previous.velocity_n, previous.velocity_n)
     return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), measured, predicted)
 

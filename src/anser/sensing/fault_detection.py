@@ -89,7 +89,7 @@ class FaultDetection(eqx.Module):
     ) -> "FaultState":
         """Return the state after one more sample, `step` seconds later.
 
-        The code of the first confirmed fault remains for the rest of the flight; its size is estimated on.
+        The code of the first confirmed fault remains for the rest of the flight; the estimate of its size continues.
         """
         prediction = state.prediction + fade * (effects - state.prediction)
         # biases of sensors look like a constant lateral coefficient: only changes count there
