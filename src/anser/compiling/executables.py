@@ -23,9 +23,10 @@ _PACKAGE = "anser"
 
 
 def encode_structure(value: Any) -> Any:
-    """Encode a result, with `jax.ShapeDtypeStruct` in place of arrays, as a value for `json.dumps`.
+    """Return the structure of a program's result as a value for `json.dumps`.
 
-    Raises NotCacheableError if the result contains a class or data type that `decode_structure` rejects.
+    `value` is the result with `jax.ShapeDtypeStruct` in place of arrays. Raises NotCacheableError if the result
+    contains a class or data type that `decode_structure` rejects.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -44,9 +45,10 @@ def encode_structure(value: Any) -> Any:
 
 
 def decode_structure(value: Any) -> Any:
-    """Decode a value from `encode_structure` to a result with `jax.ShapeDtypeStruct` in place of arrays.
+    """Return a result's structure from its encoding by `encode_structure`.
 
-    No code of the result's classes runs. Raises NotCacheableError if the value is not an output of `encode_structure`.
+    The structure has `jax.ShapeDtypeStruct` in place of arrays. Instances are made without a call of their classes'
+    code. Raises NotCacheableError for a value that `encode_structure` does not return.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -85,7 +87,7 @@ def _dtype(name: str) -> np.dtype[Any]:
 
 
 def _class(name: str) -> type[Any]:
-    """Return the class of the package with the name MODULE:CLASS; raise NotCacheableError for any other name."""
+    """Return the class that the text MODULE:CLASS names; raise NotCacheableError if anser does not define the class."""
     module_name, _, class_name = name.partition(":")
     parts = [*module_name.split("."), class_name]
     if parts[0] != _PACKAGE or not all(part.isidentifier() and not part.startswith("__") for part in parts):
@@ -121,7 +123,10 @@ _FEATURES = re.compile(rb"\+[a-z0-9._\-]+(?:,[+\-][a-z0-9._\-]+){8,}")
 
 
 class Executable(NamedTuple):
-    """Machine code of a program, and the indices of the arguments that the program uses among all its arguments."""
+    """Machine code of a program, and `argument_indices`: the positions of the arguments that the code uses.
+
+    XLA drops unused arguments; the positions are those in the list of all arguments.
+    """
 
     code: bytes
     argument_indices: list[int]
@@ -227,12 +232,11 @@ library makes its program when the fusion is called."""
 
 
 def without_fused_instructions(code: bytes) -> bytes:
-    """Return the serialized code of a CPU program without the instructions inside compiled fusions.
+    """Return the serialized code of a CPU program without the instructions that XLA has compiled into fused kernels.
 
-    XLA stores the optimized program beside the machine code of its kernels, and builds the program again on loading.
-    Most instructions are fused into kernels; of these, loading needs only the parameters and the shape of the result.
-    The result of a fusion is replaced with a call without operands. The smaller code loads in half the time. Code in an
-    unexpected form is returned unchanged.
+    XLA stores the optimized program beside the machine code of its kernels, and builds the program again on loading. Of
+    the instructions of a fused kernel, loading needs only the parameters and the shape of the result (see `_shrink`).
+    The smaller code loads in half the time. Code in an unexpected form is returned unchanged.
     """
     try:
         length, start = _number(code, 0)  # of a header
@@ -243,7 +247,7 @@ def without_fused_instructions(code: bytes) -> bytes:
 
 
 def _shrink_module(module: bytes) -> bytes:
-    """Return a serialized program (XLA's HloModule) in which the computations of compiled fusions are shortened."""
+    """Return a serialized program (XLA's HloModule) with `_shrink` applied to the computations of fused kernels."""
     computations = [module[start:end] for number, _, start, end in _fields(module) if number == _COMPUTATION]
     compiled_ids: set[int] = set()
     for computation in computations:
@@ -259,7 +263,7 @@ def _shrink_module(module: bytes) -> bytes:
 
 
 def _called_ids(fusion: bytes) -> list[int]:
-    """Return the identifiers of the computations that a fusion calls; empty if it is not stored as machine code."""
+    """Return the identifiers of the computations that a fusion calls; empty for a fusion without machine code."""
     identifiers: list[int] = []
     if _bytes(fusion, _FUSION_KIND) in _COMPILED_FUSIONS:
         called, end = _bytes(fusion, _CALLED_IDS), 0
@@ -270,10 +274,10 @@ def _called_ids(fusion: bytes) -> list[int]:
 
 
 def _shrink(computation: bytes) -> bytes:
-    """Return a fused computation with its parameters, and a call without operands in place of its result.
+    """Return the computation of a fused kernel reduced to its parameters and its result.
 
-    A computation whose result is a parameter is returned unchanged. Raises ValueError if the last instruction is not
-    the result.
+    A call without operands replaces the instruction that computes the result. A computation whose result is a parameter
+    is returned unchanged. Raises ValueError if the last instruction is not the result.
     """
     properties, instructions = [], []
     for number, begin, start, end in _fields(computation):
@@ -294,7 +298,7 @@ def _shrink(computation: bytes) -> bytes:
 def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
     """Whether the instruction in the bytes `start` to `end` of a message has the operation code `opcode`.
 
-    The first field of an instruction is its name.
+    The operation code is the field after the name, the first field of an instruction.
     """
     name_length = message[start + 1]
     if name_length < 128:
@@ -303,7 +307,10 @@ def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
 
 
 def _replace(message: bytes, path: tuple[int, ...], function: Callable[[bytes], bytes]) -> bytes:
-    """Return a message with `function` applied to each embedded message at the path of field numbers `path`."""
+    """Return a message with `function` applied to each embedded message at a path.
+
+    The path holds the number of a field in the message, of a field in the embedded message of that field, and so on.
+    """
     if not path:
         return function(message)
     return b"".join(

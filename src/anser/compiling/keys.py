@@ -109,7 +109,10 @@ def _is_kernel(room: str, module: str) -> bool:
 
 
 def _hash_sources() -> tuple[str, str]:
-    """Return hashes of the sources of the kernels (`_KERNELS`, with the top-level modules) and of the whole package."""
+    """Return two hashes of source files: of the kernels with the top-level modules, and of the whole package.
+
+    Kernels are the subpackages in `_KERNELS` and the modules in `_KERNEL_MODULES`.
+    """
     kernels, everything = hashlib.sha256(), hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
@@ -127,28 +130,32 @@ _KERNEL_SOURCES, _ALL_SOURCES = _hash_sources()
 
 
 def _source_hash(description: str) -> str:
-    """Return the hash of the sources behind the program with a description: of the kernels, or of the whole package.
+    """Return the hash of the source files on which a program depends, from the program's description.
 
-    The hash of the kernels (`_KERNELS`, `_KERNEL_MODULES`) suffices for a program that uses only kernels, because
-    kernels import only kernels.
+    If all modules that the description names are kernels, the hash of the kernels suffices, because kernels import only
+    kernels; otherwise the hash is that of the whole package.
     """
     modules = re.findall(r"\banser\.(\w+)\.(\w+)", description)
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
 class _ModuleDescription(NamedTuple):
-    """Description of a module for the detection of functions or constants replaced at run time."""
+    """Description of a module, by which functions or constants replaced at run time are detected.
 
-    bindings: list[Any]  # names and values in the module, then in each of its classes
-    modules: frozenset[str]  # names of the package's modules from which the values come
-    text: str  # functions, classes and numbers by name
+    `bindings` are the names and values in the module, then in each of its classes; `modules` the names of the package's
+    modules from which the values come; `text` lists functions, classes and numbers by name.
+    """
+
+    bindings: list[Any]
+    modules: frozenset[str]
+    text: str
 
 
 _descriptions: dict[str, _ModuleDescription] = {}
 
 
 def _describe_module(module: ModuleType) -> _ModuleDescription:
-    """Describe the names in a module; the former description is returned unless a name is bound to another value.
+    """Return the description of a module; the stored description if no name has another value than at the last call.
 
     Raises NotCacheableError if a function or class comes from outside the trusted packages and interface libraries.
     """
@@ -193,10 +200,11 @@ def _describe_module(module: ModuleType) -> _ModuleDescription:
 
 
 def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
-    """Return descriptions, by name, of the loaded anser modules that a program's description names or that these use.
+    """Return descriptions, by name, of the loaded anser modules on which a program depends.
 
-    Other loaded modules are left out, so that the key of a program does not depend on further imports of a process.
-    Raises NotCacheableError as `_describe_module` does.
+    These are the modules that the program's description names, and the modules whose functions, classes or constants
+    those modules use, directly or not. Other loaded modules are left out, so that the key of a program does not depend
+    on further imports of a process. Raises NotCacheableError as `_describe_module` does.
     """
     modules: dict[str, _ModuleDescription] = {}
     names = set(re.findall(r"\banser(?:\.\w+)+", description))
@@ -212,9 +220,10 @@ def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
 
 
 def _hash_loaded_code(description: str) -> str:
-    """Return a hash of names and numbers in the modules behind a program, to detect replacements at run time.
+    """Return a hash of the names and constants in the loaded modules on which a program depends.
 
-    Raises NotCacheableError if a function or class comes from outside the trusted packages and interface libraries.
+    A function or constant replaced at run time changes the hash. Raises NotCacheableError if a function or class comes
+    from outside the trusted packages and interface libraries.
     """
     texts = [module.text for _, module in sorted(_modules_behind(description).items())]
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
@@ -253,9 +262,10 @@ def jax_settings() -> str:
 
 
 def program_key(value: Any) -> str:
-    """Return the key of a program: a hash of a value with the package sources, the platform and the JAX settings.
+    """Return the key of a program from `value`, its function, arguments and compiler options.
 
-    Raises NotCacheableError if the value contains code that another process could not identify reliably.
+    The key is a hash of the description of `value` (`describe_value`), the package sources, the platform and the JAX
+    settings. Raises NotCacheableError if the value contains code that another process could not identify reliably.
     """
     description = describe_value(value)
     parts = [

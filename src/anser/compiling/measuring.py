@@ -11,22 +11,38 @@ from typing import Any
 
 @dataclass(eq=False)
 class Compilation:
-    """Record of one program that this process traces and compiles."""
+    """Record of one program that this process traces and compiles.
 
-    title: str  # name of the program for users
-    options: Mapping[str, bool | str]  # compiler options
-    equations: int = 0  # number of equations of the traced program with called programs; 0 until traced
-    code_bytes: int = 0  # size of the serialized code; 0 until compiled, or if the code cannot be serialized
-    #: CPU time by stage (tracing, lowering, compiling), s; stages at work at the same time share the time equally.
+    Attributes
+    ----------
+    title, options
+        Name of the program for users, and compiler options.
+    equations
+        Number of equations (operations) of the traced program, with those of called programs; 0 until traced.
+    code_bytes
+        Size of the serialized code; 0 until compiled, or if the code cannot be serialized.
+    cpu_s
+        CPU time by stage (tracing, lowering, compiling), s; stages at work at the same time share the time equally.
+    start_s
+        Reading of `time.monotonic` at the start of the latest stage.
+    is_compiled
+        Whether the compilation has ended.
+    """
+
+    title: str
+    options: Mapping[str, bool | str]
+    equations: int = 0
+    code_bytes: int = 0
     cpu_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tracing", "lowering", "compiling"), 0.0))
-    start_s: float = 0.0  # reading of `time.monotonic` at the start of compiling
+    start_s: float = 0.0
     is_compiled: bool = False
 
     @property
     def estimate_s(self) -> float:
-        """Expected CPU time of compiling, s: the number of equations times the mean CPU time per equation.
+        """Expected CPU time of compiling, s: the number of equations times a mean CPU time per equation.
 
-        The mean is over a prior and the programs compiled so far in this process with the same compiler options.
+        The mean is over the programs compiled so far in this process with the same compiler options, and a prior
+        estimate (`_prior_s`) with the weight of 10,000 equations.
         """
         similar = [r for r in compilations if r.is_compiled and dict(r.options) == dict(self.options)]
         equations = _PRIOR_EQUATIONS + sum(r.equations for r in similar)
@@ -46,15 +62,16 @@ _clock = [0.0]
 
 
 def _prior_s(options: Mapping[str, bool | str]) -> float:
-    """Return the prior CPU time of compiling per equation, s, with the compiler options `options`.
+    """Return the CPU time of compiling per equation, s, that is assumed before any measurement in this process.
 
-    Measured on two cores of a server of 2024 with XLA of September 2026.
+    The values depend on the compiler options; they were measured on two cores of a server of 2024 with XLA of September
+    2026.
     """
     return 0.5e-3 if "xla_backend_optimization_level" in options else 0.6e-3 if options else 1.1e-3
 
 
 def _share_time() -> None:
-    """Divide the process's CPU time since the last call equally among the stages at work, in their records."""
+    """Add the process's CPU time since the last call to the records of the stages now at work, in equal parts."""
     now = time.process_time()
     for record, stage in _at_work:
         record.cpu_s[stage] += (now - _clock[0]) / len(_at_work)

@@ -23,27 +23,30 @@ _UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **
 
 
 def compiled(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
-    """Return a program of a function, compiled with XLA's optimizer at the first call; users see its `title`."""
+    """Return a program of a function, compiled with XLA's optimizer at the first call.
+
+    `title` names the program in messages to the user; None: the function's name.
+    """
     return Program(function, {}, title=title)
 
 
 def compiled_quickly(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
     """Return a program of a function, compiled without XLA's optimizer in a sixth to a half of the time.
 
-    Measured for trims and linear models. The program runs more slowly, and its results differ by rounding. Users see
-    its `title`.
+    The times were measured for trims and linear models. The program runs more slowly, and its results differ by
+    rounding. `title` names the program in messages to the user; None: the function's name.
     """
     return Program(function, _UNOPTIMIZED, title=title)
 
 
 def compiled_by_older_generator(
     static_argnames: Sequence[str] | None,
-    title: str | None = None,  # name of the program for the user
+    title: str | None = None,  # name of the program in messages to the user; None: the function's name
 ) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
-    """Return a decorator that makes programs with XLA's older code generator for the CPU, if still supported.
+    """Return a decorator that makes a program of a function with XLA's older code generator for the CPU.
 
-    Large programs compile in half the time and run at the same speed. Arguments not in `static_argnames` are traced;
-    None: every argument with arrays is traced.
+    Large programs compile in half the time and run at the same speed. If the installed XLA no longer has the generator,
+    the present one is used. Arguments named in `static_argnames` are static; None: arguments without arrays are static.
     """
 
     def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:
@@ -56,11 +59,11 @@ def blocks_on_cores(
     count: int,
     least: int,  # rows of a block whose computation takes longer than its hand-over to another thread
 ) -> list[slice]:
-    """Divide a batch of `count` rows into equal blocks; return their slices.
+    """Divide a batch of `count` rows into equal blocks for computation in parallel; return their slices.
 
-    There is a block for each usable core, or fewer if the rows would not divide equally or a block would have fewer
-    than `least` rows. Blocks of the same size share a program; XLA itself divides only the largest of its kernels among
-    cores. On a device other than a CPU, one block holds the whole batch.
+    The number of blocks is the greatest divisor of `count` that is at most the number of usable cores and leaves each
+    block `least` rows or more; at least 1. Blocks of the same size share a program; XLA itself divides only the largest
+    of its kernels among cores. On a device other than a CPU, one block holds the whole batch.
     """
     most = min(usable_cores(), count // least) if jax.default_backend() == "cpu" else 1
     number = next((number for number in range(most, 1, -1) if count % number == 0), 1)
@@ -69,9 +72,9 @@ def blocks_on_cores(
 
 
 def call_on_cores(calls: Sequence[Callable[[], _R]]) -> list[_R]:
-    """Call compiled functions at the same time and return their results in order; the last runs on this thread.
+    """Call compiled functions in parallel, the last on this thread, and return their results in order.
 
-    At least one call is needed.
+    At least one function is needed.
     """
     *others, last = calls
     pending = [_threads().submit(lambda call: jax.block_until_ready(call()), call) for call in others]

@@ -173,7 +173,7 @@ def _listen() -> None:
 def _bypass_jax_cache() -> Iterator[None]:
     """Keep JAX from writing programs to its own persistent cache in the `with` block, in every thread.
 
-    The program store takes their place. Entries of the cache are still read.
+    The program store keeps the programs instead. Programs that are already in JAX's cache are still read.
     """
     setting = "jax_persistent_cache_min_compile_time_secs"
     with _setting_lock:
@@ -234,9 +234,9 @@ def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple
 
 
 def _load(executable: Executable, result: Any, size: int) -> _LoadedProgram:
-    """Load a program of `size` bytes; return its function of flat arrays, and `size`.
+    """Load a program of `size` bytes; return its function, from a list of arrays to a list of arrays, and `size`.
 
-    The structure `result` has `jax.ShapeDtypeStruct` in place of arrays.
+    `result` is the program's result with `jax.ShapeDtypeStruct` in place of arrays.
     """
     # Loading takes as much extra memory as the loaded program.
     with _load_lock if size > _LARGE else contextlib.nullcontext():
@@ -425,7 +425,7 @@ class Program(Generic[_P, _R]):
         return (), structure.unflatten(arrays) | dict(static_leaves)
 
     def _key(self, arrays: list[Any], static: tuple[Any, Any]) -> str | None:
-        """Return the key in the store of the program for these arguments; None if the program cannot be stored."""
+        """Return the key of the program in the store, from arrays and static arguments; None if it cannot be stored."""
         try:
             arguments = self._join_arguments(list(map(_shape_of, arrays)), static)
             return program_key((self._function, arguments, self._options))
@@ -482,10 +482,11 @@ class Program(Generic[_P, _R]):
     def _trace(
         self, arrays: list[Any], static: tuple[Any, Any]
     ) -> tuple[Any, Callable[[], Callable[[], _LoadedProgram]]]:
-        """Trace the program; return the structure of the result, and a function that lowers the program.
+        """Trace the program; return the structure of its result, and a function that lowers the program.
 
-        The structure has `jax.ShapeDtypeStruct` in place of arrays. The result of lowering is a function that compiles
-        the program and saves it in the store.
+        The structure has `jax.ShapeDtypeStruct` in place of arrays. Lowering returns a second function without
+        arguments, which compiles the program and saves the code in the store, or loads the code that another process
+        has saved meanwhile; the result is the loaded program.
         """
         results: list[Any] = []
         function: Callable[..., Any] = self._function

@@ -39,7 +39,10 @@ _tracing: ContextVar[bool] = ContextVar("tracing one kernel", default=False)
 
 
 def is_tracing_single_kernel() -> bool:
-    """Whether the code being traced may become a single kernel, which allows selections but no conditions."""
+    """Whether the code being traced may become a single kernel.
+
+    Such code may use selections (`jnp.where`), which compute both alternatives, but no conditions (`jax.lax.cond`).
+    """
     return _tracing.get()
 
 
@@ -68,9 +71,9 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
 
 def _without_attributes(program: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the program with inner calls that lack the XLA attributes of the kernel.
+    """Return a program whose inner calls do not have the XLA attributes that mark the program as one kernel.
 
-    With the attributes, XLA would keep each `jnp.where` as a function.
+    With the attributes, XLA would keep each `jnp.where` as a called function.
     """
 
     def call(*arrays: Any) -> Any:
@@ -84,12 +87,11 @@ def as_single_kernel(
     function: Callable[..., Any],
     otherwise: Callable[..., Any] | None = None,  # the same computation in another form; None: `function`
 ) -> Callable[..., Any]:
-    """Return a function that computes `function`, compiled as a single CPU kernel if `is_elementary` holds.
+    """Return a function with the results of `function`, compiled as a single CPU kernel if `is_elementary` holds.
 
-    On another device, or if the traced program is not elementary, `otherwise` is called instead (None: `function`).
-
-    Call the result while tracing a larger function, and do not batch that function afterwards: small arrays would
-    become large.
+    On another device, or if the traced program is not elementary, `otherwise` is called instead. The returned function
+    is for calls while a larger function is traced. The larger function must not be batched by `vmap` afterwards: the
+    batch axis would make the small arrays large.
     """
 
     def call(*args: Any) -> Any:

@@ -24,9 +24,10 @@ _LOG = logging.getLogger(__name__)
 class FolderStore:
     """Store of compiled programs in a folder, one file per program; the oldest are deleted above a total size.
 
-    Files are written atomically. An unreadable or unwritable folder, or a full disk, costs time only. A damaged file,
-    or a file saved under another key, is ignored. For security, code is loaded only from a folder and files that belong
-    to the user and that other users cannot write; otherwise a warning is logged once.
+    Files are written atomically. With an unreadable or unwritable folder, or a full disk, programs are compiled again:
+    no error is raised. A damaged file, or a file saved under another key, is ignored. For security, code is loaded only
+    from a folder and files that belong to the user and that other users cannot write; otherwise a warning is logged
+    once for each path.
 
     The folder is created on the first save; `size_max` is the greatest total size, bytes.
     """
@@ -83,7 +84,8 @@ class FolderStore:
     def reserve(self, key: str) -> Iterator[None]:
         """Reserve a key for the `with` block; meanwhile, other processes and threads that reserve the key wait.
 
-        Without file locks, or in a folder that is not trusted or cannot be written, nobody waits.
+        On a system without file locks, or in a folder that is not trusted or cannot be written, the key is not
+        reserved.
         """
         with contextlib.ExitStack() as stack:
             if fcntl is not None and self._trusted_folder():

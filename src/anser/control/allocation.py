@@ -23,7 +23,12 @@ _REGULARIZATION = 1e-6  # relative to the square of the greatest moment
 
 
 class SurfaceMoments(eqx.Module):
-    """Linearization of the aerodynamic moment about one set of surface deflections."""
+    """Aerodynamic moment, linearized about the surface deflections `surfaces` (n,), rad.
+
+    `moment_b` is the moment about the centre of gravity at these deflections, body axes, N m. `effectiveness` (3, n) is
+    the control effectiveness: derivatives of the moment by the deflections, N m/rad; 0 for surfaces that no controller
+    commands.
+    """
 
     surfaces: Vector  # deflections (surfaces,), rad
     moment_b: Vector3  # aerodynamic moment about the centre of gravity at `surfaces`, body axes (3,), N m
@@ -33,7 +38,10 @@ class SurfaceMoments(eqx.Module):
 
 
 class SurfaceDemand(eqx.Module):
-    """Deflections or actuator commands within the stops (rad), and flags of surfaces with a demand beyond a stop."""
+    """Surface deflections or actuator commands, `surfaces` (n,), rad, within the stops.
+
+    `saturated` (n,) marks the surfaces for which the moment would need a deflection beyond a stop.
+    """
 
     surfaces: Vector
     saturated: Bool[Array, " n"]
@@ -77,10 +85,11 @@ def deflection_for_moment(actuators: AbstractActuators, effectiveness: Float[Arr
     """Return the deflections per unit moment about each body axis, rad/(N m), shape (surfaces, 3).
 
     With one surface per axis, the result is the inverse of the effectiveness S. With more surfaces, it is the right
-    inverse W S' (S W S')^-1, weighted with the squares W of the half ranges: the smallest deflections relative to the
-    ranges. With fewer surfaces than axes, or a rank-deficient S, the unattainable part of the moment is dropped, yaw
-    first and pitch last (weighted least squares: O. Harkegard, "Efficient active set algorithms for solving constrained
-    least squares problems in aircraft control allocation", 2002, with the weights in closed form).
+    inverse W S' (S W S')^-1 with the diagonal W of the squared half ranges between the stops: the deflections are the
+    smallest as fractions of the ranges. With fewer surfaces than axes, or a rank-deficient S, the unattainable part of
+    the moment is dropped, yaw first and pitch last (weighted least squares: O. Harkegard, "Efficient active set
+    algorithms for solving constrained least squares problems in aircraft control allocation", 2002, with the weights in
+    closed form).
     """
     if has_one_surface_per_axis(actuators):
         return _scatter_to_surfaces(actuators, inverse3(effectiveness[:, _commanded_indices(actuators)]))
@@ -97,13 +106,14 @@ def allocate(
     """Solve for the deflections within the stops at which aerodynamics and propulsion give the moment `moment_b` (N m).
 
     The moment is the total about the centre of gravity, body axes. Two Newton steps start from `present`, the
-    aerodynamic moment and its derivatives at the present deflections, with the control effectiveness evaluated at every
-    iterate (theory section 5, item 1: Cm0 is not linear in the elevator). Scheduled surfaces keep their present
-    deflections.
+    aerodynamic moment and its derivatives at the present deflections; the second step evaluates moment and control
+    effectiveness at the result of the first (theory section 5, item 1: Cm0 is not linear in the elevator). Surfaces
+    that follow a schedule keep their present deflections.
 
-    A surface with a demand beyond a stop is fixed at the stop, and the remaining surfaces give as much of the missing
-    moment as possible, pitch before roll before yaw. With one surface per axis, no surface can compensate. The flags of
-    the result mark the surfaces whose demand exceeded a stop before the redistribution.
+    With more or fewer than one surface per axis, a surface whose solution is beyond a stop is fixed at the stop, and
+    the remaining surfaces give as much of the missing moment as possible, pitch before roll before yaw. With one
+    surface per axis, no surface can compensate. The flags of the result mark the surfaces whose solution was beyond a
+    stop before the redistribution.
     """
     target_b = moment_b - condition.propulsive.moment_b
     actuators = airframe.actuators
@@ -136,7 +146,11 @@ def _multiply(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[
 
 
 def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
-    """Return deflections (rad): 0, or the stop nearest to 0, for commanded surfaces; present for scheduled surfaces."""
+    """Return the deflections (rad) from which the allocation starts.
+
+    A commanded surface is at 0, or at the stop nearest to 0 if 0 is beyond a stop; a surface that follows a schedule
+    keeps its present deflection in `surfaces`.
+    """
     neutral = actuators.limit_command(jnp.zeros_like(surfaces))
     return jnp.where(jnp.asarray(actuators.is_commanded), neutral, surfaces)
 
@@ -189,7 +203,12 @@ _MARGIN_MIN = 0.1
 
 
 class Authority(eqx.Module):
-    """Control authority of the surfaces: deflection margins (rad), rate limits (rad/s) and effectiveness."""
+    """Control authority: deflections that the surfaces can still make, and their effect on the body rates.
+
+    `deflection` (n, 3) is the deflection of each surface per angular acceleration about each body axis, rad/(rad/s^2):
+    inverse of the control effectiveness times inertia. `margin` (n,) is the deflection available up to the nearer stop,
+    rad, at least a tenth of half the range; `rate_limit` (n,) the greatest deflection rate, rad/s.
+    """
 
     # deflection per angular acceleration about the body axes (surfaces, 3), rad/(rad/s^2): inverted control
     # effectiveness times inertia
@@ -199,17 +218,18 @@ class Authority(eqx.Module):
 
     @property
     def rates_jerk(self) -> Vector3:
-        """Return the greatest rate of change of each body angular acceleration (P, Q, R axis), used alone, rad/s^3.
+        """Greatest rates of change of the angular accelerations about the body axes (P, Q, R), rad/s^3.
 
-        The surfaces use 30 percent of their rate limits.
+        Each value holds while the other two accelerations are constant, and the surfaces use 30 percent of their rate
+        limits.
         """
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 
     def attitude_acceleration(self, rate_matrix: Matrix33) -> Vector3:
-        """Return the greatest angular acceleration of each of (mu, alpha, beta), used alone, rad/s^2.
+        """Return the greatest angular accelerations of (mu, alpha, beta), rad/s^2.
 
-        The surfaces use 30 percent of their margins. `rate_matrix` is the matrix G of `PathMotion`: the rates of (mu,
-        alpha, beta) per unit (P, Q, R).
+        Each value holds while the other two accelerations are 0, and the surfaces use 30 percent of their margins.
+        `rate_matrix` is the matrix G of `PathMotion`: the rates of (mu, alpha, beta) per unit (P, Q, R).
         """
         return _AUTHORITY_SHARE * _largest_outputs(product3(self.deflection, inverse3(rate_matrix)), self.margin)
 
@@ -232,8 +252,9 @@ def surface_authority(
 
 
 def _largest_outputs(deflection: Float[Array, "n 3"], limit: Vector) -> Vector3:
-    """Return the greatest magnitude of each output, with the other two at 0, at which no surface exceeds `limit`.
+    """Return the greatest magnitude of each of three quantities, with the other two at 0, within surface limits.
 
-    `deflection` is the deflection (rad), or its rate, of each surface per unit of each output.
+    `deflection` (surfaces, 3) is the deflection, or deflection rate, of each surface per unit of each quantity; `limit`
+    is the greatest deflection (rad) or rate (rad/s) of each surface.
     """
     return 1.0 / jnp.max(jnp.abs(deflection) / limit[:, None], axis=0)

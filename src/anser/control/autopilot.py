@@ -29,7 +29,13 @@ _SAMPLED_GAIN_MAX = 1.5  # keeps the pole of the sampled surface loop above -0.5
 
 
 class AutopilotSignals(eqx.Module):
-    """Commands between the loops, and flags of the limits reached, in one sample of the autopilot, for recording."""
+    """Signals of one sample of the autopilot, for recording: commands between the loops, and flags of limits.
+
+    `motion` holds the measured path and attitude angles, `thrust` and `attitude` the commands of the velocity loop,
+    `rates_b` the commanded (P, Q, R), rad/s, and `surfaces` the commands to the actuators, rad. The flags are true if
+    the commanded airspeed is outside the limits, if a commanded body rate is at its limit, and if the demanded moment
+    needs a deflection beyond a stop.
+    """
 
     motion: PathMotion  # measured path and attitude angles
     thrust: ThrustDemand  # commanded throttle (0..1) and thrust (N)

@@ -9,7 +9,12 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 
 class ModelResidual(eqx.Module):
-    """Low-pass filtered difference, measured minus modelled, of force and angular acceleration, in body axes."""
+    """Measured minus modelled force and angular acceleration, low-pass filtered, body axes.
+
+    `force_b` (N) is mass times measured specific force, minus the modelled force without gravity; `acceleration_b` is
+    in rad/s^2. `rates_b` (rad/s) and `model_acceleration_b` (rad/s^2) are the gyro reading and the modelled angular
+    acceleration of the previous sample, from which the next difference is computed.
+    """
 
     force_b: Vector3  # mass times measured specific force, minus modelled force without gravity, N
     acceleration_b: Vector3  # measured minus modelled angular acceleration, rad/s^2
@@ -48,7 +53,22 @@ def no_residual(rates_b: Vector3) -> ModelResidual:
 
 
 class AutopilotState(eqx.Module):
-    """State of one autopilot between samples: integrals of the errors, filters, and residual of the onboard model."""
+    """State of one autopilot between samples.
+
+    Attributes
+    ----------
+    velocity_integral, attitude_integral, rates_integral
+        Time integrals of the errors in (V, gamma, chi), m and rad s; (mu, alpha, beta), rad s; (P, Q, R), rad.
+    attitude_filter, rates_filter, surfaces_filter
+        Filters that differentiate the command to the attitude loop, the command to the rate loop, and the deflections
+        that the rate loop demands.
+    surfaces_slow
+        Low-pass filtered deflections, rad.
+    residual
+        Measured minus modelled force and angular acceleration.
+    bank_command
+        Bank angle commanded at the previous sample, rad; None if the limits do not bound the bank rate.
+    """
 
     # time integrals of the errors in (V, gamma, chi), m and rad s; (mu, alpha, beta), rad s; and (P, Q, R), rad
     velocity_integral: Vector3

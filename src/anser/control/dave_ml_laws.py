@@ -58,7 +58,14 @@ def _to_arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
 
 
 class NamedCommands(AbstractGuidance):
-    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`."""
+    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time` (s).
+
+    `initial_commands` are the values from the start, `change` the additions from `change_time` on, SI units and
+    radians. With `follows_line` 1, the distance from the line through the position at `change_time` along the commanded
+    `trueBaseCourseCommand`, the lateral deviation (m, right positive), is added to the command of that name; with 0
+    nothing is added. With `with_position`, latitude and longitude (rad) are commanded too, as `geLatitude` and
+    `geLongitude`.
+    """
 
     #: Commands from the start, SI units and radians.
     initial_commands: Mapping[str, Scalar] = eqx.field(converter=_to_arrays)
@@ -74,13 +81,13 @@ class NamedCommands(AbstractGuidance):
     with_position: bool = eqx.field(static=True, default=False)
 
     def init(self, belief: Belief, instant: Instant) -> Scalar:
-        """Return the lateral deviation from the line at the start: 0 m."""
+        """Return the state of the guidance, the distance (m) from the line of `follows_line`: 0."""
         return jnp.zeros(())
 
     def command(
         self, guidance_state: Scalar, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
-        """Return the commands by name, the aircraft's own position (NED, m), and the new lateral deviation (m).
+        """Return the commands by name, the aircraft's own position (NED, m), and the new distance from the line (m).
 
         Raises KeyError if `change` has a name that is not in `initial_commands`, and TypeError if `with_position` is
         true and the Earth is not a `RotatingEarth`.
@@ -110,8 +117,9 @@ class DaveMlLaw(AbstractController):
     """Controller that evaluates a control law from a DAVE-ML file once per sampling period.
 
     An input of the law takes its value, by name, from the command, or else from the flight condition (`named_signals`),
-    or else from the file. The law has no filters or integrals: the guidance computes filtered or integrated values and
-    passes them as commands.
+    or else from the file. `surfaces` are the names of the outputs with the deflections of the airframe's surfaces, in
+    the airframe's order; `power` names the output with the commanded engine power, a fraction 0..1. The law has no
+    filters or integrals: the guidance computes filtered or integrated values and passes them as commands.
     """
 
     law: Evaluator

@@ -9,18 +9,26 @@ from anser.shapes import Flag, ScalarLike, Vector, Vector3
 
 
 class Differentiator(eqx.Module):
-    """First-order filter x_dot = N (r - x) of a command r, exact for constant r over a step; N: bandwidth, rad/s."""
+    """First-order filter of a command r, from which the rate of r is estimated: x_dot = N (r - x).
+
+    `state` is x, one value per channel, in the unit of r; N is the bandwidth, rad/s. The steps are exact for an r that
+    is constant over each step.
+    """
 
     state: Vector  # x, one value per channel
 
     def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
-        """Estimate the rate of the reference (per s): the mean of x_dot over the coming step, unbiased for a ramp."""
+        """Estimate the rate of the reference r (unit per s): the mean of x_dot over the coming step.
+
+        For a long ramp the estimate equals the slope.
+        """
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.state)
 
     def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
-        """Estimate the rate of the reference (per s), limited to `acceleration` / `bandwidth`, which a loop can follow.
+        """Estimate the rate of the reference (unit per s), limited to `acceleration` / `bandwidth` in both directions.
 
-        A command with rate r that may stop within the filter's time constant 1/N requires accelerations of r N.
+        A command with rate r may stop within the filter's time constant 1/N. A loop that follows the stop needs the
+        acceleration r N, and has `acceleration` (unit per s^2).
         """
         rate_max = acceleration / bandwidth
         return jnp.clip(self.rate(reference, bandwidth, step), -rate_max, rate_max)
@@ -61,7 +69,7 @@ def limit_to_braking(
     error: Vector3,  # r - y, shape (3,)
     acceleration: Vector3,  # L, shape (3,), units of the error per s^2, above 0
 ) -> Vector3:
-    """Limit the error so that the loop never approaches faster than it can brake with `acceleration`.
+    """Return the error, limited so that the loop approaches the reference no faster than `acceleration` can brake.
 
     The linear loop e_dot = -K e, K = K_P / (1 + K_D), converges with e_ddot = K^2 e, which exceeds the acceleration L
     for |e| > L / K^2. Beyond that error, e_dot is limited to the rate that L can brake, sqrt(2 L (|e| - L / 2K^2)),

@@ -34,7 +34,22 @@ class LoopGains(eqx.Module):
 
 
 class AutopilotGains(eqx.Module):
-    """Gains of the three loops, and bandwidths (1/s) of filters, actuators and engine."""
+    """Gains of the three loops, and bandwidths of filters, actuators and engine, 1/s.
+
+    Attributes
+    ----------
+    rates, attitude, velocity
+        Gains of the channels (P, Q, R), (mu, alpha, beta) and (V, gamma, chi).
+    attitude_command_bandwidth, rates_command_bandwidth, surfaces_command_bandwidth
+        Bandwidths of the filters that differentiate the commands to attitude and rate loop, and the deflections.
+    actuator_bandwidth, engine_bandwidth
+        Bandwidths of actuators and engine after inversion of their lags.
+    surface_bandwidth
+        Bandwidth of the low-pass filter on the deflections that the outer loops use.
+    sensor_bandwidth
+        Bandwidth of the filter on the measured residual of the model; 0: the inversion is model-based, otherwise
+        incremental.
+    """
 
     rates: LoopGains  #: Gains of channels P, Q, R.
     attitude: LoopGains  #: Gains of channels mu, alpha, beta.
@@ -114,7 +129,11 @@ _RATES_DAMPING, _VELOCITY_DAMPING = np.sqrt(50.0), np.sqrt(10.0)
 
 
 class Bandwidths(eqx.Module):
-    """Bandwidths of the three loops, the actuators and the engine, 1/s, from which `automatic_gains` computes gains."""
+    """Bandwidths of the three loops, the actuators and the engine, 1/s, from which `automatic_gains` computes gains.
+
+    `rates`, `attitude` and `velocity` hold three values each, for (P, Q, R), (mu, alpha, beta) and (V, gamma, chi);
+    `actuators` and `engine` are bandwidths after inversion of the lags.
+    """
 
     # bandwidths of actuators and engine after inversion of their lags
     actuators: Scalar
@@ -136,7 +155,8 @@ def derived_bandwidths(
     """Compute the loop bandwidths (1/s) that an aircraft's actuators, engine and control authority allow.
 
     `condition` is the trimmed flight condition. The ratios of the bandwidths are those of the published gains of the
-    F-16 ([TH]; theory section 5), which the function reproduces except for the rounding of the actuators' lag.
+    F-16 ([TH]; theory section 5). The function reproduces those gains to 1 percent, because it takes twice the
+    bandwidth of the actuators' lag, 40.4 1/s, where [TH] rounds to 40 1/s.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -173,14 +193,14 @@ def derived_bandwidths(
 def _required_stiffness(
     airframe: AbstractAirframe, condition: AirDataAndForces, surfaces: Vector, actuator_bandwidth: Scalar
 ) -> Vector3:
-    """Return the least stiffness (1/s^2; P, Q, R) for which the loops stay stable with `_GAIN_MARGIN` times the gain.
+    """Return the least stiffness of the loops (1/s^2; P, Q, R) that tolerates `_GAIN_MARGIN` times the actuators' gain.
 
-    Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
-    bandwidths. An actuator with lag tau, bandwidth B after inversion and k times the nominal gain moves r = k tau B (1
-    + K_D)/(k tau B (1 + K_D) - (k - 1)) times as far as commanded, with the derivative gain K_D of the rate loop. The
-    remaining stiffness, S - r S plus r times that of the loops, is stable if the loops have more than (1 - 1/r) S = S
-    (k - 1)/(k tau B (1 + K_D)). If that exceeds S, with actuators much faster than the sampling, no loops are stable,
-    and S is required.
+    The stiffness of a loop is the angular acceleration per rad of error, the product of the bandwidths of attitude and
+    rate loop. Inversion cancels the aircraft's natural stiffness S and puts the loops' stiffness in its place. With k
+    times the nominal gain, an actuator with lag tau and bandwidth B after inversion moves r = k tau B (1 + K_D) / (k
+    tau B (1 + K_D) - (k - 1)) times as far as commanded, K_D being the derivative gain of the rate loop. S - r S plus r
+    times the loops' stiffness then remains: positive if the loops have more than (1 - 1/r) S = S (k - 1) / (k tau B (1
+    + K_D)), which is returned: at most S, and 0 for P.
     """
 
     def angular_acceleration(angles: Float[Array, "2"]) -> Vector3:
@@ -200,8 +220,9 @@ def _required_stiffness(
 def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
     """Compute all gains of the autopilot from loop bandwidths.
 
-    Feed-forward, damping and the ratios of the filter bandwidths are those of the published gains. The bandwidths of
-    the command filters are scaled with the slowest axis of their loop: of (P, Q, R), and of mu and alpha.
+    Feed-forward, damping and the ratios of the filter bandwidths to the loop bandwidths are those of the published
+    gains. The filter on rate commands scales with the least bandwidth of P, Q and R, the filter on attitude commands
+    and the low-pass filter on deflections with the lesser bandwidth of mu and alpha.
     """
     xp = namespace(bandwidths)
     bandwidths, published = jax.tree.map(xp.asarray, (bandwidths, published_gains()))

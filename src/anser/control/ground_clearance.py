@@ -87,7 +87,14 @@ _GAIN_MIN = 0.5  # 1/s: least gain of a channel, also for loops without gain
 
 
 class GroundClearance(eqx.Module):
-    """Ground clearance of one aircraft: whether the aircraft must abandon its plan, and the pull-up that it needs."""
+    """Result of the check of one aircraft's height: whether to abandon the plan, and the pull-up that is needed.
+
+    `is_lost` is true if the height above the floor no longer suffices to end the descent: the aircraft must leave its
+    plan at once. `pull` is the acceleration normal to the path, in addition to carrying the weight, that keeps the
+    aircraft above the least altitude, m/s^2: limited to the aircraft's capability, 0 without a sink.
+    `normal_acceleration_max` is the greatest acceleration normal to the path, by lift and load factor, m/s^2; `motion`
+    holds the present angles and rates.
+    """
 
     # whether the height above the floor no longer suffices to end the descent: the aircraft must leave its plan at once
     is_lost: Flag

@@ -21,7 +21,18 @@ _STRAIGHT_FRACTION = 0.1  # fraction of the hold radius flown straight on after 
 
 
 class GuidanceSettings(eqx.Module):
-    """Settings of `follow` (along the plan) and `hold` (around the goal)."""
+    """Settings of the guidance functions `follow` (along the plan) and `hold` (around the goal).
+
+    Attributes
+    ----------
+    position_gain, correction_max
+        Correction speed per metre of position error, 1/s (0: only the planned velocity is flown), and the greatest
+        correction speed, m/s.
+    hold_radius, hold_turn
+        Radius of the circle around the goal, m, and the sense of its turn: +1 to the right, -1 to the left.
+    climb_rate_max
+        Greatest vertical speed in the hold, m/s.
+    """
 
     position_gain: Scalar  #: Correction speed per metre of position error, 1/s; 0 flies the planned velocity only.
     correction_max: Scalar  #: Greatest correction speed, m/s.
@@ -137,11 +148,11 @@ def hold(
 
 
 def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
-    """Limit the path angle to a pull or push of 6 m/s^2; the horizontal speed of the command is kept.
+    """Limit the change of the commanded path angle so that the pull or push is at most 6 m/s^2.
 
-    The path-angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed.
-    An arrival faster than the hold must therefore not command a steeper descent during the level-off. At path angles
-    beyond 78 deg, the horizontal speed falls.
+    `present` is the present motion through the air. The path-angle loop turns an error e into an acceleration V e / (1
+    s) normal to the path, so that the change is limited to 6 m/s^2 over V, in rad. Airspeed and its rate are adjusted
+    so that the horizontal speed of the command is kept (not beyond a path angle of 78 deg).
     """
     change_max = _PULL_MAX_M_S2 / jnp.maximum(present.V, 1.0)
     change = command.gamma - present.gamma
@@ -158,11 +169,12 @@ def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
 
 
 def _limit_turn(command: PathCommand, present: PathCommand, turn: ScalarLike) -> PathCommand:
-    """Limit course changes to 45 deg, and fly large changes in the hold's direction, so that the turn never reverses.
+    """Limit the change of the commanded course to 45 deg, and choose the sense of large changes.
 
-    `turn` is +1 for a hold to the right, -1 to the left. A course change of more than 120 deg against the hold's turn
-    is flown in the direction of the hold. Changes are limited to 45 deg, without feed-forward, because the rate of the
-    vector field is not the rate of the limited turn.
+    `present` is the present motion through the air; `turn` is +1 for a hold to the right, -1 to the left. A change of
+    more than 120 deg against the turn of the hold is flown the long way round, in the sense of the hold, so that the
+    turn never reverses. A limited change has no feed-forward, because the rate of the vector field is not the rate of
+    the limited turn.
     """
     change = wrap_angle(command.chi - present.chi)
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)

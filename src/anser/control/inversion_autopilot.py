@@ -20,7 +20,11 @@ Loop = Literal["rates", "attitude", "velocity"]
 
 
 class LoopCommand(eqx.Module):
-    """Command to the attitude loop or the rate loop, and the throttle, which these loops do not control."""
+    """Command to the attitude loop or the rate loop, and the throttle, which these loops do not control.
+
+    `value` is (mu, alpha, beta), rad, or (P, Q, R), rad/s; `rate` its time derivative, for the feed-forward; `throttle`
+    is constant, 0..1.
+    """
 
     value: Vector3  #: (P, Q, R) rad/s or (mu, alpha, beta) rad.
     rate: Vector3  #: Time derivative of `value`, for the feed-forward, rad/s^2 or rad/s.
@@ -40,7 +44,8 @@ class RateSignals(eqx.Module):
 class InversionAutopilot(AbstractController):
     """Autopilot by nonlinear dynamic inversion in three loops (theory section 5).
 
-    The inversion is model-based, or incremental if `gains.sensor_bandwidth` is above 0.
+    `loop` is the loop that takes the command: "velocity" a `PathCommand`, "attitude" and "rates" a `LoopCommand`; the
+    loops inside it are closed. The inversion is model-based, or incremental if `gains.sensor_bandwidth` is above 0.
     """
 
     gains: AutopilotGains

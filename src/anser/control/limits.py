@@ -10,7 +10,12 @@ NORMAL_TURNING_G = 0.5
 
 
 class FlightLimits(eqx.Module):
-    """Flight envelope to which the autopilot limits its commands."""
+    """Flight envelope to which the autopilot limits its commands.
+
+    Airspeeds are in m/s, angles in rad, rates in rad/s. `bank_max` is the bank about the velocity vector; load factors
+    are lift over weight; `rates_max` holds (P, Q, R); `altitude_min` is the least altitude, m (the ground is at 0);
+    `bank_rate_max` bounds the rate of the commanded bank angle (None: no limit).
+    """
 
     speed_min: Scalar  #: Least airspeed, m/s.
     speed_max: Scalar  #: Greatest airspeed, m/s.

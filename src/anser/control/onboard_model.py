@@ -19,7 +19,12 @@ from anser.spatial.wind_axes import bank_about_velocity
 
 
 class PathMotion(eqx.Module):
-    """Path and attitude angles of one aircraft, and the rates of these angles, with the part due to the body rates."""
+    """Path and attitude angles of one aircraft (rad), its airspeed (m/s), and their rates.
+
+    `gamma` and `chi` are path angle and course through the air, `mu` is the bank about the velocity vector. The
+    attitude rates are (mu_dot, alpha_dot, beta_dot) = f + G (P, Q, R): `force_rates` is f, due to forces and gravity,
+    rad/s, `rate_matrix` is G. `path_rates` is (V_dot, gamma_dot, chi_dot), m/s^2 and rad/s.
+    """
 
     # airspeed (m/s), path angle and course through the air (rad)
     V: Scalar
@@ -95,11 +100,12 @@ def path_motion(
 class OnboardModel(eqx.Module):
     """Onboard model at one instant, which the loops invert: forces, control effectiveness and motion along the path.
 
-    The forces in `condition` and `slow_condition` are those of the airframe's model plus the measured residual, which
-    is 0 if the inversion is model-based.
+    The forces in `condition` are those of the airframe's model at the present deflections plus the measured residual,
+    which is 0 if the inversion is model-based. `moments` holds aerodynamic moment and control effectiveness there.
+    `gravity` is in m/s^2; `step` is the sampling period, s.
 
     The attitude and velocity loops use `slow_condition`, the forces at the low-pass filtered deflections
-    `surfaces_slow`. Otherwise the lift of the moving elevator, differentiated twice on the way through the
+    `surfaces_slow` (rad). Otherwise the lift of the moving elevator, differentiated twice on the way through the
     feed-forward, would return to the elevator with a loop gain above one (a limit cycle at the rate limit). Neglecting
     fast surface forces in the slow loops is the two-time-scale assumption of dynamic inversion.
     """

@@ -20,7 +20,11 @@ _PERIOD_S = 5.0
 
 
 class ProbingState(eqx.Module):
-    """State of the controller with test inputs."""
+    """State of a `ProbingController` between samples.
+
+    `controller` is the state of the controller with whose commands the test inputs are added; `surfaces` (rad) and
+    `power` (percent) are deflections and engine power at the start; `count` is the number of samples so far.
+    """
 
     controller: Any  # state of the controller to whose commands the test inputs are added
     surfaces: Vector  # deflections at the start, rad
@@ -31,9 +35,10 @@ class ProbingState(eqx.Module):
 class ProbingController(AbstractController):
     """Controller that adds multisines to the surface commands of `controller` while an adaptive estimator needs them.
 
-    Test inputs are added until `learning_time`, and whenever the control effectiveness is more uncertain than
-    `uncertainty_max`. Until `learning_time`, the surfaces and the engine power of the start are held in place of the
-    commands of `controller`.
+    Test inputs are added until `learning_time` (s; 0: never), and whenever the relative standard deviation of the
+    control effectiveness exceeds `uncertainty_max`. Until `learning_time`, the surfaces and the engine power of the
+    start are held in place of the commands of `controller`. `signals` has a multisine of magnitude 1 for each surface,
+    repeated after `period` (s); `amplitude` is the greatest test input of each surface, rad.
     """
 
     controller: AbstractController  #: Controller to whose surface commands the test inputs are added.

@@ -31,7 +31,13 @@ class ThrustDemand(eqx.Module):
 
 
 class AttitudeDemand(eqx.Module):
-    """Demand to the attitude loop: (mu, alpha, beta), and flags of the limits for which the path is not followed."""
+    """Command of the velocity loop to the attitude loop, `angles` (mu, alpha, beta), rad, and flags of limits.
+
+    `alpha_saturated`: the path angle is not followed (alpha or load factor at a limit, lift unloaded, or a push-over
+    limited). `bank_saturated`: the course is not followed (bank or bank rate at a limit, bank faded out, or too little
+    lift). `lift_short`, `load_factor_short`: the turn is reduced for the lift at alpha_max, or for the greatest load
+    factor.
+    """
 
     angles: Vector3  # (mu, alpha, beta), rad
     # the path angle is not followed: alpha or load factor at a limit, lift unloaded, or a push-over limited
@@ -102,14 +108,14 @@ def side_force(model: OnboardModel) -> Scalar:
 def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarLike) -> AttitudeDemand:
     """Compute bank and angle of attack for commanded gamma_dot and chi_dot (rad/s) in coordinated flight (beta = 0).
 
-    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, with the
-    resultant acceleration a and the side force Y of an asymmetric aircraft. Alpha follows from the balance of forces
+    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), with the side force Y of an
+    asymmetric aircraft and the resultant acceleration a of the two arguments. Alpha follows from the balance of forces
     normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with L = F_X
     sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If the bank
     error exceeds 60 deg (an upset), the aircraft unloads first.
 
-    A demand beyond nine tenths of the lift at alpha_max, or beyond the load factor, reduces the turn of the path and
-    the turn of the course by the same share: gravity is carried first.
+    If the command needs more than nine tenths of the lift at alpha_max, or more than the greatest load factor, V
+    gamma_dot and V cos(gamma) chi_dot are reduced by the same factor; the part that carries the weight is not reduced.
     """
     limits, condition, motion, gravity = model.limits, model.slow_condition, model.motion, model.gravity
     mass = model.airframe.mass_properties.mass
@@ -191,7 +197,11 @@ def limit_bank_rate(
 
 
 def _feasible_share(gravity_normal: Scalar, normal: Scalar, lateral: Scalar, magnitude_max: Scalar) -> Scalar:
-    """Return the largest share s in 0..1 with |(gravity_normal + s normal, s lateral)| <= magnitude_max; m/s^2."""
+    """Return the largest share s in 0..1 of a path acceleration for which the total acceleration keeps a limit.
+
+    The path acceleration (m/s^2) has the components `normal` in the vertical plane and `lateral`; gravity needs
+    `gravity_normal` in any case: |(gravity_normal + s normal, s lateral)| <= `magnitude_max`.
+    """
     square = normal**2 + lateral**2 + 1e-12
     root = jnp.sqrt(
         jnp.maximum((gravity_normal * normal) ** 2 + square * (magnitude_max**2 - gravity_normal**2), 1e-12)

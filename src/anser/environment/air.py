@@ -231,10 +231,11 @@ def density_altitude(density: np.ndarray | float) -> np.ndarray:
 
 
 def _altitude_from(logarithm: np.ndarray, base: np.ndarray, power: np.ndarray, decay: np.ndarray) -> np.ndarray:
-    """Return the geopotential altitude (m) at which pressure or density of the standard has a natural logarithm.
+    """Return the geopotential altitude (m) at which pressure or density of the standard atmosphere has a value.
 
-    `base` holds the logarithms of the quantity at the layers' bases, `power` and `decay` (1/m) the coefficients of its
-    law in each layer, as for the pressure in the module's docstring.
+    `logarithm` is the natural logarithm of the value, `base` holds the logarithm of the quantity at the base of each
+    layer. Above the base the quantity falls by the factor ``exp(-power log1p(lapse z / T) - decay z)`` as the pressure
+    does in the module's docstring; `decay` is in 1/m.
     """
     row = np.searchsorted(-base[1:], -logarithm, side="right")
     drop, relative_lapse = base[row] - logarithm, STANDARD_LAYERS[row, 3]

@@ -60,9 +60,12 @@ def atmosphere_layers(atmosphere: AbstractAtmosphere) -> Layers:
 
 
 class LayeredAtmosphere(AbstractAtmosphere):
-    """Atmosphere of an off-standard day or of a sounding, from a table of layers."""
+    """Atmosphere of an off-standard day or of a sounding, from a table of layers.
 
-    layers: Float[Array, "layer 7"]  #: Table of layers with the columns of `anser.environment.air`.
+    The columns of `layers` are those of a table of layers in `anser.environment.air`.
+    """
+
+    layers: Float[Array, "layer 7"]
 
     def at(self, altitude: ScalarLike) -> Air:
         """Return the air at a geometric altitude above mean sea level (m); below -5 km it is the air at -5 km.

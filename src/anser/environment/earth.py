@@ -62,16 +62,25 @@ def gravitation_j2(
 
 
 class LocalEarth(eqx.Module):
-    """Earth-dependent terms of the equations of motion at one position and velocity, in local NED axes."""
+    """Earth-dependent terms of the equations of motion at one position and velocity, in local NED axes.
 
-    gravity: Scalar  # effective gravity (gravitation and centrifugal acceleration) along down, m/s^2
-    # acceleration of a free body relative to the travelling NED axes: effective gravity less the Coriolis acceleration
-    # and the acceleration of the turning axes, m/s^2
+    Attributes
+    ----------
+    gravity
+        Effective gravity (gravitation and centrifugal acceleration) along down, m/s^2.
+    apparent_gravity_n
+        Acceleration of a free body relative to the NED axes, which travel with the aircraft: effective gravity less
+        the Coriolis acceleration and the acceleration of the turning axes, m/s^2.
+    earth_rate_n, transport_rate_n
+        Angular velocity of the Earth, and of the travelling NED axes relative to the Earth, rad/s.
+    chart_scale
+        Rates of the chart coordinates (north, east, down) over the velocity components, no unit.
+    """
+
+    gravity: Scalar
     apparent_gravity_n: Vector3
-    # angular velocity of the Earth, and of the travelling NED axes relative to the Earth, rad/s
     earth_rate_n: Vector3
     transport_rate_n: Vector3
-    # rates of the chart coordinates (north, east, down) over the velocity components (north, east, down), no unit
     chart_scale: Vector3
 
 
@@ -108,9 +117,9 @@ class AbstractEarth(eqx.Module):
 
 
 class FlatEarth(AbstractEarth):
-    """A flat Earth at rest with uniform gravity (theory section 2)."""
+    """A flat Earth at rest with uniform gravity, `gravity` (m/s^2), along down (theory section 2)."""
 
-    gravity: Scalar  #: Gravity along down, m/s^2.
+    gravity: Scalar
 
     @property
     def gravity_at_origin(self) -> Scalar:
@@ -140,12 +149,12 @@ class FlatEarth(AbstractEarth):
 class RotatingEarth(AbstractEarth):
     """A rotating ellipsoid (or sphere) with the gravitation of an oblate body.
 
-    The chart is the flat-Earth map of theory section 1 around a reference, without approximation
-    (`geodetic_from_flat`): north depends on latitude alone, east on longitude alone, down on height alone. The scale of
-    the chart differs from 1 by about the distance from the origin over the Earth's radius, also times tan(latitude);
-    `chart_scale` accounts for the difference. The map is one-to-one, and quantities at a position are exact everywhere.
-    Neighbouring points on both sides of a pole or of the meridian opposite to the origin are far apart in the chart, so
-    no path may be planned across a pole or across this meridian.
+    The chart is the flat-Earth map of theory section 1, without approximation (`geodetic_from_flat`), around the origin
+    at geodetic `latitude` and `longitude` (rad) and height 0: north depends on latitude alone, east on longitude alone,
+    down on height alone. The scale of the chart differs from 1 by about the distance from the origin over the Earth's
+    radius, also times tan(latitude); `chart_scale` accounts for the difference. The map is one-to-one, and quantities
+    at a position are exact everywhere. Neighbouring points on both sides of a pole or of the meridian opposite to the
+    origin are far apart in the chart, so no path may be planned across a pole or across this meridian.
     """
 
     ellipsoid: Ellipsoid  #: Figure of the Earth; altitudes are heights above the ellipsoid.

@@ -35,11 +35,12 @@ class SteadyWind(AbstractWind):
 class LayeredWind(AbstractWind):
     """Wind profile over the altitude, constant in time and horizontally uniform.
 
-    The velocity is linear between the altitudes of the table, and constant below the first and above the last.
+    `altitudes` are rising geometric altitudes above sea level, m, and `velocities_n` the velocities of the air there,
+    NED, m/s: linear in between, constant below the first and above the last altitude.
     """
 
-    altitudes: Float[Array, " layer"]  #: Rising geometric altitudes, m.
-    velocities_n: Float[Array, "layer 3"]  #: Velocity of the air at each altitude, NED, m/s.
+    altitudes: Float[Array, " layer"]
+    velocities_n: Float[Array, "layer 3"]
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Return the velocity of the air (3,), NED, m/s, at the altitude of a position; the time has no effect."""

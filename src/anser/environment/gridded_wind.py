@@ -18,28 +18,44 @@ class GriddedWind(AbstractWind):
     """Wind field on a grid, linear between the nodes; beyond the grid, the wind at the boundary.
 
     The levels of the grid may have another altitude at every node and time, as pressure levels have: the altitudes are
-    interpolated like the velocities, so that the result is linear in pressure between two levels. All aircraft and
-    flights of a batch share the array `columns` (`anser.numerics.arrays.Stacked.shared`).
+    interpolated like the velocities, so that the result is linear in pressure between two levels.
+
+    Attributes
+    ----------
+    columns
+        Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first. The first axis holds the nodes in
+        row-major order of ensemble member, time, northward and eastward coordinate. All aircraft and flights of a
+        batch share the array (`anser.numerics.arrays.Stacked.shared`).
+    member
+        Index of the ensemble member that is flown.
+    axes
+        Axes of the grid: times (s; no such axis if the field has one time), northward and eastward coordinates, in m
+        on the chart, or in rad of latitude and longitude from the chart's origin.
+    level_tops
+        Greatest altitude over all nodes, m, of each level but the first and the last.
+    altitude_min, altitude_max
+        Least and greatest altitude at which every column has wind, m.
+    radii
+        Radii (m) with which the chart maps latitude and longitude to north and east; None: the axes are in m.
+    is_geopotential
+        Whether the altitudes of the field are geopotential.
+    interval_count
+        Number of neighbouring intervals between levels to search for an altitude; more than 1 if the altitude of a
+        level varies so much that one altitude lies in different intervals at different nodes.
+    is_held
+        True: a flight may leave the grid, and meets the wind of the boundary there; False: see `has_left_field`.
     """
 
-    #: Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first. The first axis holds the nodes in
-    #: row-major order of ensemble member, time, northward and eastward coordinate.
     columns: Float[Array, "node level 4"]
-    member: Int[Array, ""]  #: Index of the ensemble member that is flown.
-    #: Axes of the grid: times (s; no such axis if the field has one time), northward and eastward coordinates. The
-    #: horizontal coordinates are in m on the chart, or in rad of latitude and longitude from the chart's origin.
+    member: Int[Array, ""]
     axes: Axes
-    #: Greatest altitude over all nodes, m, of each level but the first and the last.
     level_tops: Float[Array, " inner"]
-    altitude_min: Scalar  #: Least altitude at which every column has wind, m: greatest altitude of the lowest level.
-    altitude_max: Scalar  #: Greatest altitude at which every column has wind, m: least altitude of the top level.
-    #: Radii (m) with which the chart maps latitude and longitude to north and east; None: the axes are in m.
+    altitude_min: Scalar
+    altitude_max: Scalar
     radii: Float[Array, "2"] | None
-    is_geopotential: bool = eqx.field(static=True)  #: Whether the altitudes of the field are geopotential.
-    #: Number of neighbouring intervals between levels to search for an altitude; more than 1 if the altitude of a level
-    #: varies so much that one altitude lies in different intervals at different nodes.
+    is_geopotential: bool = eqx.field(static=True)
     interval_count: int = eqx.field(static=True)
-    is_held: bool = eqx.field(static=True)  #: Whether a flight may leave the grid and meets the wind of the boundary.
+    is_held: bool = eqx.field(static=True)
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Return the velocity of the air (3,), NED, m/s, at a chart position (3,), NED, m, and a time (s)."""

@@ -12,24 +12,29 @@ from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 
 
 class Gust(eqx.Module):
-    """Velocity and rotation of the air around one aircraft relative to the mean wind, body axes.
+    """Velocity (m/s) and rotation (rad/s) of the air around one aircraft relative to the mean wind, body axes.
 
-    The aerodynamic forces follow from the aircraft's motion through the mean wind minus the gust.
+    `velocity_b` is the velocity at the centre of gravity, `rates_b` the rotation that fits the gradients of the
+    velocity over the aircraft best. The aerodynamic forces follow from the aircraft's motion through the mean wind
+    minus the gust.
     """
 
-    velocity_b: Vector3  #: Velocity at the centre of gravity, m/s.
-    #: Rates of the rotation that fits the gradients of the velocity over the aircraft best, rad/s.
+    velocity_b: Vector3
     rates_b: Vector3
 
 
 class AirFlow(eqx.Module):
-    """Flow at one aircraft, the input of a gust model: airspeed, height, attitude, mean wind and time."""
+    """Flow at one aircraft, the input of a gust model.
 
-    airspeed: Scalar  #: True airspeed without gusts, m/s.
-    height: Scalar  #: Height above the ground, m.
-    R_bn: Matrix33  #: Rotation matrix from NED to body axes.
-    wind_n: Vector3  #: Mean wind, NED, m/s.
-    time: Scalar  #: Time since the start of the flight, s.
+    `airspeed` is the true airspeed without gusts, m/s; `height` is above the ground, m; `R_bn` is the rotation matrix
+    from NED to body axes; `wind_n` is the mean wind, NED, m/s; `time` counts from the start of the flight, s.
+    """
+
+    airspeed: Scalar
+    height: Scalar
+    R_bn: Matrix33
+    wind_n: Vector3
+    time: Scalar
 
 
 class AbstractGusts(eqx.Module):
@@ -77,12 +82,16 @@ class NoGusts(AbstractGusts):
 
 
 class DiscreteGust(AbstractGusts):
-    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust."""
+    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust.
 
-    amplitudes: Vector3  #: Greatest velocity V_m of the air along each body axis, m/s.
-    length: Scalar  #: Distance d_m from the edge of the gust to its greatest velocity, m.
-    start: Scalar  #: Time at which the aircraft enters the gust, s.
-    #: Whether the gust decays symmetrically from d_m to 2 d_m, as in certification; otherwise it remains at V_m.
+    `amplitudes` is V_m along each body axis, m/s; `length` is d_m, the distance from the edge of the gust to its
+    greatest velocity, m; the aircraft enters the gust at the time `start`, s. With `returns`, the gust decays
+    symmetrically from d_m to 2 d_m, as in certification; otherwise it remains at V_m.
+    """
+
+    amplitudes: Vector3
+    length: Scalar
+    start: Scalar
     returns: Flag
 
     @property

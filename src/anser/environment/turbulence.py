@@ -51,14 +51,15 @@ class ExceedanceTable(eqx.Module):
 
 
 class TurbulenceLevels(eqx.Module):
-    """Scale lengths and intensities of turbulence at one height above the ground."""
+    """Scale lengths and intensities of turbulence at one height above the ground.
 
-    # scale lengths (m) of the gust components u, v, w, as in the spectra of MIL-F-8785C; those of v and w are twice the
-    # lengths of MIL-HDBK-1797
+    `lengths` (m) and `sigmas` (root-mean-square values, m/s) are those of the gust components u, v, w; the lengths are
+    as in the spectra of MIL-F-8785C, for v and w twice those of MIL-HDBK-1797. `altitude_blend` is the weight of the
+    high-altitude model in lengths, intensities and gust axes: 0 up to 1,000 ft, 1 from 2,000 ft, linear in between.
+    """
+
     lengths: Vector3
-    sigmas: Vector3  # Root-mean-square values (m/s) of the gust components u, v, w
-    # weight of the high-altitude model in lengths, intensities and gust axes: 0 up to 1,000 ft, 1 from 2,000 ft, linear
-    # in between
+    sigmas: Vector3
     altitude_blend: Scalar
 
 
@@ -73,7 +74,8 @@ def turbulence_levels(
 
     Up to 1,000 ft the intensities follow from the wind at 20 ft, `wind_20ft` (m/s), from 2,000 ft on from the table at
     the exceedance probability, `log_probability` (log10). In between, scale lengths and intensities are linear in
-    height. Below 10 ft the values at 10 ft apply.
+    height. Below 10 ft the values at 10 ft apply. `family` selects Dryden or von Karman, whose scale lengths at
+    altitude differ.
 
     MIL-F-8785C and MIL-HDBK-1797 agree: the handbook halves the scale lengths of v and w, but its spectra contain twice
     these lengths.
@@ -100,23 +102,25 @@ _ROLL = FirstOrderFilter()
 
 
 class TurbulenceState(eqx.Module):
-    """State of the turbulence at one aircraft between two samples: filter states and low-passed gusts.
+    """State of the turbulence at one aircraft between two samples, in units of the gusts' intensities.
 
-    The gusts are in units of their intensities.
+    `u`, `v`, `w` and `p` are the states of the shaping filters of the three gust components and of the gust roll rate.
+    `low_passed_w` and `low_passed_v` are the gusts w and v after the low-pass filters of the pitch and yaw gust rates.
     """
 
-    # states of the shaping filters of the gusts u, v, w and of the gust roll rate p
     u: Array
     v: Array
     w: Array
     p: Array
-    # gusts w and v after the low-pass filters of the pitch and yaw gust rates; the time constants follow from the span
     low_passed_w: Scalar
     low_passed_v: Scalar
 
 
 class Turbulence(AbstractGusts):
     """Turbulence of MIL-F-8785C and MIL-HDBK-1797 (identical spectra), independent for each aircraft.
+
+    `wind_20ft` is the wind at 20 ft above the ground, m/s, which sets the intensity up to 1,000 ft; from 2,000 ft on,
+    the intensity follows from `table` at the exceedance probability 10^`log_probability`. `span` is the wing span, m.
 
     An aircraft flies through a frozen field; gusts of two aircraft are independent, an assumption for distances of
     several scale lengths. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w
@@ -129,10 +133,10 @@ class Turbulence(AbstractGusts):
     relative to the air.)
     """
 
-    wind_20ft: Scalar  #: Wind at 20 ft above the ground, m/s, which sets the intensity up to 1,000 ft.
-    log_probability: Scalar  #: log10 of the probability that the intensity from 2,000 ft on is exceeded.
-    table: ExceedanceTable  #: Intensity from 2,000 ft on, over height and exceedance probability.
-    span: Scalar  #: Wing span, m.
+    wind_20ft: Scalar
+    log_probability: Scalar
+    table: ExceedanceTable
+    span: Scalar
     family: SpectrumFamily = eqx.field(static=True, default="dryden")  #: Family of the spectra.
 
     @property
@@ -232,7 +236,11 @@ def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: S
 
 
 def _axes(flow: AirFlow, altitude_blend: Scalar) -> Callable[[Vector3], Vector3]:
-    """Return the function that transforms a vector from turbulence axes (see `Turbulence`) to body axes."""
+    """Return the function that transforms a vector from turbulence axes to body axes.
+
+    `altitude_blend` is 0 for the horizontal axes of low altitude, 1 for body axes (see `Turbulence`); in between, the
+    function returns the weighted mean of both vectors.
+    """
     ahead_n = rotate_back(flow.R_bn, jnp.zeros_like(flow.wind_n).at[0].set(1.0))
     north, east = ahead_n[:2] / jnp.maximum(safe_hypot(ahead_n[0], ahead_n[1]), 1e-6)
 

@@ -38,7 +38,11 @@ class DirectControls(AbstractController):
 
 
 class AutopilotStep(NamedTuple):
-    """One step of the expert's autopilot (command, controls, signals), from which a level computes an action."""
+    """One step of the expert's autopilot, from which a level computes the action with the same effect.
+
+    `command` is the command to the autopilot, a `PathCommand` or `LoopCommand`; `controls` are the resulting surfaces
+    (rad) and throttle; `signals` the commands between the loops, such as the body rates.
+    """
 
     command: Any  # command to the autopilot: `PathCommand` or `LoopCommand`
     controls: Controls  # resulting surfaces (rad) and throttle
@@ -46,7 +50,10 @@ class AutopilotStep(NamedTuple):
 
 
 class AbstractActionLevel(eqx.Module):
-    """Interface of the levels at which an action enters the closed loop."""
+    """Interface of the levels at which an action enters the closed loop.
+
+    `decision_s` is the duration of a decision, s, in which the action is constant.
+    """
 
     #: Duration of a decision, s.
     decision_s: eqx.AbstractVar[float]
@@ -71,7 +78,11 @@ class AbstractActionLevel(eqx.Module):
 
     @abc.abstractmethod
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the action, entries in -1..1, with the effect of one step of the expert's autopilot."""
+        """Return the action, entries in -1..1, that has the same effect as one step of the expert's autopilot.
+
+        For example, at the level of body rates the action commands the rates that the autopilot's attitude loop
+        commands.
+        """
 
 
 def _from_unit(action: Array, low: ScalarLike, high: ScalarLike) -> Array:
@@ -83,7 +94,10 @@ def _to_unit(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Array:
 
 
 def _command(variable: str | Variable, low: ScalarLike, high: ScalarLike) -> Entry:
-    """Return the table entry of a commanded variable: -1 in the action is `low`, 1 is `high`, in the dataset's unit."""
+    """Return the table entry of a commanded variable, for an action scaled to -1..1.
+
+    -1 commands `low` and 1 commands `high`, both in the variable's unit in datasets, such as deg.
+    """
     centre, half_range = 0.5 * (float(low) + float(high)), 0.5 * (float(high) - float(low))
     return catalogue_entry(variable, centre, half_range, "_command", "Commanded")
 
@@ -92,7 +106,10 @@ _THROTTLE = Entry("throttle", "1", 0.5, 0.5, "Throttle")
 
 
 class SurfaceLevel(AbstractActionLevel):
-    """Level of action with the deflections of the commanded surfaces, between their stops, and the throttle."""
+    """Level of action with the deflections of the commanded surfaces, between their stops, and the throttle.
+
+    `decision_s` is the duration of a decision, s, in which the action is constant.
+    """
 
     decision_s: float = eqx.field(static=True, default=0.01)
 
@@ -133,7 +150,7 @@ def _commanded(actuators: AbstractActuators) -> tuple[np.ndarray, Array, Array]:
 class RateLevel(AbstractActionLevel):
     """Level of action with body rates, up to the autopilot's limits, and the throttle.
 
-    The rate loop of the autopilot follows the commanded body rates.
+    The rate loop of the autopilot follows the commanded body rates, constant for `decision_s` (s).
     """
 
     decision_s: float = eqx.field(static=True, default=0.05)
@@ -162,7 +179,9 @@ class RateLevel(AbstractActionLevel):
 class VelocityLevel(AbstractActionLevel):
     """Level of action with airspeed, within the autopilot's limits, path angle, and change of the course.
 
-    The change counts from the course at the start of the decision: the course then has no jump at +-180 deg.
+    The command is constant for `decision_s` (s). The path angle is commanded up to `path_angle_max` (rad) in both
+    directions; the course by its change from the course at the start of the decision, up to `course_change_max` (rad)
+    to either side, so that the action has no jump at a course of +-180 deg.
     """
 
     decision_s: float = eqx.field(static=True, default=0.1)
@@ -191,10 +210,11 @@ class VelocityLevel(AbstractActionLevel):
         return PathCommand(V, self.path_angle_max * action[1], chi, zero, zero, zero)
 
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the action with the effect of the expert's path command, entries clipped to -1..1.
+        """Return the action that commands nearly the same as the expert's path command, entries clipped to -1..1.
 
-        An action commands no rates. The feed-forward of the command's rates is therefore added to airspeed, path angle
-        and course, as feed-forward over proportional gain of the velocity loop times the rate.
+        An action cannot command the rates of airspeed, path angle and course. Each rate, times feed-forward gain over
+        proportional gain of the velocity loop, is therefore added to its quantity, which has the same effect in the
+        loop.
         """
         command, gains = step.command, autopilot.gains.velocity
         lead = gains.feed_forward / gains.proportional

@@ -39,7 +39,21 @@ Rng = np.random.Generator
 
 
 class Case(eqx.Module):
-    """Aircraft, air, start and task of one episode."""
+    """Aircraft, air, start and task of one episode.
+
+    Attributes
+    ----------
+    vehicle
+        The aircraft with its sensors, estimator and autopilot, without a mission.
+    environment
+        Air and Earth.
+    start
+        State and controls at the start, as a trim point; a steady flight, except in tasks such as `UpsetRecovery`.
+    task
+        Numbers of the task, such as commands, as `draw` of the task returns them for one episode.
+    decisions
+        Number of decisions of a full episode, after which the episode is truncated.
+    """
 
     vehicle: Vehicle  #: The aircraft with its sensors, estimator and autopilot, without a mission.
     environment: Environment  #: Air and Earth.
@@ -64,7 +78,18 @@ def autopilot_of(vehicle: Vehicle) -> InversionAutopilot:
 
 
 class Situation(eqx.Module):
-    """Truth and estimates at the start of an episode or after a decision, the input of a task's functions."""
+    """Truth and estimates at the start of an episode or after a decision, the input of a task's functions.
+
+    Attributes
+    ----------
+    case, instant
+        Case of the episode; environment, time and integration step at the end of the decision.
+    truth, belief
+        True motion of the aircraft with air data and forces, and the aircraft's own estimate.
+    variables, estimates
+        True variables of the catalogue by dataset name ("alpha_deg"), in its unit, and the same as the aircraft
+        estimates them.
+    """
 
     case: Case  #: Case of the episode.
     instant: Instant  #: Environment, time and integration step at the end of the decision.
@@ -154,7 +179,11 @@ def trim_rows(
 
 
 class FlightRange(eqx.Module):
-    """Range of airspeed, altitude, path angle, bank and wind from which the starts of episodes are drawn."""
+    """Range of airspeed, altitude, path angle, bank and wind from which the starts of episodes are drawn.
+
+    `speed_m_s` (true airspeed) and `altitude_m` (above sea level) are least and greatest values. Path angle and bank
+    are drawn up to `path_angle_deg` and `bank_deg` in both directions, the wind from any direction up to `wind_m_s`.
+    """
 
     speed_m_s: tuple[float, float] = eqx.field(static=True)  #: Least and greatest true airspeed.
     altitude_m: tuple[float, float] = eqx.field(static=True)  #: Least and greatest altitude above sea level.
@@ -193,7 +222,7 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:
-    """Draw `count` random steady flights in the range: level, climbing, descending and turning, in any direction.
+    """Draw `count` random steady flights in the range `flown`: level, climbing, descending, turning, in any direction.
 
     Returns the trim points with a leading axis. Raises ValueError if at most 2 % of the drawn conditions are steady
     flights within the aircraft's limits.
@@ -226,12 +255,12 @@ def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange
 def stack_cases(
     vehicle: Vehicle, environment: Environment, flown: FlightRange, drawn: Any, decisions: int, rng: Rng, dtype: Any
 ) -> Stacked[Case]:
-    """Return the cases of one aircraft, stacked along a leading axis, from the starts and task numbers in `drawn`.
+    """Return the cases of one aircraft, stacked along a leading axis.
 
-    To a `SteadyWind` of the environment each case adds a random horizontal wind: speed uniform up to `flown.wind_m_s`,
-    any direction. Another wind is common to all cases. The wind at the start is added to the velocity of each start,
-    because the starts are drawn in still air. `decisions` is the number of decisions of a full episode, `dtype` the
-    precision.
+    `drawn` is the result of the task's `draw`: the starts and the task's numbers of all cases. To a `SteadyWind` of the
+    environment each case adds a random horizontal wind: speed uniform up to `flown.wind_m_s`, any direction. A wind of
+    another class is common to all cases. The wind at the start is added to the velocity of each start, because the
+    starts are drawn in still air. `decisions` is the number of decisions of a full episode, `dtype` the precision.
     """
     count = len(drawn[0].mu)
     speed, direction = rng.uniform(0.0, flown.wind_m_s, count), rng.uniform(-np.pi, np.pi, count)

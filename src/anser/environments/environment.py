@@ -57,7 +57,13 @@ MOTION = (
 
 
 class Parameters(eqx.Module):
-    """Numbers of an environment, the argument `params` of its functions: cases, observations at starts, step."""
+    """Numbers of an environment, the argument `params` of its functions.
+
+    `cases` are the cases of the episodes, stacked along a leading axis; for a fleet along two axes, cases and aircraft.
+    `observations` are those at the start of each case, computed in advance; None: each reset computes the observation.
+    None is required with random gusts or sensor errors, or if other parameters are changed. `step` is the step of the
+    integration, s.
+    """
 
     #: Cases of the episodes, stacked along a leading axis; for a fleet along two axes, cases and aircraft.
     cases: Stacked[Case]
@@ -77,7 +83,19 @@ class Parameters(eqx.Module):
 
 
 class EpisodeState(eqx.Module):
-    """State of one environment between two decisions: time, case, key, aircraft, and count of settled decisions."""
+    """State of one environment between two decisions.
+
+    Attributes
+    ----------
+    time
+        Number of decisions since the reset.
+    row, key
+        Number of the case in `Parameters.cases`, from 0, and key of the episode's random numbers.
+    vehicle
+        State of the aircraft and its parts; for a fleet with a leading axis over the aircraft.
+    settled
+        Number of successive decisions, up to the latest, at whose ends all errors were within the tolerances.
+    """
 
     time: Integer  #: Number of decisions since the reset.
     row: Integer  #: Number of the case in `Parameters.cases`, from 0.
@@ -90,8 +108,10 @@ class EpisodeState(eqx.Module):
 class AbstractEnvironment(abc.ABC):
     """Common functions of the environments of one aircraft and of a fleet.
 
-    Arrays of a fleet have an axis over the aircraft. An environment is hashable, so that `jax.jit(environment.step)`
-    compiles a step.
+    `observed` is the table of the entries of one aircraft's observation. In the environment of a fleet, observations,
+    actions and rewards have an axis over the aircraft. An environment is hashable, so that `jax.jit(environment.step)`
+    compiles a step. `supports_transition_gradients`, part of gymnax's contract, says that `with_transition_gradients`
+    exists.
     """
 
     observed: tuple[Entry, ...]
@@ -103,7 +123,7 @@ class AbstractEnvironment(abc.ABC):
     @property
     @abc.abstractmethod
     def single(self) -> "AircraftEnvironment":
-        """Environment of one aircraft: the environment itself, or `member`, common to the aircraft of a fleet."""
+        """Environment of one aircraft: for one aircraft the environment itself, for a fleet its `member`."""
 
     @abc.abstractmethod
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
@@ -248,7 +268,23 @@ class AbstractEnvironment(abc.ABC):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AircraftEnvironment(AbstractEnvironment):
-    """Environment of one aircraft with a task and a level of action."""
+    """Environment of one aircraft with a task and a level of action.
+
+    Attributes
+    ----------
+    task, level
+        Task, with reward and success, and level of action.
+    parameters
+        Default parameters, `default_params`.
+    observed, commanded
+        Tables of the entries of observations and of actions.
+    decision_steps
+        Number of integration steps in a decision.
+    name, aircraft
+        Name of the task, and name of the aircraft.
+    transition_gradients_enabled
+        Whether `step` passes gradients through observation and state.
+    """
 
     task: AbstractTask  #: Task, with reward and success.
     level: AbstractActionLevel  #: Level of action.

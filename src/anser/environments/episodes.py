@@ -78,7 +78,12 @@ class Expert:
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """Result of a policy over many episodes: fractions of success and failure, and mean return."""
+    """Result of a policy over many episodes.
+
+    `success` and `failed` are the fractions of the episodes that ended with success and by failure. `mean_return` is
+    the mean over the episodes of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
+    `successes` (episode,) tells for each episode whether it ended with success.
+    """
 
     success: float  #: Fraction of the episodes that ended with success.
     #: Mean over the episodes of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
@@ -89,7 +94,11 @@ class Score:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """Record of one episode: start, observations, actions, rewards, and the kind of its end."""
+    """Record of one episode: environment, state at the start, observations, actions and rewards.
+
+    `observations` are those before each decision, and after the last one. `terminated` is true if the episode ended by
+    failure, `success` if it ended with success; both are false for a full episode without success.
+    """
 
     environment: AnyEnvironment
     start: EpisodeState  #: State at the start.

@@ -24,10 +24,14 @@ from anser.spatial.rotations import safe_hypot
 class FleetEnvironment(AbstractEnvironment):
     """Environment of several cooperating aircraft of one type, with the functions of `AircraftEnvironment`.
 
-    Observations, actions and rewards have a leading axis over the aircraft; the episode ends for all aircraft at once.
-    Each aircraft observes its own motion and task, and the relative motion of the other aircraft. The reward of each
+    `member` is the environment of each aircraft, `agents` are the names. Observations, actions and rewards have a
+    leading axis over the aircraft; the episode ends for all aircraft at once. Each aircraft observes its own motion and
+    task, and the relative motion of the other aircraft; `observed` is the table of these entries. The reward of each
     aircraft is the mean over the fleet. The failure of one aircraft, or two aircraft nearer than the separation, ends
     the episode by failure. Success means that all aircraft succeed.
+
+    `separation_m` is the horizontal and vertical separation, m: two aircraft must keep at least one of both distances;
+    with a vertical separation of 0, the horizontal one. None: no separation is required.
     """
 
     member: AircraftEnvironment  #: Environment of each aircraft; its cases have axes over cases and aircraft.

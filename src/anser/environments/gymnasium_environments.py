@@ -97,7 +97,10 @@ def _bounded(observation: Array) -> Array:
 
 
 def default_level(task: str | AbstractTask) -> str:
-    """Return the level of action that is used if none is chosen: "rates", or the first level of a task without it."""
+    """Return the level of action that is used if none is chosen.
+
+    The level is "rates", or the first level of a task that does not have "rates".
+    """
     named = TASKS.get(task, VelocityCommand)() if isinstance(task, str) else task
     return "rates" if "rates" in named.levels else named.levels[0]
 

@@ -40,7 +40,12 @@ from anser.units import RAD_DEG
 
 
 class PlannedMission(eqx.Module):
-    """Goal, rendezvous and plan of one aircraft in an episode."""
+    """Goal, rendezvous and plan of one aircraft in an episode.
+
+    `trajectory` is the planned path up to the arrival, `goal` the motion of the goal, `stand_off_n` the position of the
+    rendezvous relative to the goal (NED, m), `distance_min` the least allowed distance to the goal (m). `turn` is the
+    direction in which the aircraft turns away from a goal that comes too near: +1 right, -1 left.
+    """
 
     trajectory: TimedPath  #: Planned path up to the arrival.
     goal: GoalMotion  #: Motion of the goal.
@@ -163,8 +168,9 @@ def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s
 class AbstractPlannedTask(AbstractTask):
     """Base of the tasks with a plan, which the expert follows.
 
-    An episode ends by failure as soon as the aircraft must break off in order to keep the least distance to its goal:
-    150 m to a goal on the surface, 100 m to an airborne goal (`anser.simulation.stand_off`).
+    `study` is the file name of the package's study whose flights are the cases if the user names no study. An episode
+    ends by failure as soon as the aircraft must break off in order to keep the least distance to its goal: 150 m to a
+    goal on the surface, 100 m to an airborne goal (`anser.simulation.stand_off`).
     """
 
     #: File name of the package's study whose flights are the cases if the user names no study.
@@ -236,8 +242,8 @@ class PathTracking(AbstractPlannedTask):
     def entries(self) -> tuple[Entry, ...]:
         """Return the table of the task's observations: three vectors, each along the course, to the right and upwards.
 
-        Planned position now and planned position in 2 s less present position, and planned less present velocity over
-        the ground.
+        The vectors are the planned position now and the planned position in 2 s, both relative to the present position,
+        and the planned velocity minus the present velocity over the ground.
         """
         return (
             *axes_entries("path_offset", "m", "m", 100.0, "Planned less present position"),

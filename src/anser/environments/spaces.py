@@ -14,7 +14,12 @@ from anser.variables import CATALOGUE, Variable
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """Description of one entry of an observation or an action, and its scale."""
+    """Description of one entry of an observation or an action, and its scale.
+
+    `name` has a unit suffix and is, for a variable of the catalogue, its dataset name; `unit` is the unit of the
+    quantity and `meaning` its description. The normalized entry is 0 for the value `centre`, and 1 for `centre` +
+    `half_range`.
+    """
 
     name: str  #: Name with a unit suffix; for a variable of the catalogue its dataset name.
     unit: str  #: Unit of the quantity.

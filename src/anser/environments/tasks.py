@@ -37,8 +37,11 @@ class AbstractTask(eqx.Module):
     """Interface of the tasks of one aircraft. Subclass this class directly.
 
     A task draws the starts and the numbers of its episodes, such as commands, before the first step, and defines
-    observation, errors, reward and failure. Success: all errors are within the tolerances at every decision in the last
-    `settled_s` seconds of a full episode.
+    observation, errors, reward and failure. A full episode lasts `duration_s` (s). Success: all errors are within the
+    tolerances at every decision in the last `settled_s` seconds of a full episode.
+
+    `expert_loop` is the loop of the autopilot to which the expert commands; `levels` are the levels of action that the
+    task allows: at other levels the autopilot itself would solve the task.
     """
 
     duration_s: eqx.AbstractVar[float]  #: Duration of a full episode, s.
@@ -79,15 +82,20 @@ class AbstractTask(eqx.Module):
         return jnp.zeros((), bool)
 
     def reward(self, situation: Situation, errors: Float[Array, " error"]) -> Scalar:
-        """Return the reward of a decision, 0..1: the mean over the errors of 1 / (1 + (error / (10 tolerance))^2).
+        """Return the reward of a decision, 0..1: the mean over the errors of 1 / (1 + (e / 10)^2).
 
-        `errors` are divided by their tolerances.
+        e is an entry of `errors`, an error divided by its tolerance.
         """
         return jnp.mean(1.0 / (1.0 + (errors / _ERROR_SCALE) ** 2))
 
 
 class Aim(NamedTuple):
-    """A variable that a task commands, with tolerance and scales in the variable's unit."""
+    """A variable that a task commands, by its dataset name such as "path_angle_deg".
+
+    `tolerance` is that of the error; 0: the variable has no error. `difference_scale` and `command_scale` are the half
+    ranges of the observations "commanded less present value" and "commanded value"; 0: not observed. All three are in
+    the variable's unit.
+    """
 
     name: str  #: Dataset name of the variable, such as "path_angle_deg".
     tolerance: float = 0.0  #: Tolerance of the error; 0: the variable has no error.
@@ -180,10 +188,10 @@ def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, 
 class VelocityCommand(AbstractCommandTask):
     """Reach and hold a commanded airspeed, path angle and course.
 
-    The commands differ from the start by up to 30 m/s and 90 deg of course; the path angle is up to 10 deg. Speed and
-    path angle are a steady flight within the aircraft's limits, with thrust enough to change the speed within 20 s. A
-    start for which 40 draws give no such command has level flight at its airspeed instead. Tolerances: 2 m/s, 1 deg,
-    2 deg.
+    Airspeed and course differ from the start by up to 30 m/s and 90 deg; the path angle is up to 10 deg. With the
+    commanded airspeed and path angle a steady flight exists within the aircraft's limits, and the thrust suffices to
+    change the airspeed within 20 s. If 40 draws find no such command for a start, level flight at the start's airspeed
+    is commanded. Tolerances: 2 m/s, 1 deg, 2 deg.
     """
 
     duration_s: float = eqx.field(static=True, default=40.0)

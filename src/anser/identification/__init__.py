@@ -1,4 +1,28 @@
-"""Identification of an aircraft from recorded flights: parameters with confidence intervals, and planned manoeuvres."""
+"""Identification of an aircraft from recorded flights: parameters with confidence intervals, and planned manoeuvres.
+
+========================  ============================================================================================
+``identify``              `anser.identify`: from a recording to parameters, fit, validation and files
+``records``               flight records: a flight of the package or a recording as time series in SI units
+``alignment``             delays between channels, and wrong units
+``kinematics``            specific force, and rates of the motion from inertial data
+``compatibility``         biases and scale factors of sensors from the kinematics
+``coefficients``          aerodynamic coefficients along a record
+``models``                equations of short period, lateral motion and coefficients along a record
+``estimation``            parameters of these equations by a chosen method
+``regression``            least squares in time: ordinary, total, stepwise, with prior values
+``frequency_regression``  least squares on Fourier transforms
+``dynamic_models``        models with unknown parameters, manoeuvres, predicted outputs and sensitivities
+``aircraft_models``       such models of an aircraft: short period, linear motion, nonlinear motion
+``output_error``          maximum likelihood without process noise
+``filter_error``          maximum likelihood with process noise, by a Kalman filter
+``likelihood``            search for the greatest likelihood
+``estimates``             estimated parameters with covariance and intervals
+``fits``                  fit of a model to measured responses
+``smoothing``             smoothed time histories, derivatives and noise levels
+``input_design``          predicted standard errors of a planned manoeuvre
+``aircraft_file``         aircraft file with estimated derivatives
+========================  ============================================================================================
+"""
 
 import lazy_loader
 

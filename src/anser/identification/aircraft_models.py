@@ -25,10 +25,11 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Parameters) -> Array:
-    """Return the rates of a linear model, for each axis such as Z or M a constant plus derivatives times arguments.
+    """Return the rates of a linear model, one for each axis: a constant plus the sum of derivatives times arguments.
 
-    For the axis Z, `theta` contains `Z_alpha`, `Z_q`, ... (elements of the state matrix, as from `anser.linearize`),
-    `Z_elevator`, ... (elements of the input matrix) and the constant `Z0`; an absent parameter is zero.
+    `arguments` are the states and inputs by name. For the axis Z, `theta` contains `Z_alpha`, `Z_q`, ... (elements of
+    the state matrix, as from `anser.linearize`), `Z_elevator`, ... (elements of the input matrix) and the constant
+    `Z0`; an absent parameter is zero.
     """
     zero = jnp.zeros(())
     sums = [
@@ -39,13 +40,19 @@ def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Par
 
 
 class ShortPeriod(eqx.Module):
-    """Equations of the short period in nearly level flight at constant airspeed, for `short_period_model`."""
+    """Equations of the short period in nearly level flight at the constant airspeed `speed` (m/s).
 
-    speed: Scalar  #: Airspeed V, m/s.
+    `surfaces` are the names of the inputs; see `short_period_model`.
+    """
+
+    speed: Scalar
     surfaces: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of alpha (rad/s) and q (rad/s^2), and as outputs alpha, q, specific force z (m/s^2)."""
+        """Return the rates of alpha (rad/s) and q (rad/s^2), and the outputs alpha, q and specific force z.
+
+        Units of the outputs: rad, rad/s, m/s^2.
+        """
         alpha, q = x
         arguments = {"alpha": alpha, "q": q, **dict(zip(self.surfaces, u, strict=True))}
         rates = linear_rates("ZM", arguments, {"Z_q": jnp.ones(()), **theta})
@@ -65,7 +72,11 @@ def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)
 
 
 class RecordedMotion(eqx.Module):
-    """Linear equations x' = A x + B u + c + known, with the known parts of the rates as additional inputs after u."""
+    """Linear equations x' = A x + B u + c + known of some axes, for `recorded_model`.
+
+    `axes` are the first letters of the parameters of each rate, such as Z and M; `states` and `inputs` are the names of
+    x and u. The known part of each state's rate, such as gravity, is a further input after u.
+    """
 
     axes: tuple[str, ...] = eqx.field(static=True)
     states: tuple[str, ...] = eqx.field(static=True)
@@ -92,14 +103,18 @@ _OUTPUTS: tuple[str, ...] = (*_MOTION, *SPECIFIC_FORCE)
 
 
 class AircraftMotion(eqx.Module):
-    """Equations of motion of an aircraft with unknown derivatives, for `aircraft_model`."""
+    """Equations of motion of an aircraft with unknown derivatives, for `aircraft_model`.
 
-    airframe: AbstractAirframe  #: Aircraft with the values of parameters that are not estimated.
+    `airframe` gives the values of parameters that are not estimated, `lengths` span and mean chord, and `outputs` names
+    the outputs.
+    """
+
+    airframe: AbstractAirframe
     lengths: ReferenceLengths
     outputs: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of the states `airspeed` to `yaw_rate`, and the outputs; `u`: see `aircraft_model`."""
+        """Return the rates of the states, and the outputs; for x, u and the outputs' units see `aircraft_model`."""
         V, alpha, beta, roll, pitch = x[:5]
         rates, surfaces, power, altitude = x[5:], u[:-2], u[-2], u[-1]
         airframe, increments = self._identified(theta)
@@ -123,7 +138,11 @@ class AircraftMotion(eqx.Module):
         return jnp.concatenate([flow, attitude, angular]), jnp.stack([values[key] for key in self.outputs])
 
     def _identified(self, theta: Parameters) -> tuple[AbstractAirframe, Float[Array, "6 argument"]]:
-        """Return the airframe with the parameters' values, and increments of CL, CD, CY, Cl, Cm, Cn per argument."""
+        """Return the airframe with the values of its own parameters in `theta`, and the increments of its coefficients.
+
+        The increments, named `dCm_alpha` and the like in `theta`, are derivatives of CL, CD, CY, Cl, Cm and Cn (rows)
+        by the constant 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2 and the surfaces (columns).
+        """
         airframe, surfaces = self.airframe, self.airframe.actuators.names
         increments = jnp.zeros((len(COEFFICIENTS), len(derivative_columns(surfaces))))
         for name, value in theta.items():

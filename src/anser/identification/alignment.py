@@ -45,16 +45,18 @@ _FACTORS: dict[str, dict[str, float]] = {
 
 
 class ChannelMatch(NamedTuple):
-    """Scale factor, delay and fit of a channel compared with a kinematic reference.
+    """Comparison of a channel with a kinematic reference: scale factor, delay and fit.
 
     The reference is the integral of the channel's rate, computed from other channels; for a surface, it is the angular
-    acceleration. The standard error of the delay is infinite if the fit has no maximum within the searched delays.
+    acceleration. The reference is `factor` times the channel (1 for consistent units; unused for a surface); the
+    channel lags by `delay_s` (negative: it leads). The standard error `delay_error_s` is infinite if the fit has no
+    maximum within the searched delays. `fit` is the explained share of the variation, 0 to 1.
     """
 
-    factor: float  # reference = factor times channel, up to the delay; 1 for consistent units (surface: not used)
-    delay_s: float  # delay of the channel behind the reference, s; negative: the channel leads
-    delay_error_s: float  # standard error of the delay, s
-    fit: float  # share of the variation that is explained, 0 to 1
+    factor: float
+    delay_s: float
+    delay_error_s: float
+    fit: float
 
 
 def match_channel(
@@ -82,9 +84,11 @@ def _match_windows(
     basis: Float[np.ndarray, "sample column"],
     step_s: float,
 ) -> ChannelMatch:
-    """Return the match of values with the best of several delayed windows, plus a combination of orthonormal columns.
+    """Fit a series by one of several delayed windows of a second series plus a combination of orthonormal columns.
 
-    Delays run from -max in the first window to +max in the last, one sample apart; factor = window / values.
+    `values` is the series, `basis` holds the columns. Row k of `windows` is the second series delayed by k - c samples,
+    with the index c of the middle row. Returned is the match of the best window, with the delay refined by a parabola
+    (its standard error is infinite without a maximum between first and last row); the factor is window over values.
     """
     y = values - basis @ (basis.T @ values)
     Y = windows - (windows @ basis) @ basis.T

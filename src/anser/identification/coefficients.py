@@ -34,14 +34,16 @@ _ROWS = 512
 
 @dataclasses.dataclass(frozen=True)
 class CoefficientHistory:
-    """Aerodynamic coefficients, and the arguments of their derivatives, at the samples of a record."""
+    """Aerodynamic coefficients, and the arguments of their derivatives, at the samples of a record.
 
-    #: Coefficients by name, one of `COEFFICIENT_NAMES`; moments about the reference point `reference_m`.
+    `coefficients` has a series for each name in `COEFFICIENT_NAMES`, with moments about the point `reference_m` of
+    `compute_coefficients`. `arguments` has `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V,
+    non-dimensional) and the recorded surfaces (rad). `record` has the specific force at the centre of gravity.
+    """
+
     coefficients: dict[str, Float[np.ndarray, " sample"]]
-    #: Arguments by name: `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V, non-dimensional), and the
-    #: recorded surfaces (rad).
     arguments: dict[str, Float[np.ndarray, " sample"]]
-    record: FlightRecord  #: Record with the specific force at the centre of gravity.
+    record: FlightRecord
 
     @property
     def dataset(self) -> xr.Dataset:

@@ -39,12 +39,14 @@ _PROCESS_NOISE = {"airspeed": 1e-3, "alpha": 1e-7, "beta": 1e-7, "roll": 1e-6, "
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Compatibility:
-    """Estimated sensor errors with confidence intervals, and the corrected record; prints as a table."""
+    """Estimated sensor errors with confidence intervals, and the corrected record; prints as a table.
 
-    #: Parameters `bias(CHANNEL)`, SI units and radians, and `scale(CHANNEL)`, a fraction: measured = (1 + scale) true +
-    #: bias; also the initial states.
+    `estimate` has the parameters `bias(CHANNEL)`, SI units and radians, and `scale(CHANNEL)`, a fraction: measured = (1
+    + scale) true + bias; also the initial states. `record` is at the centre of gravity, without the estimated errors.
+    """
+
     estimate: Estimate
-    record: FlightRecord  #: Record at the centre of gravity, with the estimated errors removed.
+    record: FlightRecord
 
     def __repr__(self) -> str:
         return repr(self.estimate)

@@ -44,14 +44,16 @@ class DynamicModel:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """Inputs and measured outputs of one manoeuvre at a constant sampling period, with the initial state."""
+    """Recorded inputs and measured outputs of one manoeuvre, in the model's units, at a constant sampling period.
 
-    time_s: Float[np.ndarray, " sample"]  #: Times of the samples, s.
-    #: Recorded inputs (sample, input) and measured outputs (sample, output), in the model's units.
+    `initial_state` is the state at the first sample. With `held`, an input is constant over the step after its sample,
+    otherwise on straight lines between the samples.
+    """
+
+    time_s: Float[np.ndarray, " sample"]
     inputs: Float[np.ndarray, "sample input"]
     outputs: Float[np.ndarray, "sample output"]
-    initial_state: Float[np.ndarray, " state"]  #: State at the first sample, in the model's units.
-    #: Whether an input is constant over the step after its sample; False: straight lines between the samples.
+    initial_state: Float[np.ndarray, " state"]
     held: bool = True
 
     @property
@@ -105,20 +107,27 @@ class Prediction(NamedTuple):
 
 
 class StateSpace(NamedTuple):
-    """State-space matrices of a model, linearized at the initial state of a manoeuvre."""
+    """State-space matrices of a model, linearized at the initial state of a manoeuvre.
 
-    transition: Float[np.ndarray, "state state"]  # of the state over one step
-    C: Float[np.ndarray, "output state"]  # derivatives of the outputs
-    A: Float[np.ndarray, "state state"]  # derivatives of the states' rates
+    `A` and `C` are the derivatives of the states' rates and of the outputs by the state; `transition` is the derivative
+    of the state after one sampling period by the state before.
+    """
+
+    transition: Float[np.ndarray, "state state"]
+    C: Float[np.ndarray, "output state"]
+    A: Float[np.ndarray, "state state"]
 
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """A model, the names of its estimated parameters, and the values of its fixed parameters."""
+    """A model, the `names` of its estimated parameters, and the values of its `fixed` parameters by name.
+
+    A name `STATE(0)` is the initial value of a state.
+    """
 
     model: DynamicModel
-    names: tuple[str, ...]  #: Names of the estimated parameters; `STATE(0)` is the initial value of a state.
-    fixed: Mapping[str, float] = field(default_factory=dict)  #: Values of the remaining parameters by name.
+    names: tuple[str, ...]
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     def predict(self, values: Values, manoeuvre: Manoeuvre, gain: Gain | None = None) -> Prediction:
         """Integrate the model over a manoeuvre; return the outputs and their derivatives with respect to `values`.
@@ -138,8 +147,9 @@ class ParameterSet:
     ) -> Float[np.ndarray, "parameter sample input"]:
         """Return the derivatives of weighted sums of the outputs with respect to every sample of the inputs.
 
-        The sum of a parameter is over samples and outputs, with the weights of this parameter. `gain` corrects the
-        state as in `predict`; reverse-mode automatic differentiation.
+        For each parameter the sum is over all samples and outputs, with the weights of the parameter. `gain` corrects
+        the state as in `predict`; None: no correction by measured outputs. The derivatives are computed by reverse-mode
+        automatic differentiation.
         """
         arguments = self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights), self._gain(gain)
         return np.asarray(_input_influence(*arguments))
@@ -162,13 +172,17 @@ class ParameterSet:
 
 
 class Case(NamedTuple):
-    """A model and a manoeuvre as JAX arrays, the argument of compiled functions."""
+    """A model and a manoeuvre as JAX arrays, the argument of compiled functions.
+
+    `names` are those of the estimated parameters, `fixed` the values of the remaining parameters; `measured` are the
+    measured outputs. With `held`, an input is constant over the step after its sample.
+    """
 
     equations: Equations
     states: tuple[str, ...]
-    names: tuple[str, ...]  # of the estimated parameters
-    held: bool  # whether an input is constant over the step after its sample
-    fixed: Parameters  # values of parameters that are not estimated
+    names: tuple[str, ...]
+    held: bool
+    fixed: Parameters
     initial_state: Float[Array, " state"]
     inputs: Float[Array, "sample input"]
     measured: Float[Array, "sample output"]
@@ -176,7 +190,7 @@ class Case(NamedTuple):
 
     @property
     def samples(self) -> tuple[Array, Array, Array]:
-        """Inputs, inputs one sample later (the last is repeated) and measured outputs, all over the samples."""
+        """Inputs, inputs one sample later (the last is repeated) and measured outputs, with the samples as rows."""
         return self.inputs, jnp.concatenate([self.inputs[1:], self.inputs[-1:]]), self.measured
 
     def start(self, values: Array) -> tuple[dict[str, Array], Array]:

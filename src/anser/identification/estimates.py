@@ -27,21 +27,34 @@ _LABELS = {
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimate(Fit, PrintedTable):
-    """Estimated parameters with covariance, and the fit to the measured responses; prints a table of 95 % intervals."""
+    """Estimated parameters with covariance, and the fit to the measured responses; prints a table of 95 % intervals.
 
-    method: str  #: Name of the method, for labels.
-    #: Names of the parameters, their values, and the covariance of the errors, in the parameters' units.
+    Attributes
+    ----------
+    method
+        Name of the method, for labels.
+    names, values, covariance
+        Names of the parameters, their values, and the covariance of the errors, in the parameters' units.
+    degrees_of_freedom
+        Degrees of freedom of Student's distribution for the intervals.
+    condition_number, variance_inflation
+        Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
+        length, and the factor by which the correlation with the remaining parameters raises each variance.
+    white_covariance
+        Covariance for white residuals (the textbook value), for comparison; None: not computed.
+    notes
+        Remarks on the estimate, printed below the table.
+    """
+
+    method: str
     names: tuple[str, ...]
     values: Float[np.ndarray, " parameter"]
     covariance: Float[np.ndarray, "parameter parameter"]
-    degrees_of_freedom: float  #: Degrees of freedom of Student's distribution for the intervals.
-    #: Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
-    #: length, and the factor by which the correlation with the remaining parameters raises each variance.
+    degrees_of_freedom: float
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
-    #: Covariance for white residuals (the textbook value), for comparison; None: not computed.
     white_covariance: Float[np.ndarray, "parameter parameter"] | None = None
-    notes: tuple[str, ...] = ()  #: Remarks on the estimate, printed below the table.
+    notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> float:
         """Return the value of a parameter by its name; raises ValueError if the name is unknown."""
@@ -198,14 +211,14 @@ def coloured_covariance(
     *,
     is_record: bool = True,
 ) -> ErrorCovariance:
-    """Compute the covariance of parameters with the errors A^-1 sum_i S_i^T v_i, for coloured errors v_i of samples.
+    """Compute the covariance of estimated parameters if the errors of the samples are coloured.
 
-    The derivation is in the theory, page identification. The autocovariances up to a greatest lag are estimated from
-    the residuals and tapered to zero (M. S. Bartlett, 1950), so that the spectrum has 3 samples / lags degrees of
-    freedom. The fit has removed the errors' spectrum near the frequencies of the sensitivities from the residuals: each
-    variance is divided by the share that would remain of white errors. Source: E. A. Morelli, V. Klein, *Accuracy of
-    aerodynamic model parameters estimated from flight test data*, J. Guidance 20(1), 1997; the taper and the share are
-    additions.
+    The parameters have the errors A^-1 sum_i S_i^T v_i, with the errors v_i of the samples i. The derivation is in the
+    theory, page identification. The autocovariances of v up to a greatest lag are estimated from the residuals and
+    tapered to zero (M. S. Bartlett, 1950), so that the spectrum has 3 samples / lags degrees of freedom. The fit has
+    removed the errors' spectrum near the frequencies of the sensitivities from the residuals: each variance is divided
+    by the share that would remain of white errors. Source: E. A. Morelli, V. Klein, *Accuracy of aerodynamic model
+    parameters estimated from flight test data*, J. Guidance 20(1), 1997; the taper and the share are additions.
 
     Parameters
     ----------

@@ -131,7 +131,11 @@ def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def jump_cautions(record: FlightRecord, method: str) -> list[str]:
-    """Return a caution (or nothing) on surfaces that jump between samples if the method assumes straight lines."""
+    """Return a list with one sentence on surfaces that jump between samples; empty without jumps.
+
+    The list is also empty for the method `frequency` if `held_surfaces` shows that the deflections are constant over
+    each step; otherwise all methods assume straight lines between the samples.
+    """
     held = held_surfaces(record)
     if held and method == "frequency":
         return []
@@ -200,14 +204,18 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
 
 
 class _LinearSeries(NamedTuple):
-    """Time series of a linear model: measured states, inputs, and the known rates from gravity and gusts."""
+    """Time series of a linear model along a record.
 
-    axes: tuple[str, ...]  # prefixes of the parameters, by equation, such as Z and M
-    names: tuple[str, ...]  # of the states
+    `axes` are the first letters of the parameters of each equation, such as Z and M; `names` and `inputs` the names of
+    the states and the inputs. `known` is the known part of the states' rates, from gravity and gusts, without its mean.
+    """
+
+    axes: tuple[str, ...]
+    names: tuple[str, ...]
     inputs: tuple[str, ...]
     states: Float[np.ndarray, "sample state"]
     u: Float[np.ndarray, "sample input"]
-    known: Float[np.ndarray, "sample state"]  # known part of the states' rates, without its mean
+    known: Float[np.ndarray, "sample state"]
 
     def matrix(self, parameters: Mapping[str, float], arguments: Sequence[str]) -> Float[np.ndarray, "state argument"]:
         """Return columns of the state or input matrix, for the names `arguments`; an absent parameter is zero."""

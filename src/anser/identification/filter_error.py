@@ -107,19 +107,24 @@ def estimate_filter_error(
 def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Array, logs: Array) -> tuple[Array, ...]:
     """Return negative log-likelihood, gradient, Fisher information, innovations, whitened innovations, sensitivities.
 
-    Constants are left out of the likelihood. Gradient, information and sensitivities are with respect to (values,
-    densities, logs), in this order. An extended Kalman filter corrects the state with the outputs of a sample one after
-    the other, which is equivalent to a joint correction and has scalar innovation variances. The returned innovations
-    are the measured outputs less the outputs predicted before the corrections of the sample. The whitened innovations
-    are the innovations of the single corrections, divided by their standard deviations. The sensitivities are minus the
-    derivatives of the innovations of the single corrections, divided by the same standard deviations.
+    `values` are the estimated parameters, `densities` the spectral densities of the process noise in the rates of the
+    states with the indices `noisy`, `logs` the logarithms of the variances of the measurement noise. Gradient,
+    information and sensitivities are with respect to (values, densities, logs), in this order. Constants are left out
+    of the likelihood.
+
+    An extended Kalman filter corrects the state with the outputs of a sample one after the other, which is equivalent
+    to a joint correction and has scalar innovation variances. The returned innovations are the measured outputs less
+    the outputs predicted before the corrections of the sample. The innovations of the single corrections, divided by
+    their standard deviations, are the whitened innovations; minus the derivatives of these innovations, divided by the
+    same standard deviations, are the sensitivities.
     """
     indices = np.asarray(noisy, dtype=int)
 
     def innovate(unknown: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-        """Run the filter; return (innovations, variances), and these again with the errors of the predicted outputs.
+        """Run the filter; return innovations and variances twice: alone, to be differentiated, and for the result.
 
-        The second tuple is the auxiliary result of `jax.jacfwd`, which is not differentiated.
+        `unknown` is (values, densities, logs). The second tuple, the auxiliary result of `jax.jacfwd`, is (innovations,
+        variances, measured minus predicted outputs before the corrections of each sample).
         """
         values, densities, logs = unknown
         theta, start = case.start(values)

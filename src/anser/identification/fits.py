@@ -44,14 +44,17 @@ class Whiteness(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Fit:
-    """Measured responses of a manoeuvre, and a model's responses to the same inputs, over time or frequency."""
+    """Measured responses of a manoeuvre, and a model's responses to the same inputs, over time or frequency.
 
-    responses: tuple[str, ...]  #: Names of the measured quantities that the model reproduces.
-    #: Measured and fitted values, shape (sample, response); complex in the frequency domain.
+    `responses` are the names; `measured` and `fitted` have the shape (sample, response). `sample_points` are times, s,
+    or if `is_spectrum`, frequencies, Hz: the values are then Fourier transforms, complex numbers.
+    """
+
+    responses: tuple[str, ...]
     measured: Samples
     fitted: Samples
-    sample_points: Float[np.ndarray, " sample"]  #: Times of the samples, s, or their frequencies, Hz (`is_spectrum`).
-    is_spectrum: bool = False  #: Whether the samples are those of a Fourier transform.
+    sample_points: Float[np.ndarray, " sample"]
+    is_spectrum: bool = False
 
     @property
     def residuals(self) -> Samples:
@@ -60,7 +63,10 @@ class Fit:
 
     @property
     def r_squared(self) -> Float[np.ndarray, " response"]:
-        """Coefficient of determination R^2 of each response about the mean (spectrum: about 0); 1 is perfect."""
+        """Coefficient of determination R^2 of each response; 1 is perfect.
+
+        The variation of a response counts from its mean; for Fourier transforms (`is_spectrum`), from 0.
+        """
         return 1.0 - _squares(self.residuals) / _squares(self.measured - self._middle)
 
     @property
@@ -70,9 +76,10 @@ class Fit:
 
     @property
     def theil_inequality(self) -> Float[np.ndarray, " response"]:
-        """Theil's inequality coefficient of each response about the mean (spectrum: about 0): 0 is perfect, 1 worst.
+        """Theil's inequality coefficient of each response: 0 is perfect, 1 worst; below 0.25 to 0.3 is good.
 
-        Below 0.25 to 0.3 is good. Source: R. V. Jategaonkar, *Flight Vehicle System Identification*, section 11.2.
+        Responses are deviations from the mean of the measured ones; for Fourier transforms (`is_spectrum`), the values
+        themselves. Source: R. V. Jategaonkar, *Flight Vehicle System Identification*, section 11.2.
         """
         parts = (self.residuals, self.measured - self._middle, self.fitted - self._middle)
         error, measured, fitted = (np.sqrt(_squares(part)) for part in parts)
@@ -93,7 +100,7 @@ class Fit:
 
     @property
     def _middle(self) -> Inexact[np.ndarray, " response"]:
-        """Mean of the measured responses, in their units; 0 for Fourier transforms."""
+        """Reference from which the responses are counted: the mean of the measured ones; 0 for Fourier transforms."""
         return np.mean(self.measured, axis=0) * (not self.is_spectrum)
 
 

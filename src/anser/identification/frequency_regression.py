@@ -20,13 +20,14 @@ END_SAMPLES = 10
 class FourierTransforms(NamedTuple):
     """Matrices that turn the samples of a record into finite Fourier transforms, one row for each frequency.
 
-    The integral over a sampled signal is the trapezoidal rule; over an input that is constant over each step, or
-    with `corrected=False`, the sum over the samples times the step.
+    `signal` is for a sampled signal (trapezoidal rule), `held` for an input that is constant over each step (sum over
+    the samples times the step), `derivative` for the time derivative of a sampled signal. With `corrected=False` in
+    `fourier_transforms`, all three are plain sums, that of the derivative times i w.
     """
 
-    signal: Transform  # for a sampled signal
-    held: Transform  # for an input that is constant over each step
-    derivative: Transform  # for the time derivative of a sampled signal
+    signal: Transform
+    held: Transform
+    derivative: Transform
 
 
 def fourier_transforms(
@@ -83,7 +84,10 @@ def fourier_transforms(
 
 
 def _end_values(count: int) -> tuple[Float[np.ndarray, "1 sample"], Float[np.ndarray, "1 sample"]]:
-    """Return the weights of the samples in the values at start and at end, of lines through `END_SAMPLES` samples."""
+    """Return the weights of the samples in the values of a series at its start and at its end, shape (1, sample) each.
+
+    The values are those of straight lines through the first and the last `END_SAMPLES` samples.
+    """
     number = min(END_SAMPLES, count)
     k = np.arange(number) - 0.5 * (number - 1)
     line = 1.0 / number - 0.5 * (number - 1) * k / np.sum(k**2)
@@ -223,10 +227,11 @@ def _correlated_covariance(
 ) -> tuple[Float[np.ndarray, "parameter parameter"], float]:
     """Return the covariance of the parameters `weights` @ z, and the degrees of freedom of the residuals.
 
+    z are the transforms of the response, X those of the regressors; a part is a real or imaginary part at a frequency.
     The error of the equation is modelled as a sum of white noises in time, each transformed by a matrix of
-    `components`. Their variances are fitted to the squares of the residuals, which are P = 1 - X weights times the
-    error. The degrees of freedom are those of a chi-square distribution with the mean and variance of the sum of
-    squares (F. E. Satterthwaite, 1946).
+    `components`. The variances of the noises are fitted to the squares of the residuals, which are (1 - X `weights`)
+    times the error. The degrees of freedom are those of a chi-square distribution with the mean and variance of the sum
+    of squared residuals (F. E. Satterthwaite, 1946).
     """
     P = np.eye(len(X)) - X @ weights
     shapes = [F @ F.T for F in components]

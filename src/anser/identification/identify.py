@@ -310,7 +310,12 @@ def identify(
 
 
 def _assumed(data: ModelData, airframe: AbstractAirframe, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the known aircraft's derivatives by name, as far as `parameters` lacks them and symmetry allows them."""
+    """Return the derivatives of the known aircraft, by name, that take the place of derivatives without an estimate.
+
+    `parameters` are the estimates. The derivatives are those of a symmetric aircraft: longitudinal coefficients by
+    alpha and q, lateral coefficients by beta, p and r, all by the surfaces; constants of longitudinal coefficients
+    without an estimated equation.
+    """
     own, surfaces = airframe_derivatives(airframe, data.record), airframe.actuators.names
     estimated = {equation.response for equation in data.equations}
     keys = [

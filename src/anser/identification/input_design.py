@@ -16,21 +16,29 @@ from anser.results.variable_labels import unit_attributes
 
 @dataclass(frozen=True, repr=False)
 class PlannedManoeuvre(PrintedTable):
-    """Predicted standard errors and correlations of the parameters of a planned manoeuvre; prints as a table."""
+    """Predicted standard errors and correlations of the parameters of a planned manoeuvre; prints as a table.
 
-    #: Names of the parameters, and their assumed values (parameter,).
+    Attributes
+    ----------
+    names, values
+        Names of the parameters, and their assumed values.
+    information
+        Fisher's information matrix: its inverse is the Cramer-Rao bound of the covariance.
+    condition_number, variance_inflation
+        Condition number of the sensitivities scaled to unit length, and the factor by which the correlation with the
+        remaining parameters raises the variance of each parameter.
+    time_s, outputs, output_names
+        Times of the samples, s, and predicted outputs in the model's units, with their names.
+    """
+
     names: tuple[str, ...]
     values: Float[np.ndarray, " parameter"]
-    #: Fisher's information matrix (parameter, parameter): its inverse is the Cramer-Rao bound of their covariance.
     information: Float[np.ndarray, "parameter parameter"]
-    #: Condition number of the sensitivities scaled to unit length, and the factor by which the correlation with the
-    #: remaining parameters raises the variance of each parameter.
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
-    #: Times of the samples, s, and predicted outputs (sample, output), in the model's units.
     time_s: Float[np.ndarray, " sample"]
     outputs: Float[np.ndarray, "sample output"]
-    output_names: tuple[str, ...]  #: Names of the outputs.
+    output_names: tuple[str, ...]
 
     @property
     def covariance(self) -> Float[np.ndarray, "parameter parameter"]:

@@ -16,12 +16,16 @@ _DAMPING_MAX = 1e8
 
 
 class LikelihoodPoint(NamedTuple):
-    """Negative log likelihood at one set of parameter values, with gradient and Fisher information matrix."""
+    """Negative log likelihood at one set of parameter values, with gradient and Fisher information matrix.
 
-    cost: float  # negative log likelihood; infinite if the model diverges
-    gradient: Values  # derivatives of the cost
-    information: Float[np.ndarray, "parameter parameter"]  # approximates the second derivatives of the cost
-    prediction: Any  # outputs of the model at these values, for the caller
+    `cost` is the negative log likelihood, infinite if the model diverges; `gradient` holds its derivatives;
+    `information` approximates its second derivatives. `prediction` are the outputs of the model, for the caller.
+    """
+
+    cost: float
+    gradient: Values
+    information: Float[np.ndarray, "parameter parameter"]
+    prediction: Any
 
 
 def maximize_likelihood(
@@ -53,9 +57,9 @@ def maximize_likelihood(
 
 
 def _scoring_step(values: Values, point: LikelihoodPoint, lower: Values, damping: float) -> tuple[Values, float]:
-    """Return a damped step of the parameters, 0 for a parameter held at its lower bound, and its length.
+    """Return a damped step of the parameters, and the length of the step in standard errors of the parameters.
 
-    The length is in standard errors of the parameters.
+    The step is 0 for a parameter that stays at its lower bound.
     """
     free, step = (values > lower) | (point.gradient < 0.0), np.zeros_like(values)
     information = point.information[np.ix_(free, free)]

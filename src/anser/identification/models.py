@@ -50,28 +50,47 @@ Series = Float[np.ndarray, " sample"]
 
 
 class Equation(NamedTuple):
-    """An equation linear in its parameters: a response, or its rate, equals a sum of regressors times parameters."""
+    """An equation linear in its parameters: a response, or its rate, equals a sum of regressors times parameters.
 
-    response: str  # name of the response
-    prefix: str  # start of the parameters' names: `CL` for `CL_alpha`
-    values: Series  # measured response, with the parts subtracted that are known
-    regressors: dict[str, Series]  # by the ending of the parameter: `alpha` for `CL_alpha`
-    noise: dict[str, float]  # standard deviations of the white noise of the regressors
-    is_rate: bool  # whether the equation is for the time derivative of the response
-    # Arguments of a coefficient that are not regressors, as series, or as their mean if they vary no more than their
-    # noise. `assumed_part` is their contribution by the aircraft's derivatives; `values` is the coefficient minus it.
+    Attributes
+    ----------
+    response, values
+        Name of the response, and its measured values less the known parts.
+    prefix, regressors
+        Start of the parameters' names, such as `CL`, and the regressors by the ending, such as `alpha` for the
+        parameter `CL_alpha`.
+    noise
+        Standard deviations of the white noise of the regressors, by the same endings.
+    is_rate
+        Whether the equation is for the time derivative of the response.
+    other_arguments, assumed_part
+        Arguments of a coefficient that are not regressors, as series, or as their mean if they vary no more than their
+        noise; and their contribution by the aircraft's derivatives, which is subtracted in `values`.
+    """
+
+    response: str
+    prefix: str
+    values: Series
+    regressors: dict[str, Series]
+    noise: dict[str, float]
+    is_rate: bool
     other_arguments: Mapping[str, Series | float] = MappingProxyType({})
     assumed_part: Series | float = 0.0
 
 
 class ModelData(NamedTuple):
-    """A record with the equations of a model along it."""
+    """A record with the equations of a model along it.
+
+    `airframe` is the aircraft of mass properties and known derivatives, if any. `is_turbulent` is true if pitch or yaw
+    rates of the air, from gusts, are among the regressors. `notes` are remarks on turbulence and on parameters that are
+    not estimated.
+    """
 
     record: FlightRecord
     equations: tuple[Equation, ...]
-    airframe: AbstractAirframe | None  # aircraft of mass properties and known derivatives
-    is_turbulent: bool  # whether pitch or yaw rates of the air, from gusts, are among the regressors
-    notes: tuple[str, ...]  # remarks on turbulence and on parameters that are not estimated
+    airframe: AbstractAirframe | None
+    is_turbulent: bool
+    notes: tuple[str, ...]
 
 
 def arrange(
@@ -215,7 +234,10 @@ def _is_excited(name: str, values: Series) -> bool:
 
 
 def _varies(values: Series, least: float) -> bool:
-    """Return whether the smoothed values' standard deviation exceeds both `least` and half of the noise's."""
+    """Return whether a series varies: whether the standard deviation of its smoothed values exceeds two bounds.
+
+    The bounds are `least`, and half of the standard deviation of the noise that the smoothing removes.
+    """
     smoothed = smooth(values, 1.0)
     return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), least)
 

@@ -185,7 +185,8 @@ def _search(
 ) -> tuple[Values, Prediction]:
     """Return the parameter values of greatest likelihood, and the outputs predicted with them.
 
-    `noise` contains the standard deviations of the measurement noise; None: those of the residuals, at every step.
+    `noise` contains the standard deviations of the measurement noise; None: at every step of the search the standard
+    deviations of the residuals are used.
     """
 
     def evaluate(values: Values) -> LikelihoodPoint:

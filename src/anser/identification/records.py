@@ -75,14 +75,18 @@ _QUANTITIES = {
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class FlightRecord:
-    """Time series of a flight, called channels, at a constant sampling period."""
+    """Time series of a flight, called channels, at a constant sampling period.
 
-    time_s: Float[np.ndarray, " sample"]  #: Times of the samples, s.
-    #: Series by the catalogue's keys, such as `alpha`, in SI units and radians; angles have no jumps by a full turn.
+    `time_s` are the times of the samples, s. `channels` has a series for each of the catalogue's keys that is recorded,
+    such as `alpha`, in SI units and radians; angles have no jumps by a full turn. `surfaces` are the names of the
+    control surfaces, `notes` sentences on changes to the recording (interpolation, alignment), and `attributes` those
+    of the dataset from which the record was made.
+    """
+
+    time_s: Float[np.ndarray, " sample"]
     channels: Mapping[str, Float[np.ndarray, " sample"]]
-    surfaces: tuple[str, ...] = STANDARD_SURFACES  #: Names of the control surfaces.
-    notes: tuple[str, ...] = ()  #: Sentences on what was done to the recording: interpolation, alignment.
-    #: Attributes of the dataset from which the record was made.
+    surfaces: tuple[str, ...] = STANDARD_SURFACES
+    notes: tuple[str, ...] = ()
     attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __repr__(self) -> str:

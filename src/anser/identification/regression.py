@@ -20,14 +20,19 @@ Square = Float[np.ndarray, "parameter parameter"]
 
 
 class Regression(NamedTuple):
-    """A linear regression problem z = X theta + v: response z, regressors X, parameters theta, error v."""
+    """A linear regression problem z = X theta + v: response z, regressors X, parameters theta, error v.
 
-    names: tuple[str, ...]  # parameters, by the names of their regressors
-    X: Matrix  # regressors; the column of `CONSTANT` is 1
-    z: Float[np.ndarray, " sample"]  # response
-    time_s: Float[np.ndarray, " sample"] | None  # times of a uniformly sampled record, s; None: independent samples
-    response: str  # name of z
-    noise: Float[np.ndarray, " parameter"]  # standard deviation of the white noise in each regressor
+    `names` are those of the regressors and parameters; the regressor named `CONSTANT` is 1. `time_s` are the times of a
+    uniformly sampled record, s; None: independent samples. `response` is the name of z; `noise` holds the standard
+    deviations of the white noise in the regressors, 0 for exact ones.
+    """
+
+    names: tuple[str, ...]
+    X: Matrix
+    z: Float[np.ndarray, " sample"]
+    time_s: Float[np.ndarray, " sample"] | None
+    response: str
+    noise: Float[np.ndarray, " parameter"]
 
     def information(self) -> Square:
         """Return X^T X minus the expected contribution of the regressors' noise."""
@@ -57,7 +62,10 @@ class Regression(NamedTuple):
         return X
 
     def error_covariance(self, X: Matrix, residuals: Float[np.ndarray, " sample"], inverse: Square) -> ErrorCovariance:
-        """Return the covariance of the parameter errors inverse @ X^T v, for coloured v if the samples are a record."""
+        """Return the covariance of the parameter errors, `inverse` @ X^T v, where v is the error of the regression.
+
+        In a record (`time_s` is not None) v may be coloured, otherwise v is white; `residuals` are the estimates of v.
+        """
         return coloured_covariance(X[:, None], residuals[:, None], inverse, is_record=self.time_s is not None)
 
     def subset(self, names: Sequence[str]) -> "Regression":

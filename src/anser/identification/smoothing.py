@@ -124,7 +124,11 @@ def _wiener(power: np.ndarray, noise_power: np.ndarray, numbers: np.ndarray) -> 
 
 
 def _sustained(above: np.ndarray, width: int) -> np.ndarray:
-    """Return for each coefficient whether any of the `width` coefficients from there on is above the noise."""
+    """Return for each coefficient whether the signal still stands out: any of the next `width` flags is true.
+
+    `above` holds for each coefficient, in order of frequency along the last axis, the flag that it exceeds the noise.
+    The next flags include that of the coefficient.
+    """
     padded = np.concatenate([above, np.zeros((*above.shape[:-1], width - 1), dtype=bool)], axis=-1)
     return np.any(np.lib.stride_tricks.sliding_window_view(padded, width, axis=-1), axis=-1)
 

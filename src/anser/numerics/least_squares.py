@@ -35,7 +35,7 @@ class Linearized(NamedTuple):
 
 
 class Damping(NamedTuple):
-    """Rule for the damping of the steps.
+    """Rule for the damping of the steps of a search.
 
     The function `initial` gives the first damping from the cost at the start. The damping is multiplied by `decrease`
     after a step that lowers the cost, and by `increase` after any other step, and limited to `minimum` and `maximum`.
@@ -49,13 +49,25 @@ class Damping(NamedTuple):
 
 
 class SearchState(NamedTuple):
-    """State of the search from one start."""
+    """State of the search from one start.
 
-    context: PyTree  # data of this start besides the unknowns
-    best: Array  # unknowns of the least cost so far
-    trial: Array  # unknowns that the next step evaluates
-    at: Any  # linearized equations at `best`
-    damping: Scalar  # damping of the last step; NaN before the first
+    Attributes
+    ----------
+    context
+        Data of this start besides the unknowns.
+    best, at
+        Unknowns of the least cost so far, and the linearized equations there.
+    trial
+        Unknowns that the next step evaluates.
+    damping
+        Damping of the last step; NaN before the first.
+    """
+
+    context: PyTree
+    best: Array
+    trial: Array
+    at: Any
+    damping: Scalar
 
 
 def start_search(context: PyTree, start: Array, unevaluated: Any) -> SearchState:
@@ -68,9 +80,11 @@ def start_search(context: PyTree, start: Array, unevaluated: Any) -> SearchState
 
 
 def search_step(evaluate: Evaluate, move: StepRule, damping: Damping, search: SearchState) -> SearchState:
-    """Return the search after one step: the trial unknowns become the best if the cost falls, and a new trial is made.
+    """Return the search after one step: evaluate the trial, adopt a trial of lower cost as the best, make a new trial.
 
-    After a failed step the new trial has more damping.
+    `evaluate(context, unknowns)` returns the linearized equations with their `cost`. `move(context, at, damping)`
+    returns the step that is subtracted from the best unknowns to get the new trial. The damping changes by the rule
+    `damping`: after a failed trial the next has more damping.
     """
     context, best, trial, at, former = search
     tried = evaluate(context, trial)
@@ -91,7 +105,7 @@ def search_steps(
     required_count: int | None = None,
     sufficient_cost: float = 0.0,
 ) -> SearchState:
-    """Return a batch of searches after up to `number` steps.
+    """Return a batch of searches after up to `number` steps; the arguments are those of `search_step`.
 
     With a `required_count`, the loop ends as soon as this number of searches has a cost of at most `sufficient_cost`.
     """
@@ -118,7 +132,10 @@ def best_searches(searches: SearchState, count: int) -> SearchState:
 
 
 def minimum_norm_step(max_length: float) -> StepRule:
-    """Return the step rule for underdetermined equations: the damped step of least norm, at most `max_length` long."""
+    """Return the function `move` of `search_step` for equations with fewer residuals than unknowns.
+
+    The function computes the damped step of least norm, shortened to `max_length`.
+    """
 
     def move(_: PyTree, at: Linearized, damping: Scalar) -> Array:
         square = at.jacobian @ at.jacobian.T + damping * jnp.eye(at.residual.shape[0])

@@ -73,10 +73,13 @@ Groups = Float[Array, "groups n"]
 
 
 class BlockTridiagonal(NamedTuple):
-    """A symmetric block tridiagonal matrix with n by n blocks, for groups of n unknowns."""
+    """A symmetric block tridiagonal matrix with n by n blocks, for groups of n unknowns.
 
-    diagonal: Float[Array, "groups n n"]  # diagonal block of each group
-    # coupling block of each group (row) with the preceding group (column); the first block is unused
+    `diagonal` holds the diagonal block of each group, `subdiagonal` the coupling block of each group (row) with the
+    preceding group (column); its first block is unused.
+    """
+
+    diagonal: Float[Array, "groups n n"]
     subdiagonal: Float[Array, "groups n n"]
 
 

@@ -64,7 +64,10 @@ class SeededRandomness(AbstractRandomness):
         return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw `count` uniform numbers in (0, 1): centres of 2^52 equal intervals. Raises ValueError beyond 65,536."""
+        """Draw `count` uniform numbers in (0, 1): centres of 2^52 equal intervals.
+
+        Raises ValueError if `count` exceeds 65,536.
+        """
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
@@ -72,7 +75,11 @@ class SeededRandomness(AbstractRandomness):
 
 
 class PrescribedRandomness(AbstractRandomness):
-    """Random numbers from a table, designed or recorded, for tests and replays."""
+    """Random numbers from a table, designed or recorded, for tests and replays.
+
+    `standard_normals` has, by the number of the part, an array (aircraft, samples, count), or (samples, count) for one
+    aircraft; the first sample is that of the initialization (`INITIAL_SAMPLE`).
+    """
 
     #: Standard normals by part, shape (aircraft, samples, count), or (samples, count) for one aircraft; the first
     #: sample is `INITIAL_SAMPLE`.
@@ -102,15 +109,16 @@ class PrescribedRandomness(AbstractRandomness):
 class BlendedRandomness(AbstractRandomness):
     """Random source whose standard normals are weighted sums of the normals of several seeded sources.
 
-    The source is the state of a Markov chain that blends the standard normals of a flight with new ones (preconditioned
-    Crank-Nicolson). Keys and weights describe it fully: storage does not depend on the length of the flight.
+    `keys` are the generator keys of the sources, `weights` have a sum of squares of 1, and the first `count` sources
+    are in use, the rest is padding. `aircraft` is the index in the fleet; None: source of the flight. The source is the
+    state of a Markov chain that blends the standard normals of a flight with new ones (preconditioned Crank-Nicolson).
+    Keys and weights describe it fully: storage does not depend on the length of the flight.
     """
 
-    keys: UInt32[Array, "terms 2"]  # keys of the sources, for a flight or for one aircraft
-    weights: Float[Array, " terms"]  # weights of the sources; the sum of squares is 1
-    # number of sources in use; the remaining entries are padding. The cost of a draw is proportional to `count`
+    keys: UInt32[Array, "terms 2"]
+    weights: Float[Array, " terms"]
     count: Integer
-    aircraft: Integer | None = None  # index in the fleet; None: source of the flight
+    aircraft: Integer | None = None
 
     def for_aircraft(self, index: Integer) -> "BlendedRandomness":
         """Return the source of one aircraft, whose index in the fleet is `index`."""

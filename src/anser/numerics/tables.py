@@ -22,26 +22,33 @@ _PARTS_MAX, _STEPS_MAX = 8, 256
 
 
 class Axes(eqx.Module):
-    """Axes of tables: breakpoints, and clamping or linear extrapolation beyond them.
+    """Axes of tables, with clamping or linear extrapolation beyond the breakpoints; see `make_axes`.
 
-    `locate` looks up the arguments of all k axes at once.
+    `locate` looks up the arguments of all axes at once.
+
+    Attributes
+    ----------
+    breakpoints, sizes
+        Strictly increasing breakpoints of each of the k axes, padded with plus infinity; number of breakpoints of each
+        axis, at least 2.
+    lower, upper
+        Limits of the arguments before the look-up: first and last breakpoint of a clamped axis, minus and plus
+        infinity for linear extrapolation.
+    even
+        Whether the breakpoints of every axis are evenly spaced, to rounding; the interval then needs no search.
+    step_lookup, step
+        For axes with breakpoints at multiples of a step: interval index, lower breakpoint and reciprocal interval
+        length for every step, axes concatenated; and the step of each axis. None for other axes. The look-up is twice
+        as fast as a search.
     """
 
-    #: Strictly increasing breakpoints of each axis, padded with plus infinity; shape (k, n).
     breakpoints: Float[Array, "k n"]
-    #: Lower limit of the arguments before the look-up: first breakpoint of a clamped axis, minus infinity for linear
-    #: extrapolation; shape (k,).
     lower: Float[Array, " k"]
-    #: Upper limit of the arguments: last breakpoint of a clamped axis, plus infinity for extrapolation; shape (k,).
     upper: Float[Array, " k"]
-    sizes: tuple[int, ...] = eqx.field(static=True)  #: Number of breakpoints of each axis, at least 2.
-    #: Whether the breakpoints of every axis are evenly spaced, to rounding; the interval then needs no search.
+    sizes: tuple[int, ...] = eqx.field(static=True)
     even: bool = eqx.field(static=True)
-    #: For axes with breakpoints at multiples of a step: interval index, lower breakpoint and reciprocal interval length
-    #: for every step; shape (k steps, 3), axes concatenated. The look-up is twice as fast as a search for the interval.
-    #: None for other axes.
     step_lookup: Float[Array, "all_steps 3"] | None = None
-    step: Float[Array, " k"] | None = None  #: Step of each axis in `step_lookup`, shape (k,); or None.
+    step: Float[Array, " k"] | None = None
 
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
         """Return the interval index and the fraction within the interval on each axis, from one argument per axis.
@@ -74,14 +81,14 @@ class Axes(eqx.Module):
 class Tables(eqx.Module):
     """Groups of tabulated functions, multilinear between the breakpoints; see `make_tables`.
 
-    All functions of a group depend on the group's axes, a selection from `axes`.
+    All functions of a group depend on the group's axes, the `axes` with the group's `axis_indices`. `cells` holds for
+    each group and each cell of its axes (row-major) the coefficients of 1, u, v, u v, ... in the fractions u, v, ...
+    along these axes, shape (cells, 2^axes, functions).
     """
 
-    axes: Axes  #: Axes of all groups.
-    #: For each group and each cell of its axes (row-major), coefficients of 1, u, v, u v, ... in the fractions u, v,
-    #: ... along the group's axes; shape (cells, 2^axes, functions).
+    axes: Axes
     cells: tuple[Float[Array, "cells corners functions"], ...]
-    axis_indices: tuple[tuple[int, ...], ...] = eqx.field(static=True)  #: Indices of each group's axes.
+    axis_indices: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
         """Return the values of each group's functions, a tuple over the groups; `x` has one argument per axis."""

@@ -1,13 +1,28 @@
 """Sensors and estimators: implementations of the interfaces of `anser.parts.perception`.
 
-The sets of sensors are `IdealSensors` and `DelayedSensors` (ideal_sensors) and `NoisySensors` (noisy_sensors), which is
-made of the vehicle sensors (vehicle_sensors) and a goal sensor (goal_sensors). The estimators (estimators) use the
-filters of the aircraft's motion (navigation) and of the goal (goal_filters, with motion_models and kalman).
-`anser.scenario.build_sensing` builds them from a scenario.
+======================  ==============================================================================================
+``ideal_sensors``       sets of sensors without error: `IdealSensors`, and `DelayedSensors` with a constant delay
+``noisy_sensors``       set of sensors with errors: `NoisySensors`, made of vehicle sensors and a goal sensor
+``vehicle_sensors``     satellite navigation, inertial sensors and air data; dropouts and correlated errors
+``goal_sensors``        sensor of a goal, with latency, field of view and dropouts
+``estimators``          estimator of one aircraft, with the optional filters below
+``navigation``          filters of the aircraft's motion, of wind and of gusts
+``goal_filters``        Kalman filters of a goal's motion, and their transfer to another aircraft
+``motion_models``       motion models of a goal: steady motion, coordinated turn
+``kalman``              extended and unscented Kalman updates
+``adaptation``          estimator that corrects the aerodynamic coefficients of the onboard model in flight
+``fault_detection``     detection of a fault from the differences between aircraft and onboard model
+``fourier_regression``  regression in the frequency domain, in real time
+======================  ==============================================================================================
 
-A new sensor needs: a field of `Reading` (`anser.parts.perception`); an error model with `init`, `read` and a state
-(like `VehicleSensors`), used by `NoisySensors`; a part number for its random numbers (`anser.numerics.randomness`); an
-estimator that uses the field; a field of `Belief` if guidance or controller use a new quantity; scenario keys
+`anser.scenario.build_sensing` builds sensors and estimators from a scenario.
+
+A single sensor implements no interface. Only the complete set of an aircraft's sensors does, `AbstractSensors`, whose
+`read` returns a `Reading` of all sensors; the package's set with errors is `NoisySensors`, and `VehicleSensors` and
+`NoisyGoalSensor` are its parts. A new sensor is therefore a further part of `NoisySensors`, with methods `init` and
+`read` and a state as in `VehicleSensors`, or a part of a new set. The sensor also needs: a field of `Reading`
+(`anser.parts.perception`); a part number for its random numbers (`anser.numerics.randomness`); an estimator that uses
+the field; a field of `Belief` if guidance or controller use a new quantity; scenario keys
 (`anser.scenario.schema_sensing`), their construction and the test for exact sensors (`build_sensing`), and the rule for
 keys without effect (`unused_keys`); recorded variables (`anser.simulation.recorders`, `anser.variables`). A new filter
 of the goal also needs its state in `hand_over_goal` (goal_filters).

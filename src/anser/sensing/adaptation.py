@@ -3,8 +3,9 @@
 The missing coefficients are the measured forces and moments (from accelerometers and gyros) minus those of the onboard
 model, made dimensionless. From the missing coefficients, recursive least squares estimate increments of constants and
 derivatives of CX, CY, CZ, Cl, Cm and Cn. The autopilot's dynamic inversion uses the airframe with these increments.
-Derivations: docs/theory/identification.md. In array shapes, p is the number of regressors: 4 of the motion
-(`anser.aircraft.corrected_airframe`) and one for each control surface.
+Derivations: docs/theory/identification.md. In array shapes, p is the number of regressors: 4 of the motion (1, alpha, q
+c/2V and 0 for CX, CZ, Cm; 1, beta, p b/2V and r b/2V for CY, Cl, Cn; see `anser.aircraft.corrected_airframe`), and one
+for each control surface.
 """
 
 import dataclasses
@@ -443,9 +444,9 @@ def _gradient_step(
 
 
 def _bounded(state: AdaptationState, increments: Increments) -> Increments:
-    """Return the increments, limited to 3 standard deviations before the flight, (6, p).
+    """Return the increments (6, p) with magnitudes of at most 3 of their standard deviations before the flight.
 
-    The control effectiveness of the surfaces of `_is_effective` is limited to 0.3 to 2 times the model's.
+    A derivative with a flag in `_is_effective` stays, with its increment, within 0.3 to 2 times the model's derivative.
     """
     limit = _INCREMENT_MAX * state.prior_deviation
     bounded = jnp.clip(increments, -limit, limit)
@@ -455,7 +456,11 @@ def _bounded(state: AdaptationState, increments: Increments) -> Increments:
 
 
 def _is_effective(derivatives: Increments) -> Any:
-    """Return flags (6, p) of derivatives of a moment by a surface that exceed a tenth of the axis' greatest."""
+    """Return flags (6, p) of the derivatives of Cl, Cm and Cn by a surface that are not small.
+
+    The flag is true if the magnitude exceeds a tenth of the greatest magnitude among the surfaces for the same moment;
+    it is false for force coefficients and regressors of the motion.
+    """
     size = jnp.abs(derivatives)
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)
     greatest = jnp.max(size[:, STATE_REGRESSORS:], axis=1, keepdims=True)
@@ -494,7 +499,8 @@ def model_derivatives(
 ) -> Increments:
     """Return the derivatives of CX, CY, CZ, Cl, Cm, Cn by the regressors, (6, p), in the present flight condition.
 
-    The column of the constant is 0, and so is the fourth regressor's of the longitudinal coefficients.
+    The column of the constant is 0. For the longitudinal coefficients the column of the fourth regressor is 0 too,
+    because only the lateral coefficients have a fourth regressor of the motion (r b/2V).
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     scale = double_V / jnp.stack([lengths.span, lengths.mean_chord, lengths.span])

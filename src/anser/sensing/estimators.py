@@ -34,7 +34,10 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
-    """Return the measured goal motion, or `previous` moved on by one step at constant velocity if the sensor failed."""
+    """Return the measured goal motion or, if the goal sensor does not work, the predicted one.
+
+    The prediction moves `previous` on by one sampling period at constant velocity.
+    """
     predicted = GoalState(previous.position_n + instant.step * previous.velocity_n, previous.velocity_n)
     return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), measured, predicted)
 
@@ -50,7 +53,11 @@ def goal_from_sight(earth: AbstractEarth, sight: LineOfSight, position_n: Vector
 
 
 class Briefing(eqx.Module):
-    """Briefing before the flight: the goal's position and velocity at the start, with random errors."""
+    """Knowledge of the goal's start before the flight: true position and velocity, and the deviations of its errors.
+
+    `position_n` and `velocity_n` are the true values, NED, m and m/s. `position_sigma` (m) and `velocity_sigma` (m/s)
+    are the horizontal standard deviations of the errors per axis; the vertical standard deviations are a tenth.
+    """
 
     # true values, NED, m and m/s
     position_n: Vector3
@@ -88,7 +95,11 @@ class TrackingState(eqx.Module):
 class TrackingEstimator(AbstractEstimator):
     """Estimator of one aircraft with filters of the aircraft's motion, the air and the goal; each filter is optional.
 
-    Without filters, the belief is the reading; the goal's motion follows from the line of sight (theory section 7).
+    Without a filter (None) of the motion, position and velocity are those of the reading; without a filter of the goal,
+    the goal's motion follows from the line of sight of the reading (theory section 7). Without a filter of the air, the
+    air data are those of the reading or, with a filter of the motion, follow from the true mean wind. Attitude and body
+    rates are always those of the reading. `briefing` is required with a filter of the goal. `model` is the airframe in
+    the belief; None: the true airframe at the start.
     """
 
     #: Navigation filter of position and velocity; None: both are taken from the readings. Attitude and body rates are
@@ -121,7 +132,7 @@ class TrackingEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: TrackingState, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, TrackingState]:
-        """Return the belief at a sample and the filters' new states."""
+        """Return the belief at this sample from its reading, and the new states of the filters."""
         state, condition, step = reading.state, reading.condition, instant.step
         airframe = airframe if self.model is None else self.model
         vehicle = estimator_state.vehicle

@@ -41,11 +41,11 @@ class FaultDetection(eqx.Module):
     size_min
         Least magnitude of the size of a reported fault, as a fraction of `FAULT_SIZES`.
     ratio_min
-        Least energy, s, that a hypothesis explains, (fault,). The bound excludes small deflections with which the loops
-        answer sensor noise, and which correlate with the missing coefficients.
+        Least energy, s, that the hypothesis of each fault must explain for a report, (fault,). The bound excludes small
+        deflections with which the loops answer sensor noise, and which correlate with the missing coefficients.
     share_min, lead_min
-        Least fraction of the energy that the hypothesis explains, and least ratio of this energy to the energy that the
-        next best hypothesis explains.
+        Least fraction of the energy that a reported hypothesis explains, and least ratio of this energy to the energy
+        that the next best hypothesis explains.
     confirmation
         Time for which the conditions must hold without interruption, s.
     surfaces
@@ -89,7 +89,7 @@ class FaultDetection(eqx.Module):
     ) -> "FaultState":
         """Return the state after one more sample, `step` seconds later.
 
-        The code of the first confirmed fault remains for the rest of the flight; its size is estimated on.
+        The code of the first confirmed fault remains for the rest of the flight; the estimate of its size continues.
         """
         prediction = state.prediction + fade * (effects - state.prediction)
         # biases of sensors look like a constant lateral coefficient: only changes count there

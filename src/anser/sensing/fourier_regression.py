@@ -201,9 +201,10 @@ class FourierRegression(eqx.Module):
         return 1j * self.frequencies - 1.0 / self.forgetting_time
 
     def _sum_factor(self, coefficients: Vector, signal: int, *, is_response: bool) -> Complex[Array, " frequency"]:
-        """Return the factor of the transform of a signal's noise in the residual of an equation, at each frequency.
+        """Return the factor by which noise of a signal enters the residual of an equation, at each frequency.
 
-        `coefficients` are those of the equation.
+        The factor multiplies the transform of the noise; `coefficients` are those of the equation, and `is_response` is
+        true if the signal is its response.
         """
         factor = jnp.zeros_like(self._rate_factor)
         if is_response:
@@ -214,7 +215,11 @@ class FourierRegression(eqx.Module):
 
 
 class _Projector(eqx.Module):
-    """Projection of noise in the frequency domain onto the regressors."""
+    """Projection of noise in the frequency domain onto the regressors of an equation.
+
+    `regressors` are the transforms of the regressors, each scaled to length 1; `inverse` is the inverse of their normal
+    matrix, so that inverse Re(conj(regressors) n) is the effect of the noise n on the scaled coefficients.
+    """
 
     regressors: Complex[Array, "regressor frequency"]  # transforms of the regressors, each scaled to length 1
     inverse: Float[Array, "regressor regressor"]  # inverse of the normal matrix of the scaled regressors
@@ -261,9 +266,10 @@ class _EndWeights:
     def noise(
         self, sum_factor: Complex[Array, " frequency"], end_factor: float
     ) -> tuple[Complex[Array, "f f"], Complex[Array, "f f"]]:
-        """Return covariance and pseudo-covariance over frequencies of `sum_factor` transform + `end_factor` end term.
+        """Return covariance and pseudo-covariance over frequencies of noise in the residual of an equation.
 
-        Transform and end term are those of white noise of variance 1 in the samples.
+        The noise is `sum_factor` times the transform plus `end_factor` times the end term of a signal that is white
+        noise of variance 1.
         """
         w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
         index = jnp.arange(size)

@@ -35,7 +35,12 @@ class VehicleMotion(eqx.Module):
 
 
 class GoalEstimate(eqx.Module):
-    """Estimated position and velocity of a goal at one sample, with covariance and status."""
+    """Estimated motion of a goal at one sample.
+
+    `mean` is position and velocity, NED, m and m/s, with `covariance`. `is_measured` is true if a measurement arrived
+    at this sample. `nis` is the normalised innovation squared of the last measurement, divided by its dimension;
+    `status` is `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
+    """
 
     # position and velocity, NED, m and m/s
     mean: Float[Array, "6"]
@@ -63,7 +68,22 @@ class AbstractGoalFilter(eqx.Module):
 
 
 class GoalTrack(eqx.Module):
-    """State of a `GoalFilter` between two samples: estimate and probability of each motion model, and innovations."""
+    """State of a `GoalFilter` between two samples.
+
+    Attributes
+    ----------
+    means, covariances
+        Estimate of each motion model at the time of the latest measurement, or at the start.
+    shares
+        Probability of each model; the sum is 1.
+    number, count
+        Sample number of the latest measurement, and number of processed measurements.
+    nis, nis_mean
+        Normalised innovation squared of the last measurement, and its fading mean, divided by the dimension.
+    vehicle_motion
+        Motion of the aircraft at the latest samples, for delayed measurements; sample number k is in row k modulo the
+        number of rows. None if no measurement is delayed.
+    """
 
     # estimate of each motion model at the time of the latest measurement, or at the start
     means: Float[Array, "models n"]
@@ -80,7 +100,13 @@ class GoalTrack(eqx.Module):
 
 
 class GoalFilter(AbstractGoalFilter):
-    """Kalman filter of a goal's motion in NED axes, extended or unscented, with one model or several (IMM).
+    """Kalman filter of a goal's motion in NED axes, with one motion model or several interacting models (IMM).
+
+    `kind` is "ekf" for an extended filter, or "ukf" for an unscented filter with the sigma points `points`. `sojourn`
+    is the mean time between changes of the goal's model, s. The status of the estimate is `GOAL_DIVERGED` if the
+    running mean of the normalised innovation squared, over the measurement's dimension, exceeds `nis_max`, or the
+    standard deviation of the position exceeds `sigma_max` (m). `slots` is the number of stored samples of the
+    aircraft's motion, greater than the greatest delay of a measurement in samples; 0: no measurement is delayed.
 
     A delayed measurement is processed at its own time if it is the latest so far. An out-of-sequence measurement is
     predicted from the estimate propagated back to its time without process noise (Y. Bar-Shalom, IEEE Trans. Aerospace

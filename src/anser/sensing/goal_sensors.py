@@ -26,7 +26,11 @@ _COS_MIN = 0.02  # smallest cosine of the elevation: the azimuth error is bounde
 
 
 class FieldOfView(eqx.Module):
-    """Field of view of a goal sensor: a cone about a body-fixed axis, up to a greatest range."""
+    """Field of view of a goal sensor: a cone about a body-fixed axis, up to a greatest range.
+
+    `axis_b` is the axis, a unit vector in body axes; `half_angle` the angle from the axis to the edge, rad (pi: all
+    directions); `range_max` the greatest range, m.
+    """
 
     axis_b: Vector3  #: Central axis, a unit vector in body axes.
     half_angle: Scalar  #: Angle from the axis to the edge, rad; pi: all directions.
@@ -40,7 +44,11 @@ class FieldOfView(eqx.Module):
 
 
 class MeasurementQueue(eqx.Module):
-    """Delayed measurements that have not arrived yet, in slots along the leading axis."""
+    """Delayed measurements that have not arrived yet, in slots along the leading axis.
+
+    `readings` are the measurements, `arrives` the numbers of the samples at which they arrive, and `waiting` flags of
+    the slots that hold a measurement.
+    """
 
     readings: GoalReading  # the measurements
     arrives: Int[Array, " slots"]  # number of the sample at which each measurement arrives
@@ -48,7 +56,11 @@ class MeasurementQueue(eqx.Module):
 
 
 class GoalSensorState(eqx.Module):
-    """State of a goal sensor between two samples: biases, outage flag, and queue of delayed measurements."""
+    """State of a goal sensor between two samples.
+
+    `biases` are the errors drawn for this flight, in order and units of `GoalReading.values`; `outage` is true in an
+    outage; `queue` holds the delayed measurements, None for a sensor without latency.
+    """
 
     biases: Float[Array, "6"]  # biases of this flight, in order and units of `NoisyGoalSensor.bias_sigmas`
     outage: Flag  # whether the sensor is in an outage
@@ -56,15 +68,36 @@ class GoalSensorState(eqx.Module):
 
 
 def _of_azimuths(errors: Array, sight: LineOfSight) -> Array:
-    """Return errors of the six measured values from errors across the line of sight.
+    """Return the errors (6,) of range, azimuth, elevation and their rates from errors across the line of sight.
 
-    The errors of azimuth and azimuth rate are divided by the cosine of the elevation (at least 0.02).
+    `errors` are the errors of azimuth and azimuth rate as angles across the line of sight, which are divided by the
+    cosine of the elevation (at least 0.02), and the errors of the remaining values, which are returned unchanged.
     """
     return jnp.where(_AZIMUTHS, errors / jnp.maximum(jnp.cos(sight.elevation), _COS_MIN), errors)
 
 
 class NoisyGoalSensor(eqx.Module):
-    """Sensor of one goal with noise, biases, latency, dropouts and a field of view; a part of `NoisySensors`."""
+    """Sensor of one goal with noise, biases, latency, dropouts and a field of view; a part of `NoisySensors`.
+
+    Attributes
+    ----------
+    kind
+        "sight": line of sight from the aircraft; "report": the goal's reported position and velocity.
+    sigmas, bias_sigmas
+        Standard deviations of noise and biases of the six values of `GoalReading`, in its order and units; angles of a
+        line of sight across the line. Biases are drawn once per flight.
+    range_share
+        Standard deviation of an additional range error, as a fraction of the range.
+    measures
+        Flags of the measured components.
+    period, latency
+        Time between two measurements, s; least and greatest latency, s, uniformly distributed, so that measurements
+        may arrive out of sequence (see `read`).
+    view, dropouts
+        Field of view, and random losses and outages.
+    slots
+        Capacity of the queue of delayed measurements; 0 without latency.
+    """
 
     #: Standard deviations of the noise of the six values of `GoalReading`, in its order and units. For a line of sight,
     #: errors of angles are across the line of sight: the error of the azimuth is greater by 1 / cos(elevation).

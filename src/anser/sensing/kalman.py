@@ -14,7 +14,11 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class Measurement(NamedTuple):
-    """Simultaneous measurement of m components with independent errors, the input of a Kalman update."""
+    """Simultaneous measurement of m components with independent errors, the input of a Kalman update.
+
+    `innovation` is a function of a state (n,), which returns measured minus expected values (m,), angles in -pi..pi.
+    `variances` are those of the errors; components that are false in `measured` have no effect.
+    """
 
     # function of a state (n,): measured minus expected values (m,), angles wrapped to -pi..pi
     innovation: Callable[[Float[Array, " n"]], Float[Array, " m"]]

@@ -45,8 +45,10 @@ class AbstractMotionModel(eqx.Module):
 class SteadyMotion(AbstractMotionModel):
     """Nearly constant velocity with white-noise acceleration.
 
-    Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
-    6.2.2 (discretised continuous white noise acceleration model).
+    `density` and `density_up` are the spectral densities of the horizontal and the vertical acceleration, m^2/s^3;
+    `turn_density` is that of the white noise that drives the unobserved turn rate, rad^2/s^3 (None: the turn rate is
+    not a state). Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and
+    Navigation*, 2001, 6.2.2 (discretised continuous white noise acceleration model).
     """
 
     # horizontal and vertical spectral densities, m^2/s^3
@@ -87,8 +89,9 @@ class SteadyMotion(AbstractMotionModel):
 class CoordinatedTurn(AbstractMotionModel):
     """Horizontal coordinated turn with an unknown turn rate, and white noise of acceleration and turn rate.
 
-    Positive turn rates are clockwise seen from above. Source: Bar-Shalom, Li, Kirubarajan (see `SteadyMotion`), 11.7.1
-    and 11.7.2.
+    `density` and `density_up` are the spectral densities of the horizontal and the vertical acceleration, m^2/s^3,
+    `turn_density` is that of the white noise that drives the turn rate, rad^2/s^3. Positive turn rates are clockwise
+    seen from above. Source: Bar-Shalom, Li, Kirubarajan (see `SteadyMotion`), 11.7.1 and 11.7.2.
     """
 
     # horizontal and vertical spectral densities of the acceleration, m^2/s^3

@@ -17,7 +17,11 @@ from anser.spatial.rotations import rotate, rotate_back
 
 
 class NavigationState(eqx.Module):
-    """State of the `NavigationFilter`: position, velocity, slow error of the fixes, acceleration, and covariance."""
+    """State of the `NavigationFilter`, NED: position (m, in the Earth's chart), velocity over the ground (m/s), errors.
+
+    `error_n` is the estimated slow error of the satellite fixes, m; `acceleration_n` the acceleration at the last
+    sample, m/s^2; `covariance` (axis, 3, 3) that of (position, velocity, slow error) in each axis, as of the last fix.
+    """
 
     # estimated position (m, in the Earth's chart) and velocity over the ground (m/s), NED
     position_n: Vector3
@@ -36,9 +40,12 @@ class NavigationFilter(eqx.Module):
     """Inertial dead reckoning aided by satellite fixes: a linear Kalman filter of three states per axis (NED).
 
     Between fixes, position and velocity follow the accelerometers and the attitude; each fix corrects them. The slow
-    error of satellite navigation is a state (first-order Gauss-Markov): a fix cannot separate it from the position, but
-    many fixes over several correlation times average it out. Source: P. D. Groves, *Principles of GNSS, Inertial,
-    and Multisensor Integrated Navigation Systems*, 2nd ed., 14.2 and 14.3 (loosely coupled integration).
+    error of satellite navigation is a state (first-order Gauss-Markov, standard deviation `slow_sigma`, m, correlation
+    time `slow_time`, s): a fix cannot separate it from the position, but many fixes over several correlation times
+    average it out. `noise_sigma` (m) and `velocity_sigma` (m/s) are the standard deviations of the white noise of a
+    fix; `acceleration_density` is the spectral density of the acceleration errors, m^2/s^3; `period` the time between
+    two fixes, s. Source: P. D. Groves, *Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems*,
+    2nd ed., 14.2 and 14.3 (loosely coupled integration).
     """
 
     # standard deviation (NED, m) and correlation time (s) of the slow error
@@ -149,9 +156,10 @@ class AirMotion(eqx.Module):
 class AirFilter(eqx.Module):
     """Filter of mean wind and gusts from the difference between the velocities over the ground and through the air.
 
-    The mean wind is the difference after a slow low-pass filter. The gust is the remaining difference after a fast
-    low-pass filter, without the component along the airspeed: transverse gusts change the angles of attack and sideslip
-    of the autopilot's model, longitudinal gusts would disturb the throttle.
+    The mean wind is the difference after a slow low-pass filter with the time constant `wind_time` (s). The gust is the
+    remaining difference after a fast low-pass filter (`gust_time`, s), without the component along the airspeed:
+    transverse gusts change the angles of attack and sideslip of the autopilot's model, longitudinal gusts would disturb
+    the throttle.
     """
 
     wind_time: Scalar  #: Time constant of the mean wind, s.

@@ -13,7 +13,8 @@ from anser.sensing.vehicle_sensors import VehicleSensors
 class NoisySensors(AbstractSensors):
     """Sensors of an aircraft with errors: satellite navigation, inertial sensors, air data, and goal sensor.
 
-    In the reading, body velocity and surfaces of `state`, and `condition`, are the true ones; the measured velocities
+    Without `vehicle` sensors (None) state and air data are exact, without a `goal` sensor the line of sight. In the
+    reading, body velocity and surfaces of `state`, and `condition`, are always the true ones; the measured velocities
     are in `fix` and `velocity_air_b`.
     """
 

@@ -20,8 +20,10 @@ _SHORTEST_S = 1e-9
 class Dropouts(eqx.Module):
     """Losses of measurements: single random losses, and outages with random start and duration (Gilbert-Elliott).
 
-    The chain of Gilbert (Bell System Technical Journal 39, 1960) and Elliott (42, 1963) in continuous time: durations
-    of outages and of the intervals in between are exponentially distributed.
+    `probability` is that of a single loss, 0..1; `outage_share` the fraction of the time in outages, 0..1;
+    `outage_mean` the mean duration of an outage, s. The chain of Gilbert (Bell System Technical Journal 39, 1960) and
+    Elliott (42, 1963) is in continuous time: durations of outages and of the intervals in between are exponentially
+    distributed.
     """
 
     probability: Scalar  # probability of a single loss, 0..1
@@ -29,13 +31,13 @@ class Dropouts(eqx.Module):
     outage_mean: Scalar  # mean duration of an outage, s
 
     def initial_outage(self, uniform: ScalarLike) -> Flag:
-        """Return whether an outage exists at the start; `uniform` is a random number between 0 and 1."""
+        """Return whether the sensor is in an outage at the start; `uniform` is a random number between 0 and 1."""
         return jnp.asarray(uniform) < self.outage_share
 
     def next_outage(self, outage: Flag, elapsed: ScalarLike, uniform: ScalarLike) -> Flag:
-        """Return whether an outage exists `elapsed` seconds after `outage`, with the chain's exact probabilities.
+        """Return whether the sensor is in an outage `elapsed` seconds later, with the chain's exact probabilities.
 
-        `uniform` is a random number between 0 and 1.
+        `outage` is true if the sensor is in an outage now; `uniform` is a random number between 0 and 1.
         """
         # share = mean_bad / (mean_bad + mean_good): the chain's memory decays with the sum of both rates
         mean = jnp.maximum(self.outage_mean, _SHORTEST_S)
@@ -70,7 +72,11 @@ _FIX_NORMALS = 9  # at each fix: slow error 3, position 3, velocity 3
 
 
 class SatelliteNavigation(eqx.Module):
-    """Error parameters of satellite navigation, which measures position and velocity."""
+    """Error parameters of satellite navigation, which measures position and velocity every `period` (s), NED.
+
+    The position has a slow Gauss-Markov error with the standard deviation `position_sigma` (m) and the
+    `correlation_time` (s), and white noise, `noise_sigma` (m); the velocity has white noise, `velocity_sigma` (m/s).
+    """
 
     position_sigma: Vector3  # standard deviation of the slow error (Gauss-Markov) per axis, NED, m
     correlation_time: Scalar  # correlation time of the slow error, s
@@ -80,7 +86,12 @@ class SatelliteNavigation(eqx.Module):
 
 
 class InertialSensors(eqx.Module):
-    """Error parameters of the inertial sensors, which measure attitude, body rates and specific force."""
+    """Error parameters of the inertial sensors, which measure attitude, body rates and specific force.
+
+    The attitude has a Gauss-Markov error about the body axes with the standard deviation `attitude_sigma` (rad) and the
+    correlation time `attitude_time` (s). Gyros (`rates_bias`, `rates_noise`, rad/s) and accelerometers (`force_bias`,
+    `force_noise`, m/s^2) have a bias, drawn once per flight, and noise at each sample: standard deviations.
+    """
 
     # standard deviation of the attitude error about the body axes (Gauss-Markov), rad, and its correlation time, s
     attitude_sigma: Vector3
@@ -94,7 +105,11 @@ class InertialSensors(eqx.Module):
 
 
 class AirDataSensors(eqx.Module):
-    """Error parameters of pitot tube (airspeed) and vanes (angle of attack, sideslip)."""
+    """Error parameters of pitot tube (airspeed) and vanes (angle of attack, sideslip).
+
+    The airspeed (`airspeed_bias`, `airspeed_noise`, m/s) and each vane (`vane_bias`, `vane_noise`, rad) have a bias,
+    drawn once per flight, and noise at each sample: standard deviations.
+    """
 
     # standard deviations of the airspeed's bias, drawn once per flight, and of its noise at each sample, m/s
     airspeed_bias: Scalar
@@ -105,7 +120,12 @@ class AirDataSensors(eqx.Module):
 
 
 class VehicleSensorState(eqx.Module):
-    """State of `VehicleSensors` between two samples: the present errors, and the last fix."""
+    """State of `VehicleSensors` between two samples: the present errors, and the last fix.
+
+    `position_n` (NED, m, as of the last fix) and `attitude_b` (body axes, rad) are Gauss-Markov errors. `rates_b`
+    (rad/s), `force_b` (m/s^2) and `air` (airspeed, m/s, angle of attack and sideslip, rad) are the biases of this
+    flight.
+    """
 
     # Gauss-Markov errors of the position (as of the last fix), NED, m, and of the attitude, body axes, rad
     position_n: Vector3
@@ -118,9 +138,10 @@ class VehicleSensorState(eqx.Module):
 
 
 class VehicleReading(eqx.Module):
-    """Measured attitude, body rates, specific force, velocity through the air and position fix at one sample.
+    """Measurements of `VehicleSensors` at one sample, which `NoisySensors` copies into a `Reading`.
 
-    `NoisySensors` copies the measurements of `VehicleSensors` into a `Reading`.
+    `quaternion` is the attitude, NED to body; body rates are in rad/s, the specific force (body axes) in m/s^2.
+    `velocity_air_b` is the velocity through the air from airspeed and vanes, body axes, m/s; `fix` the latest fix.
     """
 
     quaternion: Quaternion  # attitude, NED to body

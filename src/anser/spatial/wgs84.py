@@ -13,10 +13,13 @@ from anser.spatial.rotations import safe_atan2, safe_hypot
 
 
 class Ellipsoid(eqx.Module):
-    """An oblate ellipsoid of revolution."""
+    """An oblate ellipsoid of revolution with the semi-major axis `a` (equatorial radius, m).
 
-    a: ScalarLike  #: Semi-major axis (equatorial radius), m.
-    f: ScalarLike  #: Flattening (a - b)/a; 0 is a sphere.
+    `f` is the flattening (a - b)/a; 0 is a sphere.
+    """
+
+    a: ScalarLike
+    f: ScalarLike
 
     @property
     def b(self) -> ScalarLike:
