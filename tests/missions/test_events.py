@@ -17,6 +17,7 @@ from anser.scenario.build import build_faults
 from missions.test_goal_reassignment import text
 
 TURNS = '[[event]]\ntime_s = 30.0\nkind = "goal-turns"\ngoal = "two"\ncourse_deg = 90.0\n'
+SENSOR_LOST = '[[event]]\ntime_s = 30.0\nkind = "goal-sensor-lost"\naircraft = "a"\n'
 LEAVES = '[[event]]\ntime_s = 12.5\nkind = "aircraft-leaves"\naircraft = "c"\n'
 
 
@@ -113,6 +114,19 @@ def test_a_failed_search_is_reported_and_repeated_at_most_three_times(log, monke
     assert outcome.message.startswith(NO_PLAN_MESSAGE)
 
 
+def test_a_plan_made_once_does_not_follow_a_goal_that_turns():
+    once = text().replace("duration_s = 200.0", "duration_s = 200.0\nreplan_period_s = 0.0")
+    for scenario_text, is_planned, message in (
+        (text() + TURNS, True, "periodic replanning follows the estimated goal"),
+        (once + TURNS, False, "the plan in force stays: with timing.replan_period_s = 0"),
+        (once + SENSOR_LOST, True, "the plan in force stays: with timing.replan_period_s = 0"),
+    ):
+        scenario = loads(scenario_text)
+        *_, outcome = event_replanning.apply_event(scenario, None, None, 3000, scenario.event[0], None)
+        assert outcome.has_valid_plan is is_planned
+        assert outcome.message.startswith(message)
+
+
 @dataclass(frozen=True)
 class PlanInForce:
     plan: Any
@@ -127,22 +141,23 @@ def test_aircraft_about_to_arrive_fly_their_new_holds(monkeypatch, clear):
     planner = SimpleNamespace(correction_limits=lambda limits: limits, airspace=None, assign_holds=lambda *_: new_holds)
     replacements = {
         "snapshot_at": lambda *_: SimpleNamespace(
-            replannable_tasks=SimpleNamespace(active=np.zeros(1)), flying_tasks=None
+            replannable_tasks=SimpleNamespace(active=np.zeros(2)), flying_tasks=None, remaining=np.array([True, False])
         ),
         "aircraft_planner": lambda flight: planner,
         "_with_limits": lambda tasks, limits: tasks,
-        "_certificate": lambda *_: SimpleNamespace(satisfied=np.ones(1, bool)),
+        # of the second aircraft, which has left, an exit path beyond its limits
+        "_certificate": lambda *_: SimpleNamespace(satisfied=np.array([True, False])),
         "_target_times": lambda scenario, times_s, can_replan, event, planned_times_s: times_s,
         "replace_plan": lambda state, plan_state: plan_state,
     }
     for name, replacement in replacements.items():
         monkeypatch.setattr(event_replanning, name, replacement)
-    plan_state = PlanInForce(SimpleNamespace(arrival_times=np.array([60.0]), paths=None), None, holds="old")
+    plan_state = PlanInForce(SimpleNamespace(arrival_times=np.array([60.0, 90.0]), paths=None), None, holds="old")
     current = SimpleNamespace(planner=plan_state)
     scenario = SimpleNamespace(timing=SimpleNamespace(step_s=0.01, duration_s=90.0))
     event = SimpleNamespace(kind="keep-out-appears")
     after, is_valid, _ = event_replanning._replan_if_needed(
-        scenario, None, current, 5000, event, np.array([60.0]), lambda message: None
+        scenario, None, current, 5000, event, np.array([60.0, 60.0]), lambda message: None
     )
     assert is_valid is clear
     assert (after.holds is new_holds) if clear else (after is current)
@@ -208,7 +223,9 @@ def test_an_arrival_is_put_off_to_the_time_that_is_asked_for_or_not_at_all(monke
     is_flying = not said.startswith("no aircraft")
     replacements = {
         "snapshot_at": lambda *_: SimpleNamespace(
-            replannable_tasks=SimpleNamespace(active=np.full(2, float(is_flying))), flying_tasks=None
+            replannable_tasks=SimpleNamespace(active=np.full(2, float(is_flying))),
+            flying_tasks=None,
+            remaining=np.ones(2, bool),
         ),
         "aircraft_planner": lambda _: SimpleNamespace(correction_limits=lambda limits: limits, airspace=None),
         "_with_limits": lambda tasks, limits: tasks,

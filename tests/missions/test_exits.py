@@ -1,5 +1,7 @@
 """Exit paths of aircraft that leave the fleet: where they begin, and what they keep clear of."""
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,19 +10,28 @@ import pytest
 
 from anser.compiling.options import compiled_quickly
 from anser.environment import SteadyWind
-from anser.missions.event_replanning import EXIT_TURNS, exit_start, plan_exit
+from anser.missions.event_replanning import EXIT_TURNS, _exit_violations, exit_start, plan_exit
 from anser.planning import TimedPath
 from anser.planning.certified.certified_plan import CertifiedPlan, certify
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.routes import PIECES
+from anser.planning.certified.task import KeepOuts
 from anser.planning.holds.hold_paths import HoldCircle, PlannedHolds
 from support.aircraft_tasks import aircraft_task, airspace
 
 INTERVALS, END, SPEED, RADIUS = 64, 200.0, 150.0, 2000.0
 NOW, ARRIVALS = 60.0, (100.0, 50.0)
 SEPARATION_M = 2500.0
-SPACE = airspace(SteadyWind(jnp.zeros(3)), SEPARATION_M, 0.0)
+
+
+def space(north_m, radius_m=1500.0):
+    """Airspace with a keep-out on the axis."""
+    rows = jnp.array([[north_m, 0.0]]), jnp.zeros((1, 2)), *(jnp.array([x]) for x in (radius_m, 0.0, 3000.0))
+    return eqx.tree_at(lambda a: a.keep_outs, airspace(SteadyWind(jnp.zeros(3)), SEPARATION_M, 0.0), KeepOuts(*rows))
+
+
+SPACE = space(1e6)
 _exit_start, _plan_exit = compiled_quickly(exit_start), compiled_quickly(plan_exit)
 _position_at = jax.jit(jax.vmap(TimedPath.position_n, in_axes=(None, 0)))
 
@@ -73,10 +84,10 @@ def fleet_state(arrivals):
     return CertifiedPlanState(plan, jnp.asarray(0), holds, tasks.limits), tasks
 
 
-def leave(state, tasks, aircraft, turns=EXIT_TURNS):
+def leave(state, tasks, aircraft, turns=EXIT_TURNS, airspace_=SPACE):
     now, index = jnp.asarray(NOW), jnp.asarray(aircraft, dtype=jnp.int32)
     start = _exit_start(state, tasks, now, index)
-    plan = _plan_exit(state, tasks, SPACE, now, index, start, jnp.asarray(END), jnp.asarray(turns))
+    plan = _plan_exit(state, tasks, airspace_, now, index, start, jnp.asarray(END), jnp.asarray(turns))
     return start, plan, jax.tree.map(lambda leaf: leaf[aircraft], plan.paths)
 
 
@@ -120,6 +131,32 @@ def test_without_a_turn_clear_of_all_holds_those_flown_count():
     path = leave(arrived, tasks, 0, turns=[0.0, 0.1])[2]
     assert max(distances) < SEPARATION_M
     assert distance_min(path, hold) == pytest.approx(max(distances))
+
+
+def test_an_exit_path_keeps_clear_of_keep_outs_and_within_limits_where_a_turn_does():
+    state, tasks = fleet_state(jnp.array(ARRIVALS))
+    tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n.at[1, 1].add(60000.0))
+    scenario = SimpleNamespace(keep_out=[SimpleNamespace(name="cell")], event=[])
+
+    def turn_and_violations(tasks, airspace_):
+        start, plan, path = leave(state, tasks, 0, [0.0, 0.5], airspace_)
+        assert float(plan.certificate.clearance_ratio[0, 1]) >= 1.0
+        return turn_of(start, path), _exit_violations(scenario, plan, 0)
+
+    assert turn_and_violations(tasks, SPACE) == (pytest.approx(0.0, abs=1e-9), "")
+    # The keep-out is 6 km ahead.
+    turn, violations = turn_and_violations(tasks, space(6000.0))
+    assert turn == pytest.approx(0.5)
+    assert violations == ""
+    # No turn leads out of a keep-out, or up to a least altitude.
+    turn, violations = turn_and_violations(tasks, space(0.0, 5000.0))
+    assert turn == pytest.approx(0.0, abs=1e-9)
+    assert violations.startswith('; the exit path enters the keep-out "cell": no turn that was tried avoids this')
+    low = eqx.tree_at(lambda t: t.limits.altitude_min, tasks, jnp.full(2, 2500.0))
+    _, violations = turn_and_violations(low, space(0.0, 5000.0))
+    assert (
+        'enters the keep-out "cell" and exceeds the limit of the least altitude (limits.altitude_min_m)' in violations
+    )
 
 
 @pytest.mark.parametrize("goal_rate_m_s", [0.0, 5.0, 50.0])

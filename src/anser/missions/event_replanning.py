@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import aircraft_planner
@@ -28,7 +28,7 @@ from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import COMMITTED_S, REPLANNED, exit_path, interval_count, task_from_plan
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts
 from anser.planning.holds.hold_paths import SAMPLES_PER_CELL, broadcast_holds, hold_reference, move_with_goals
-from anser.planning.limits import PathLimits, with_gentle_acceleration
+from anser.planning.limits import CERTIFIED_LIMITS, PathLimits, with_gentle_acceleration
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, GOAL_EVENTS, Event
@@ -47,6 +47,7 @@ class FleetSnapshot(NamedTuple):
     replannable_tasks: AircraftTask
     fixed_paths: FixedPaths  # planned paths of the remaining flying aircraft: arrived, about to arrive, or departed
     flying_tasks: AircraftTask  # tasks from the reported motions; active: every flying aircraft, departed ones too
+    remaining: Bool[Array, " aircraft"]  # mask of the aircraft that have neither left the fleet nor broken away
 
 
 def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport) -> FleetSnapshot:
@@ -60,7 +61,7 @@ def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: Air
     is_flying = reports.active | reports.has_left
     fixed_paths = FixedPaths(is_flying & ~can_replan, plan.paths, plan.arrival_times)
     flying_tasks = eqx.tree_at(lambda t: t.active, flying_tasks, as_array(is_flying))
-    return FleetSnapshot(tasks, fixed_paths, flying_tasks)
+    return FleetSnapshot(tasks, fixed_paths, flying_tasks, as_array(reports.active, bool))
 
 
 def exit_start(
@@ -89,7 +90,7 @@ def exit_start(
 
 def plan_exit(
     plan_state: CertifiedPlanState,
-    tasks: AircraftTask,  # tasks of all flying aircraft
+    tasks: AircraftTask,  # tasks of all flying aircraft, with the limits of a path in flight
     airspace: Airspace,
     time: Scalar,  # current time, s
     aircraft: Integer,  # index of the departing aircraft in the fleet
@@ -99,15 +100,18 @@ def plan_exit(
 ) -> CertifiedPlan:
     """Return the plan with an exit path for a departing aircraft, with the best of the `turns` from its course.
 
-    The best turn is, in this order of preference:
+    The turn is the first of those that keep the most of these requirements, in this order:
 
-    1. the first turn whose path is separated from the paths and holds of all other aircraft;
-    2. the first turn whose path is separated from the paths up to the arrivals and from the holds already begun (later
-       holds can still be changed);
-    3. the turn whose least ratio of distance to separation, from the paths and holds of case 2, is greatest.
+    1. the separation from the paths of all other aircraft up to their arrivals, and from the holds already begun;
+    2. limits and keep-outs;
+    3. the separation from later holds, which can be assigned anew.
+
+    If no turn keeps the first requirement, the turn has the greatest ratio of distance to separation from these paths
+    and holds.
 
     The exit path lasts to the end of the flight, which is the departing aircraft's new arrival time. The certificate of
-    the returned plan has the clearance ratios of the paths, at least 1 where separated, but not those of the holds.
+    the returned plan has the limits and keep-outs of the exit path, and the clearance ratios of the paths, at least 1
+    where separated, but not those of the holds.
     """
     plan, holds = plan_state.plan, plan_state.holds
     knot_count, count = plan.paths.times.shape[1], plan.arrival_times.shape[0]
@@ -129,7 +133,7 @@ def plan_exit(
         track = jax.tree.map(lambda leaf: leaf[None], tracked(path))
         return jnp.where(is_holder, pair_clearance_ratio(track, hold_tracks, airspace.separation), jnp.inf)
 
-    def plan_turn(turn: Array) -> tuple[CertifiedPlan, Array]:
+    def plan_turn(turn: Array) -> tuple[CertifiedPlan, Array, Array]:
         path = exit_path(start, time, end_time, turn, airspace.wind, airspace.gravity, knot_count)
         paths = jax.tree.map(lambda fleet_leaf, exit_leaf: fleet_leaf.at[aircraft].set(exit_leaf), plan.paths, path)
         certificate = certify(paths, tasks, airspace, interval_count(paths), time)
@@ -138,13 +142,13 @@ def plan_exit(
         )
         from_paths, from_holds = certificate.clearance_ratio[aircraft], hold_ratios(path)
         from_flown = jnp.where(plan.arrival_times <= time, from_holds, jnp.inf)
-        return exit_plan, jnp.stack([jnp.min(jnp.minimum(from_paths, ratios)) for ratios in (from_holds, from_flown)])
+        ratios = jnp.stack([jnp.min(jnp.minimum(from_paths, ratios)) for ratios in (from_holds, from_flown)])
+        return exit_plan, ratios, certificate.satisfied_individually[aircraft]
 
-    plans, ratios = jax.lax.map(plan_turn, turns)
+    plans, ratios, is_within = jax.lax.map(plan_turn, turns)
     is_clear = ratios >= 1.0
-    best = jnp.where(jnp.any(is_clear[:, 1]), jnp.argmax(is_clear[:, 1]), jnp.argmax(ratios[:, 1]))
-    chosen = jnp.where(jnp.any(is_clear[:, 0]), jnp.argmax(is_clear[:, 0]), best)
-    return jax.tree.map(lambda leaf: leaf[chosen], plans)
+    rank = jnp.where(is_clear[:, 1], 1.0 + 2.0 * is_within + is_clear[:, 0], ratios[:, 1])
+    return jax.tree.map(lambda leaf: leaf[jnp.argmax(rank)], plans)
 
 
 def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
@@ -203,31 +207,38 @@ def apply_event(
 
     The event's effect on aircraft and goals (less thrust, a lost sensor, a turning goal) is not applied here: it is
     part of the flight from its start, see `anser.scenario.build`. A change of a goal's motion therefore needs no action
-    here: periodic replanning follows the sensed goal.
+    here: periodic replanning follows the sensed goal, or none if the scenario asks for a single plan.
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     subject = event.aircraft or event.goal or (event.keep_out.name if event.keep_out is not None else "all")
     outcome = functools.partial(EventOutcome, event.time_s, event.kind, subject)
-    if event.kind in GOAL_EVENTS:
+    if event.kind in GOAL_EVENTS and scenario.timing.replan_period_s > 0.0:
         return flight, state, outcome(True, "periodic replanning follows the estimated goal")
+    if event.kind in GOAL_EVENTS:
+        message = "the plan in force stays: with timing.replan_period_s = 0 no plan follows the estimated goal"
+        return flight, state, outcome(event.kind == "goal-sensor-lost", message)
     if event.kind == AIRCRAFT_CHANGES:
         return flight, state, outcome(True, "unknown to autopilot and planner: the plan in force stays")
     on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
     planned_times_s = np.asarray(state.planner.plan.arrival_times)  # with that of an aircraft that leaves now
+    violations = ""
     if event.kind == "aircraft-leaves":
-        tasks, time = snapshot_at(flight, state, sample).flying_tasks, as_array(sample * scenario.timing.step_s)
+        planner, time = aircraft_planner(flight), as_array(sample * scenario.timing.step_s)
+        tasks = snapshot_at(flight, state, sample).flying_tasks
+        tasks = _with_limits(tasks, planner.correction_limits(state.planner.limits))
         departing = as_array(names.index(str(event.aircraft)), np.int32)
         start = _exit_start(state.planner, tasks, time, departing)
         plan = _plan_exit(
             state.planner,
             tasks,
-            aircraft_planner(flight).airspace,
+            planner.airspace,
             time,
             departing,
             start,
             as_array(scenario.timing.duration_s),
             _exit_turns(start, event),
         )
+        violations = _exit_violations(scenario, plan, int(departing))
         state = replace_plan(state, dataclasses.replace(state.planner, plan=plan))
     if event.kind == "keep-out-appears":
         flight = _with_keep_out(scenario, flight, event)
@@ -239,7 +250,30 @@ def apply_event(
             message = "it corrects its path within its remaining thrust, or looks for another that the fleet waits for"
             return flight, state, outcome(True, message)
     state, is_planned, message = _replan_if_needed(scenario, flight, state, sample, event, planned_times_s, on_progress)
-    return flight, state, outcome(is_planned, message)
+    return flight, state, outcome(is_planned, message + violations)
+
+
+def _exit_violations(scenario: Scenario, plan: CertifiedPlan, aircraft: int) -> str:
+    """Return a clause on the keep-outs that a departing aircraft's exit path enters and the limits that it exceeds.
+
+    Empty without a violation. `plan` has the exit path and its certificate; `aircraft` is an index into the fleet.
+    """
+    certificate = plan.certificate
+    if certificate.satisfied_individually[aircraft]:
+        return ""
+    appearing = [event.keep_out for event in scenario.event if event.keep_out is not None]
+    # Padding follows the keep-outs in the planner's table.
+    keep_outs = zip(
+        [*scenario.keep_out, *appearing], np.asarray(certificate.keep_out_clearance)[aircraft], strict=False
+    )
+    limits = zip(CERTIFIED_LIMITS, np.asarray(certificate.excess)[aircraft], strict=True)
+    violations = [f'enters the keep-out "{keep_out.name}"' for keep_out, distance in keep_outs if not distance >= 0.0]
+    violations += [
+        f"exceeds the limit of the {limit.description} (limits.{limit.scenario_key})"
+        for limit, excess in limits
+        if not excess <= 0.0
+    ]
+    return f"; the exit path {' and '.join(violations)}: no turn that was tried avoids this and keeps the separation"
 
 
 def _exit_turns(start: AircraftTask, event: Event) -> Any:
@@ -305,7 +339,7 @@ def _replan_if_needed(
     """
     plan_state, now_s = state.planner, sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
-    can_replan = np.asarray(snapshot.replannable_tasks.active) > 0.0
+    can_replan, remaining = np.asarray(snapshot.replannable_tasks.active) > 0.0, np.asarray(snapshot.remaining)
     times_s = np.asarray(plan_state.plan.arrival_times)
     planner = aircraft_planner(flight)
     limited_tasks = _with_limits(snapshot.flying_tasks, planner.correction_limits(plan_state.limits))
@@ -323,7 +357,7 @@ def _replan_if_needed(
     held_state = replace_plan(state, dataclasses.replace(plan_state, holds=holds)) if is_clear else state
     if not can_replan.any():
         # Aircraft about to arrive keep their paths, but fly the new holds; their arrivals are not put off.
-        is_planned = event.kind != "arrival-put-off" and is_clear and bool(is_satisfied.all())
+        is_planned = event.kind != "arrival-put-off" and is_clear and bool(is_satisfied[remaining].all())
         return held_state, is_planned, "no aircraft is left that could be replanned"
     if is_unchanged and is_clear and is_satisfied[can_replan].all():
         plan = dataclasses.replace(plan_state.plan, certificate=certificate)

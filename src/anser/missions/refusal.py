@@ -114,7 +114,8 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
         infeasible.extend(_later_common_time(arrival_intervals, float(np.max(fleet.requested_times()))))
     if infeasible:
         return tuple(infeasible)
-    if request.rule in ("together", "earliest", "sequence"):
+    # An aircraft without intervals has a path from the search, which covers more than the intervals.
+    if request.rule in ("together", "earliest", "sequence") and all(arrival_intervals):
         offsets, latest_s = request.offsets(len(names)), request.latest_s
         common = common_times(arrival_intervals, offsets)
         if all(start > latest_s - float(np.max(offsets)) for start, _ in common):

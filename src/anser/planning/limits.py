@@ -58,6 +58,11 @@ def acceleration_limits(limits: PathLimits) -> tuple[Scalar, Scalar]:
     return limits.acceleration_max, limits.deceleration_max
 
 
+def reduced_limit(limit: ScalarLike, share: ScalarLike) -> Scalar:
+    """Return an upper limit reduced to `share` (0..1) of its size; a negative limit is lowered by as much."""
+    return limit * jnp.where(jnp.asarray(limit) < 0.0, 2.0 - share, share)
+
+
 def with_gentle_acceleration(limits: PathLimits, greatest: float) -> PathLimits:
     """Return the limits with `acceleration_max` lowered to at most `greatest`, m/s^2; not traceable by JAX."""
     limited = np.minimum(np.asarray(limits.acceleration_max), greatest)

@@ -64,6 +64,11 @@ def test_a_millimetre_of_climb_delays_nobody():
         np.testing.assert_allclose(fleet.preferred_times[:5], fleet.preferred_times[2], rtol=1e-6)
 
 
+def test_a_goal_without_a_direct_path_has_the_time_of_the_straight_way():
+    """Ten metres ahead: shorter than any path with turns; the iteration for the direct path stays where it begins."""
+    assert fleet_of((10.0, 0.0, -1700.0)).preferred_times[0] == 1.0  # the least time
+
+
 def test_the_first_time_is_that_of_the_straight_way():
     fleet = fleet_of((9000.0, 0.0, -1700.001), (6000.0, 0.0, -1500.0))
     proposal = next(first_stage(fleet, True))

@@ -1,5 +1,8 @@
 """The exit path of a departing aircraft: a smooth start, a level turn onto its course, then straight flight."""
 
+import dataclasses
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -55,6 +58,16 @@ def test_an_exit_path_starts_smoothly_and_ends_straight_and_level(turn, wind):
         np.testing.assert_allclose((course_error + np.pi) % (2 * np.pi) - np.pi, 0.0, atol=1e-9)
         np.testing.assert_allclose(np.hypot(*late[1, :2]), np.hypot(*planned_air[1, :2]), rtol=1e-9)
         np.testing.assert_allclose(drifting[1], wind.at(jnp.asarray(late[0] + drifting[0]), 0.0), atol=2e-3)
+
+
+def test_a_turn_is_within_a_small_limit_of_the_bank_angle():
+    start = task_from_plan(climbing_turn(), aircraft_task((0.0, 0.0, 0.0)), 40.0)
+    level = dataclasses.replace(start, air_velocity_n=jnp.array([150.0, 0.0, 0.0]), air_acceleration_n=jnp.zeros(3))
+    fly = jax.jit(lambda task: exit_path(task, 0.0, 100.0, 1.2, SteadyWind(jnp.zeros(3)), GRAVITY, 1001))
+    for limit, expected in ((0.9, 0.7), (0.4, 0.36)):
+        path = fly(eqx.tree_at(lambda t: t.limits.bank_max, level, jnp.asarray(limit)))
+        lateral = np.linalg.norm(path.air_n[:, 2], axis=1)
+        np.testing.assert_allclose(np.max(np.arctan2(lateral, GRAVITY)), expected, rtol=1e-4)
 
 
 @pytest.mark.long

@@ -59,6 +59,15 @@ def test_a_jet_between_two_layers_counts():
     np.testing.assert_allclose(earliest, max(26_000.0 / (SPEED_MAX + 60.0), 8300.0 / CLIMB_MAX), rtol=0.01)
 
 
+@pytest.mark.parametrize(("rate_m_s", "counts"), [(-5.0, True), (0.0, False), (5.0, False)])
+def test_a_layer_counts_that_a_climbing_goal_reaches_later(rate_m_s, counts):
+    """A tail wind of 60 m/s from 6,000 m up, above a goal at 1,700 m that climbs at 5 m/s for 900 s and more."""
+    aloft = LayeredWind(jnp.array([0.0, 5000.0, 6000.0]), jnp.array([[0.0, 0.0, 0.0]] * 2 + [[60.0, 0.0, 0.0]]))
+    task = stack_rows([aircraft_task((230_000.0, 0.0, -1700.0), (0.0, 0.0, rate_m_s))])
+    durations = np.array([230_000.0 / (SPEED_MAX + 50.0)])
+    assert may_arrive(task, airspace(aloft), np.array([0]), durations).all() == counts
+
+
 def test_the_times_of_the_search_begin_before_the_first_that_can_be_reached(monkeypatch):
     """Of a slow aircraft in a strong tail wind, which closes in at more than 1.4 times its airspeed."""
     grids = []

@@ -273,6 +273,27 @@ def test_violations_between_the_knots_are_detected():
     assert over.altitude_min >= 1000.0 - 1e-9
 
 
+def test_an_aircraft_that_must_descend_or_decelerate_has_a_negative_bound_of_acceleration():
+    """Steady glide at 15 of 150 m/s, with an empty cell: V_dot + g sin(gamma) is a tenth of -g."""
+    velocity = [150.0 * np.sqrt(0.99), 0.0, 15.0]
+    entries = [(t, [velocity[0] * t, 0.0, 15.0 * t - 2000.0], velocity) for t in (0.0, 10.0, 10.0, 20.0)]
+    glide = bound_one(knots(*entries), CALM, GRAVITY)
+    wide = PathLimits(*[number(x) for x in (50.0, 400.0, 1.4, 100.0, -1e3)], deceleration_max=number(1.2))
+    index = [limit.field for limit in CERTIFIED_LIMITS].index("acceleration_max")
+    for idle in (None, IDLE):
+        limits = eqx.tree_at(lambda x: x.idle, wide, idle, is_leaf=lambda leaf: leaf is None)
+        acceleration, deceleration = glide.along_at_start(limits)
+        np.testing.assert_allclose(acceleration, -0.1 * GRAVITY, rtol=1e-6)
+        assert deceleration >= 0.1 * GRAVITY
+        for limit, keeps in ((-0.09 * GRAVITY, True), (-0.11 * GRAVITY, False)):
+            limited = eqx.tree_at(lambda x: x.acceleration_max, limits, number(limit))
+            assert (float(excess(glide, limited)[index]) <= 0.0) == keeps
+    # In a wind that the drift does not have, the bound is that of the worst case.
+    windy = bound_one(knots(*entries), type(STEADY)(jnp.array([5.0, 0.0, 0.0])), GRAVITY)
+    worst = -0.1 * GRAVITY * 150.0 / 155.0
+    assert worst <= float(windy.acceleration_max) < 0.0
+
+
 def test_a_drift_inconsistent_with_the_wind_is_detected():
     path = knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0]))
     bounds = bound_one(path, type(STEADY)(jnp.array([3.0, 4.0, 0.0])), GRAVITY)

@@ -25,6 +25,7 @@ from anser.planning.certified.splines import (
     tighten_limits,
     update_coefficients,
 )
+from anser.planning.certified.timed_profiles import speed_rates
 from anser.planning.limits import CERTIFIED_LIMITS
 from support.certified_cases import number, picked
 from trials.cases import random_case
@@ -144,6 +145,17 @@ def test_a_backward_arrival_is_rejected():
     assert bool(arrives_forward(bound_start, 150.0 * onward))
     assert not bool(arrives_forward(bound_start, -150.0 * onward))
     assert bool(arrives_forward(free_start, -150.0 * onward))
+
+
+def test_a_negative_limit_of_acceleration_is_tightened_by_lowering():
+    """Of an aircraft that can only descend or decelerate."""
+    problem = eqx.tree_at(lambda p: p.task.limits.acceleration_max, problem_of(1, 0), number(-0.5))
+    allowed = initial_limits(problem, number(0.98))
+    assert float(allowed.acceleration) == pytest.approx(-0.51)
+    tightened = tighten_limits(problem, allowed, jnp.full(len(CERTIFIED_LIMITS), 0.1))
+    assert float(tightened.acceleration) == pytest.approx(-0.51 * 1.13)
+    gain, _ = speed_rates(problem.task)
+    assert 0.0 < float(gain) < 0.1
 
 
 def test_violations_agree_with_the_independent_checker():

@@ -105,12 +105,17 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below the endpoints: the range of detou
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
     """Return the greatest wind speed and the greatest vertical wind speed, m/s, at the altitudes of the flight.
 
-    The altitudes range from 1000 m below the lowest to 1000 m above the highest start or rendezvous.
+    The altitudes range from 1000 m below the lowest to 1000 m above the highest start or initial rendezvous; for goals
+    that climb or descend, also to the highest or the lowest altitude of the wind's layers.
     """
-    down_positions = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
-    low, high = np.min(down_positions) - _ALTITUDE_MARGIN_M, np.max(down_positions) + _ALTITUDE_MARGIN_M
-    heights = np.linspace(low, high, _ALTITUDES)
+    altitudes = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
+    low, high = np.min(altitudes) - _ALTITUDE_MARGIN_M, np.max(altitudes) + _ALTITUDE_MARGIN_M
     layers = wind_layers(airspace.wind)
+    if isinstance(layers, LayeredWind):
+        goal_down_rates = np.asarray(tasks.goal_velocity_n)[np.asarray(tasks.active) > 0.0, 2]
+        low = min(low, float(layers.altitudes[0])) if np.any(goal_down_rates > 0.0) else low
+        high = max(high, float(layers.altitudes[-1])) if np.any(goal_down_rates < 0.0) else high
+    heights = np.linspace(low, high, _ALTITUDES)
     if isinstance(layers, LayeredWind):  # linear between its altitudes
         heights = np.append(heights, np.clip(np.asarray(layers.altitudes), low, high))
     whole, vertical = _greatest_wind(airspace.wind, as_array(heights))
@@ -241,9 +246,9 @@ def direct_times(
     """Compute the flight time (s) of each aircraft's shortest direct path at its mean airspeed `speeds` (m/s).
 
     The flight time is found by a fixed-point iteration of `ROUNDS` rounds, because the goal moves and the air drifts
-    during the flight. The second result tells for each aircraft whether the last round changed the time by less than a
-    millionth. If no direct path exists in a round, the flight time stays as it is. `intervals`: number of intervals of
-    the tabulated profile.
+    during the flight. The second result tells for each aircraft whether the last round had a direct path and changed
+    the time by less than a millionth. If no direct path exists in a round, the flight time stays as it is.
+    `intervals`: number of intervals of the tabulated profile.
     """
 
     def solve_task(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
@@ -254,11 +259,11 @@ def direct_times(
             duration, _ = carry
             speeds = speeds_for_mean(task, duration, speed)
             paths = profile_paths(task, airspace, duration, intervals, 0.0, speeds)
-            required_length = jnp.where(paths.directs.exists[0], paths.directs.length[0], paths.table.length)
+            exists = paths.directs.exists[0]
+            required_length = jnp.where(exists, paths.directs.length[0], paths.table.length)
             next_duration = duration * required_length / jnp.maximum(paths.table.length, 1.0)
-            return jnp.clip(next_duration, duration / _STRETCH, duration * _STRETCH), jnp.abs(
-                next_duration / duration - 1.0
-            )
+            change = jnp.where(exists, jnp.abs(next_duration / duration - 1.0), jnp.inf)
+            return jnp.clip(next_duration, duration / _STRETCH, duration * _STRETCH), change
 
         duration, change = jax.lax.fori_loop(0, ROUNDS, iterate, (initial_duration, jnp.asarray(jnp.inf)))
         return duration, change < 1e-6

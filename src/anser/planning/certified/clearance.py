@@ -20,7 +20,7 @@ from anser.planning.certified.profile import TabulatedProfile
 from anser.planning.certified.routes import PathEndpoints, Route, TurnsAndLegs, cis, route, turn_limits
 from anser.planning.certified.task import Airspace, KeepOuts
 from anser.planning.demand import coordinated_demand, normal_force_max
-from anser.planning.limits import PathLimits
+from anser.planning.limits import PathLimits, reduced_limit
 from anser.planning.separation import Separation, closest_fraction, separation_ratio
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
@@ -332,7 +332,7 @@ def _candidate_point(
     required = coordinated_demand(sample.speed, up_rate, side, forward, gravity + sample.climb_dot)
     accelerations = limits.along(required.speed, required.normal / gravity)
     greatest = jnp.tan(limits.bank_max), normal_force_max(limits, gravity), *accelerations
-    bank, normal, faster, slower = (_LIMIT_FRACTION * limit for limit in greatest)
+    bank, normal, faster, slower = (reduced_limit(limit, _LIMIT_FRACTION) for limit in greatest)
     lift_min = (1.0 - _LIMIT_FRACTION * (1.0 - limits.load_factor_min)) * gravity
     bank_excess, load_excess, along_excess = required.excess(bank, normal, lift_min, faster, slower)
     within = (bank_excess <= 0.0) & (load_excess <= 0.0) & (along_excess <= 0.0)

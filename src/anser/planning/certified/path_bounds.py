@@ -29,8 +29,8 @@ _EDGE_M = 1e-6
 class PathBounds(eqx.Module):
     """Proven bounds of the flight quantities along one path in coordinated flight, from start to arrival.
 
-    SI units, rad. `acceleration_max` bounds V_dot + g sin(gamma), `deceleration_max` its negative, both at least 0;
-    climb rates are relative to the air, up or down. `wind_error_max` is the greatest difference between the wind of the
+    SI units, rad. `acceleration_max` bounds V_dot + g sin(gamma) from above, and may be negative; `deceleration_max`,
+    at least 0, bounds its negative. Climb rates are relative to the air, up or down. `wind_error_max` is the greatest difference between the wind of the
     path (the slope of its drift) and the wind at the aircraft. The fields `cell_...` are bounds in each cell between
     two knots.
     """
@@ -51,7 +51,8 @@ class PathBounds(eqx.Module):
     wind_error_max: Scalar
     # acceleration over the ground in each cell, m/s^2; for distances between paths
     cell_acceleration: Float[Array, " cells"]
-    # per cell: `acceleration_max` and `deceleration_max`; least and greatest airspeed; least and greatest load factor
+    # per cell: `acceleration_max` and `deceleration_max` (-inf and 0 in an empty cell); least and greatest airspeed;
+    # least and greatest load factor
     cell_along: Float[Array, "cells 2"]
     cell_speeds: Float[Array, "cells 2"]
     cell_load_factors: Float[Array, "cells 2"]
@@ -249,10 +250,11 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     # V V_dot = v . a with v relative to the air; the drift contributes a few hundredths.
     work = jnp.sum(bernstein.product(velocity, acceleration), axis=1) + gravity * bernstein.elevate(-velocity[:, 2], 7)
     margin = error * (a_max + gravity)
-    # The airspeed in the denominator has the velocity error.
+    # The airspeed in the denominator has the velocity error, which also brings a negative ratio nearer to zero.
     speed_ratio_error = 1.0 + error / slow
-    forward = speed_ratio_error * _ratio_to_root_max(work, square, slow, fast) + margin / slow
-    backward = speed_ratio_error * _ratio_to_root_max(-work, square, slow, fast) + margin / slow
+    ratio = _ratio_to_root_max(work, square, slow, fast)
+    forward = jnp.where(ratio < 0.0, 1.0 / speed_ratio_error, speed_ratio_error) * ratio + margin / slow
+    backward = speed_ratio_error * jnp.maximum(_ratio_to_root_max(-work, square, slow, fast), 0.0) + margin / slow
     down_low, down_high = bernstein.bounds(ground[:, 2])
     return PathBounds(
         speed_min=least(speed_low),
@@ -267,7 +269,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
         deceleration_max=most(backward),
         wind_error_max=most(error),
         cell_acceleration=jnp.where(nonempty, a_max, 0.0),
-        cell_along=jnp.where(nonempty[:, None], jnp.stack([forward, backward], axis=-1), 0.0),
+        cell_along=jnp.where(nonempty[:, None], jnp.stack([forward, backward], axis=-1), jnp.array([[-jnp.inf, 0.0]])),
         cell_speeds=jnp.stack([speed_low, speed_high], axis=-1),
         cell_load_factors=jnp.stack([jnp.maximum(load_low, 0.0), jnp.where(nonempty, load, 0.0)], axis=-1),
     )
@@ -276,17 +278,19 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Return an upper bound, per cell, of `upper` divided by the root of `square`; 0 if the ratio is negative.
+    """Return an upper bound, per cell, of `upper` divided by the root of `square`.
 
     Both are Bernstein coefficients of polynomials; the root is between `slow` and `fast`. For any m the root of s is at
-    least 2 m s / (m^2 + s), a close bound if m is close to the root.
+    least 2 m s / (m^2 + s), a close bound if m is close to the root. A negative ratio is bounded with the root `fast`.
     """
     middle = 0.5 * (slow + fast)
     scaled = square / (middle**2)[:, None]
     raised = bernstein.product(upper, 1.0 + scaled)
     sound = jnp.min(scaled, axis=1) > 0.0
     ratio = _ratio_max(raised, bernstein.elevate(2.0 * scaled, raised.shape[-1] - 1), sound) / middle
-    return jnp.maximum(jnp.where(sound, ratio, jnp.max(upper, axis=1) / slow), 0.0)
+    greatest = jnp.max(upper, axis=1)
+    ratio = jnp.where(sound, ratio, greatest / slow)
+    return jnp.where(ratio < 0.0, jnp.minimum(greatest / fast, 0.0), ratio)
 
 
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:

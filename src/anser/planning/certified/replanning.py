@@ -402,11 +402,12 @@ def exit_paths(plan: CertifiedPlan, has_left: Bool[np.ndarray, " aircraft"]) -> 
 _FADE_S = 4.0  # duration in which the acceleration of the abandoned plan fades out
 _LEVEL_S = 12.0  # duration of the level-off
 _BANK_MAX = 0.7  # rad, greatest bank angle of the turn
+_BANK_FRACTION = 0.9  # of the aircraft's bank limit, which the bounds of the certificate must keep too
 _BLEND_SLOPE_MAX = 1.875  # greatest slope of the blend, at its middle
 
 
 def exit_path(
-    start: AircraftTask,  # position, velocity and acceleration at `start_time`
+    start: AircraftTask,  # position, velocity and acceleration at `start_time`; limit of the bank angle
     start_time: ScalarLike,
     end_time: ScalarLike,
     turn: ScalarLike,  # change of course, rad, right positive
@@ -417,12 +418,13 @@ def exit_path(
     """Return the path of `knot_count` knots from `start_time` to `end_time` (s) on which an aircraft leaves the fleet.
 
     Velocity and acceleration continue without a jump; the initial acceleration is added and fades out in 4 s. The
-    aircraft levels off in 12 s, turns by `turn` from its current heading at a bank angle of at most 40 deg, and keeps
-    its horizontal airspeed. Limits, separation and keep-outs are not checked.
+    aircraft levels off in 12 s, turns by `turn` from its current heading at a bank angle of at most 40 deg and 0.9 of
+    its limit, and keeps its horizontal airspeed. Limits, separation and keep-outs are not checked.
     """
     position_n, velocity_n, acceleration_n = start.position_n, start.air_velocity_n, start.air_acceleration_n
     level_speed = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
-    turning_s = jnp.maximum(_BLEND_SLOPE_MAX * jnp.abs(turn) * level_speed / (gravity * jnp.tan(_BANK_MAX)), 1.0)
+    side = gravity * jnp.tan(jnp.minimum(_BANK_MAX, _BANK_FRACTION * start.limits.bank_max))
+    turning_s = jnp.maximum(_BLEND_SLOPE_MAX * jnp.abs(turn) * level_speed / side, 1.0)
     times = start_time + (end_time - start_time) * jnp.linspace(0.0, 1.0, knot_count)
 
     def velocity_at(elapsed: Scalar) -> Vector3:

@@ -19,7 +19,7 @@ from anser.numerics.linear import BlockTridiagonal
 from anser.planning.certified.fitted_wind import wind_layers
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import demand
-from anser.planning.limits import CERTIFIED_LIMITS, acceleration_limits
+from anser.planning.limits import CERTIFIED_LIMITS, acceleration_limits, reduced_limit
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Scalar, ScalarLike
 
@@ -276,7 +276,8 @@ class NormalEquations(NamedTuple):
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
     """Return the limits at the start of a search: `fraction` times those of bank, load factor and accelerations.
 
-    Airspeed and climb rate are limited slightly more than by the aircraft's limits.
+    Airspeed and climb rate are limited slightly more than by the aircraft's limits. A negative limit of acceleration is
+    lowered by as much as a positive one of its size.
     """
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
@@ -288,7 +289,7 @@ def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
         fraction * jnp.minimum(limits.load_factor_max, _ANY_LOAD),
         1.0 - fraction * (1.0 - jnp.maximum(limits.load_factor_min, -_ANY_LOAD)),
         _CLIMB_FRACTION * limits.climb_rate_max,
-        fraction * limits.acceleration_max,
+        reduced_limit(limits.acceleration_max, fraction),
         fraction * limits.deceleration_max,
     )
 
@@ -307,7 +308,7 @@ def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float
     high = allowed.speed_max - violated["speed_max"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
 
     reduced = {
-        name: getattr(allowed, name) * jnp.maximum(1.0 - violated[f"{name}_max"], _TIGHTENING_MIN)
+        name: reduced_limit(getattr(allowed, name), jnp.maximum(1.0 - violated[f"{name}_max"], _TIGHTENING_MIN))
         for name in ("bank", "load_factor", "climb_rate", "acceleration", "deceleration")
     }
     # A violation of the least load factor is relative to 1.

@@ -232,6 +232,7 @@ _EXACT_ROUNDS, _LENGTH_TOLERANCE = 6, 3e-7  # relative difference of a profile's
 _SPEED_FACTOR_MAX, _SPEED_FACTOR_MIN = 1.01, 0.999
 _GAIN, _LOSS = 0.8, 1.6  # m/s^2
 _RATE_FRACTION = 0.6  # fraction of the acceleration along the path available for a change of airspeed
+_RATE_MIN = 0.01  # m/s^2, least rate: spreads a change of airspeed over the whole flight
 
 
 def _plane(vector_n: Vector3) -> Array:
@@ -262,12 +263,12 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
     """Return the rates of gain and loss of airspeed in profiles, m/s^2.
 
-    The rates are a part of the limits of acceleration along the path; climb and descent need the remaining part.
+    The rates are a part of the limits of acceleration along the path; climb and descent need the remaining part. With
+    a negative limit, airspeed can be gained in a descent only: the rate of gain is `_RATE_MIN`.
     """
     limits = task.limits
-    return jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max), jnp.minimum(
-        _LOSS, _RATE_FRACTION * limits.deceleration_max
-    )
+    gain = jnp.clip(_RATE_FRACTION * limits.acceleration_max, _RATE_MIN, _GAIN)
+    return gain, jnp.minimum(_LOSS, _RATE_FRACTION * limits.deceleration_max)
 
 
 def _speed_0(task: AircraftTask) -> Scalar:
