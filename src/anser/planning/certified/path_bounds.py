@@ -30,9 +30,9 @@ class PathBounds(eqx.Module):
     """Proven bounds of the flight quantities along one path in coordinated flight, from start to arrival.
 
     SI units, rad. `acceleration_max` bounds V_dot + g sin(gamma) from above, and may be negative; `deceleration_max`,
-    at least 0, bounds its negative. Climb rates are relative to the air, up or down. `wind_error_max` is the greatest difference between the wind of the
-    path (the slope of its drift) and the wind at the aircraft. The fields `cell_...` are bounds in each cell between
-    two knots.
+    at least 0, bounds its negative. Climb rates are relative to the air, up or down. `wind_error_max` is the greatest
+    difference between the wind of the path (the slope of its drift) and the wind at the aircraft. The fields
+    `cell_...` are bounds in each cell between two knots.
     """
 
     # airspeed, m/s
