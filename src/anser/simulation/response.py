@@ -37,8 +37,7 @@ class LoopCase(eqx.Module):
     limits: FlightLimits
     trim: TrimPoint  # steady flight at the start
     step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))  # sampling period, s
-    # onboard model of the autopilot, used by `modelled_belief`; None: the airframe itself. In `loop_flight` and
-    # `step_response` the autopilot knows the airframe exactly, whatever the model
+    # onboard model of the autopilot, whose error is settled at the trim point; None: the airframe itself
     model: AbstractAirframe | None = None
 
 
@@ -71,7 +70,7 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
     Parameters
     ----------
     case
-        Aircraft, autopilot and steady flight at the start; `case.model` is not used.
+        Aircraft, autopilot and steady flight at the start.
     size
         Step of the loop's three channels: (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad. The
         command jumps at time 0 and has no rate (no feed-forward). The throttle stays at trim unless the velocity loop
@@ -88,10 +87,12 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
 def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder: AbstractRecorder) -> Any:
     """Fly from trim with a constant command `value` to one loop, for `count` periods; return the recorder's rows."""
     command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
-    autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
-    vehicle = Vehicle(case.airframe, IdealSensors(), TrackingEstimator(), ConstantCommand(command), autopilot)
+    autopilot, estimator = InversionAutopilot(case.gains, case.limits, loop=loop), TrackingEstimator(model=case.model)
+    vehicle = Vehicle(case.airframe, IdealSensors(), estimator, ConstantCommand(command), autopilot)
     instant = Instant(case.environment, jnp.asarray(0, dtype=jnp.int32), case.step)
     start = trimmed_vehicle(vehicle, instant, case.trim)
+    if case.model is not None:
+        start = eqx.tree_at(lambda s: s.controller.residual, start, loop_start(case).residual)
     return fly_alone(vehicle, case.environment, start, case.step, count, recorder)[2]
 
 
@@ -147,6 +148,14 @@ def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
     """Return the autopilot's state after a long time in the steady flight `trim`, without a limit on the bank rate."""
     attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
+
+
+def loop_start(case: LoopCase) -> AutopilotState:
+    """Return the autopilot's state at the trim point of a case; its residual fits the onboard model, if any."""
+    start = trimmed_autopilot_state(case.trim)
+    if case.model is None:
+        return start
+    return eqx.tree_at(lambda s: s.residual, start, settled_residual(modelled_belief(case, case.trim.state)))
 
 
 def believed_motion(belief: Belief) -> PathMotion:
