@@ -23,6 +23,7 @@ from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.recorders import AbstractRecorder, AircraftSample
+from anser.simulation.survey_flight import final_part_start
 from anser.simulation.vehicle import Vehicle
 from anser.steady.trim import TrimPoint
 
@@ -59,7 +60,7 @@ class Response(eqx.Module):
     time: Float[Array, " steps"]  # time, s
     measured: Float[Array, "steps 3"]  # outputs of the commanded loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)
     # deflections (rad), throttle (0..1) and engine power (percent)
-    surfaces: Float[Array, "steps 3"]
+    surfaces: Float[Array, "steps surfaces"]
     throttle: Float[Array, " steps"]
     power: Float[Array, " steps"]
 
@@ -175,8 +176,6 @@ def loop_outputs(belief: Belief, loop: Loop) -> Vector3:
 
 
 _RISE_FROM, _RISE_TO = 0.1, 0.9
-_END = 0.1
-"""Last part of the record, over which the final error is averaged."""
 
 
 class StepMetrics(eqx.Module):
@@ -205,7 +204,7 @@ def step_metrics(
     stepped = size != 0.0
     deviation = measured - measured[:1]
     progress = deviation / jnp.where(stepped, size, 1.0)[None, :]
-    tail = jnp.arange(time.shape[0]) >= round((1.0 - _END) * time.shape[0])
+    tail = jnp.arange(time.shape[0]) >= final_part_start(time.shape[0])
     outside = jnp.abs(progress - 1.0) > band
     settled = jnp.max(jnp.where(outside, time[:, None], -jnp.inf), axis=0)
     lower, upper = surface_limits
