@@ -58,7 +58,10 @@ def _to_arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
 
 
 class NamedCommands(AbstractGuidance):
-    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`."""
+    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`.
+
+    Raises ValueError if `change` has a name that is not in `initial_commands`.
+    """
 
     #: Commands from the start, SI units and radians.
     initial_commands: Mapping[str, Scalar] = eqx.field(converter=_to_arrays)
@@ -73,6 +76,14 @@ class NamedCommands(AbstractGuidance):
     #: Whether latitude and longitude (rad), as `geLatitude` and `geLongitude`, are added to the commands.
     with_position: bool = eqx.field(static=True, default=False)
 
+    def __check_init__(self) -> None:
+        unknown = [repr(name) for name in self.change if name not in self.initial_commands]
+        if unknown:
+            raise ValueError(
+                f"change: arrived {', '.join(unknown)}; expected names of initial_commands: "
+                f"{', '.join(self.initial_commands)}"
+            )
+
     def init(self, belief: Belief, instant: Instant) -> Scalar:
         """Return the lateral deviation from the line at the start: 0 m."""
         return jnp.zeros(())
@@ -82,8 +93,7 @@ class NamedCommands(AbstractGuidance):
     ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
         """Return the commands by name, the aircraft's own position (NED, m), and the new lateral deviation (m).
 
-        Raises KeyError if `change` has a name that is not in `initial_commands`, and TypeError if `with_position` is
-        true and the Earth is not a `RotatingEarth`.
+        Raises TypeError if `with_position` is true and the Earth is not a `RotatingEarth`.
         """
         changed = instant.time >= self.change_time - _ROUNDING_S
         commands = dict(self.initial_commands)
