@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.aircraft import FirstOrderActuators, SecondOrderActuators
-from anser.aircraft.actuators import Deflections
+from anser.aircraft.actuators import Deflections, without_lag
 from anser.numerics.integration import rk4_step
 from support.states import air_at
 
@@ -59,6 +59,13 @@ def test_the_command_for_a_rate_gives_that_rate_where_possible(position, require
     np.testing.assert_allclose(
         given_rate, jnp.clip(2 * required_rate, -ACTUATORS.rate_limit, ACTUATORS.rate_limit), atol=1e-12
     )
+
+
+def test_actuators_without_lag_move_at_the_commanded_rate_over_a_period():
+    instant, position, rate = without_lag(ACTUATORS, 0.02), jnp.array([0.1, 0.0, -0.1]), jnp.array([1.0, -2.0, 0.0])
+    moved = instant.before_step(Deflections(position), instant.command_for_rate(position, rate)).position
+    np.testing.assert_allclose(moved - position, 0.02 * rate, atol=1e-15)
+    np.testing.assert_array_equal(instant.travel_per_rate(0.02), np.full(3, 0.02))
 
 
 def test_the_gradient_is_that_of_the_lag_and_zero_at_the_limit():

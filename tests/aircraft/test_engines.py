@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.aircraft import AirData, ElectricPropeller, JetEngine, PistonPropeller
-from anser.aircraft.engines import EnginePower
+from anser.aircraft.engines import EnginePower, InstantEngine
 from anser.aircraft_files import load_airframe
 from anser.numerics import make_axes, make_tables
 
@@ -169,6 +169,12 @@ def test_the_throttle_for_a_rate_gives_that_rate_where_possible(name, power, rat
     slowest, fastest = -power / float(engine.lag), (100 - power) / float(engine.lag)
     assert given_rate == pytest.approx(np.clip(rate, slowest, fastest), abs=1e-9)
     assert float(_power_rate(engine, np.asarray(power), steady_throttle, data)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_engine_without_lag_changes_its_power_at_the_required_rate_over_a_period():
+    instant = InstantEngine(JET, np.asarray(0.05))
+    throttle = instant.throttle_for_power_rate(40.0, -100.0)
+    assert float(instant.before_step(EnginePower(np.asarray(40.0)), throttle).power) == pytest.approx(35.0)
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ from anser.analysis.linearization import CHANNELS, coordinates_of, linearize, st
 from anser.analysis.modes import inversion_poles
 from anser.control import InversionAutopilot, default_limits, published_gains
 from anser.environment import standard_environment
+from anser.simulation import step_response
 from anser.simulation.response import (
     LoopCase,
     believed_motion,
@@ -285,3 +286,21 @@ def test_poles_as_flown_are_those_of_single_channels(models, airframe, loop):
             # Neglected: further coupling of the axes, speed, and the forces' change within a step. Measured: 0.9 %
             # at most, and 0.1 % of the poles beside the low-pass filters on the deflections (0.5 1/s).
             assert abs(nearest - pole) < 0.01 * abs(pole), (channel, pole, nearest)
+
+
+def test_an_onboard_model_acts_in_the_linear_model_and_in_the_step_response(level):
+    """Another centre of gravity on board: step response and linear model agree, and differ from those without it."""
+    case = LoopCase(F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, model=load_airframe("f16", "textbook", 0.2))
+    count, size = 30, jnp.array([0.0, 1e-4, 0.0])
+    model = linearize_loop(case, "rates")
+    np.testing.assert_allclose(model.x_dot, 0.0, atol=1e-8)
+    deviation, pitch_rates = jnp.zeros(model.x.size), []
+    for _ in range(count):
+        pitch_rates.append(float(deviation[model.states.index("Q")]))
+        deviation = model.A @ deviation + model.B @ size
+    flown, exact = (
+        step_response(dataclasses.replace(case, model=onboard), size, count, "rates").measured[:, 1]
+        for onboard in (case.model, None)
+    )
+    np.testing.assert_allclose(flown, pitch_rates, atol=1e-3 * size[1])
+    assert np.abs(exact - flown).max() > 0.01 * size[1]

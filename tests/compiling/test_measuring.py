@@ -83,6 +83,11 @@ def test_the_message_names_the_program_and_the_time_left(records):
     assert compilation_message() is None
 
 
+def test_a_program_that_is_loaded_meanwhile_is_not_awaited(records):
+    with waiting(), measured(Compilation("replanning", {}), "tracing"):
+        assert compilation_message() is None
+
+
 def test_the_estimate_follows_the_programs_compiled_before(records):
     done = Compilation("done", {}, equations=50_000, is_compiled=True)
     done.cpu_s["compiling"] = 500.0

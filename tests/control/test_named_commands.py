@@ -48,3 +48,8 @@ def test_the_position_is_correct_across_the_date_line():
 def test_a_flat_earth_has_no_geodetic_position():
     with pytest.raises(TypeError, match="RotatingEarth"):
         guidance(with_position=True).command(jnp.zeros(()), belief_of(environment=FLAT), None, instant_of(0.0, FLAT))
+
+
+def test_a_change_of_an_unknown_command_is_refused():
+    with pytest.raises(ValueError, match="change: arrived 'mach'; expected names of initial_commands: altitudeMsl"):
+        NamedCommands(initial_commands={"altitudeMslCommand": 1000.0}, change={"mach": 0.1})

@@ -1,5 +1,6 @@
 """Straight paths to the rendezvous: ends, the common arrival, and the earliest arrival in wind."""
 
+import dataclasses
 import functools
 
 import jax
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from anser.parts import AircraftPlan, AircraftReport, StraightPath, make_rendezvous
+from anser.planning.published.coordination import GOAL_OUTRUNS
 
 WIND_N = np.array([5.0, -8.0, 0.0])
 POSITIONS_N = np.array([[0.0, 0.0, -1000.0], [-3000.0, 2000.0, -900.0], [9000.0, -9000.0, -1100.0]])
@@ -56,6 +58,17 @@ def test_the_earliest_common_arrival_needs_the_airspeed_of_the_last_active_aircr
     plan = straight(None, active)
     airspeeds = np.linalg.norm(np.asarray(motion(plan, TIME_S).velocity_n) - WIND_N, axis=1)[list(active)]
     assert airspeeds.max() == pytest.approx(AIRSPEED, rel=1e-12)
+
+
+def test_an_aircraft_that_its_goal_outruns_has_that_status_and_nobody_waits_for_it():
+    chasing = dataclasses.replace(reports(), goal_velocity_n=jnp.asarray([[400.0, 0.0, 0.0], *GOAL_VELOCITIES_N[1:]]))
+    plan = jax.jit(AircraftPlan.straight)(chasing, TIME_S)
+    np.testing.assert_array_equal(plan.status, [GOAL_OUTRUNS, 0, 0])
+    np.testing.assert_array_equal(plan.arrival_time, straight(None, (False, True, True)).arrival_time)
+
+
+def test_straight_paths_without_an_active_aircraft_are_finite():
+    assert np.all(np.isfinite(motion(straight(None, (False, False, False)), TIME_S).velocity_n))
 
 
 def test_the_derivative_of_a_straight_path_is_its_velocity():

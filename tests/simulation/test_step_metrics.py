@@ -61,6 +61,13 @@ def test_the_surface_utilization_uses_the_travel_on_either_side():
     np.testing.assert_allclose(metrics.surface_utilization, [0.5, 1.0, 0.5], rtol=1e-12)
 
 
+@pytest.mark.parametrize("count", [1, 4])
+def test_the_final_error_of_a_short_record_is_that_of_its_last_sample(count):
+    measured, surfaces = np.tile(np.linspace(0.0, 1.5, count)[:, None], (1, 3)), np.zeros((count, 3))
+    metrics = step_metrics(*map(jnp.asarray, (TIME[:count], measured, np.ones(3), surfaces)), STOPS)
+    np.testing.assert_allclose(metrics.final_error, 1.0 - measured[-1])
+
+
 @pytest.mark.long
 def test_a_batch_equals_single_metrics():
     measured = np.stack([_channels(1 - np.exp(-k * TIME)) for k in (1.0, 2.0)])

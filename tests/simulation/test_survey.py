@@ -11,7 +11,7 @@ from anser.aircraft_files import load_airframe
 from anser.control import default_limits, published_gains
 from anser.control.autopilot import velocity_control
 from anser.control.onboard_model import onboard_model
-from anser.environment import standard_environment
+from anser.environment import standard_environment, wgs84_earth
 from anser.parts import PathCommand
 from anser.simulation.response import exact_belief, step_metrics, trimmed_autopilot_state
 from anser.simulation.survey_flight import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, survey_flight
@@ -202,3 +202,21 @@ def test_trim_reserves_match_the_load_factor(points):
     assert float(level.surface_margin[0]) == pytest.approx(1 - abs(elevator) / 25.0, abs=1e-9)
     assert float(turn.load_factor) == pytest.approx(2.0 * np.cos(float(turn.trim.alpha)), rel=0.03)
     assert len(TABLE_AXES) == 4
+
+
+def test_load_factors_over_a_round_earth_are_by_the_weight_at_the_aircraft():
+    environment = standard_environment(earth=wgs84_earth(0.8, 0.2))
+    zero = jnp.zeros(())
+    target = TrimTarget(jnp.asarray(200.0), jnp.asarray(10_000.0), zero, zero, zero, zero, zero)
+    point = eqx.filter_jit(trim_map_point)(AIRFRAME, environment, target)
+
+    @eqx.filter_jit
+    def survey(trim):
+        size, tolerance = jnp.zeros(3), jnp.full(3, 0.1)
+        return survey_flight(AIRFRAME, environment, GAINS, LIMITS, trim, target, size, tolerance, STEP, 2)
+
+    condition = jax.jit(lambda state: air_data_and_forces(AIRFRAME, environment, 0.0, state))(point.trim.state)
+    weight = float(AIRFRAME.mass_properties.mass * condition.earth.gravity)
+    assert weight < 0.998 * float(AIRFRAME.mass_properties.mass * environment.gravity)
+    expected = pytest.approx(-float(condition.wrench.force_b[2]) / weight, rel=1e-4)
+    assert (float(point.load_factor), float(survey(point.trim).load_factor_max)) == (expected, expected)

@@ -14,9 +14,11 @@ import anser
 from anser.analysis.trim_points import ConditionError
 from anser.compiling import program
 from anser.config.errors import ScenarioError
+from anser.control import InversionAutopilot, LoopCommand, default_limits, published_gains
 from anser.environment import SteadyWind, standard_environment
 from anser.results.netcdf import read_netcdf
 from anser.simulation.open_loop import PrescribedCommand
+from anser.simulation.response import ConstantCommand
 from anser.single_aircraft.flight import autopilot
 from anser.single_aircraft.starts import resolve_start
 from support import stevens_lewis as textbook
@@ -192,6 +194,29 @@ def test_the_autopilot_follows_a_course_command():
     assert float(flight.course_deg[-1]) == pytest.approx(20.0, abs=0.2)
     assert float(flight.airspeed_m_s[-1]) == pytest.approx(150.0, abs=0.2)
     assert flight.attrs["controller"] == "inversion"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lag", ["actuator_lag", "engine_lag"])
+def test_the_autopilot_moves_parts_without_lag(lag):
+    command = {"path_angle_deg": anser.step_input(5.0), "airspeed_m_s": anser.step_input(5.0)}
+    flight = anser.simulate(
+        f16(), level(), controller="inversion", command=command, duration_s=20.0, **{lag: False}
+    ).dataset
+    assert float(flight.path_angle_deg[-1]) == pytest.approx(5.0, abs=0.2)
+    assert float(flight.airspeed_m_s[-1]) == pytest.approx(155.0, abs=0.2)
+
+
+@pytest.mark.long
+def test_a_command_to_the_attitude_loop_is_flown_and_recorded():
+    autopilot = InversionAutopilot(published_gains(), default_limits(), loop="attitude")
+    point = level().point
+    attitude = jnp.stack([0.3, point.alpha, 0.0])
+    guidance = ConstantCommand(LoopCommand(attitude, jnp.zeros(3), point.controls.throttle))
+    flight = anser.simulate(f16(), level(), controller=autopilot, command=guidance, duration_s=SHORT_S).dataset
+    assert float(flight.bank_deg[-1]) == pytest.approx(np.degrees(0.3), abs=0.1)
+    assert np.all(np.isnan(flight.airspeed_command_m_s))
+    assert np.all(np.isfinite(flight.roll_rate_command_deg_s))
 
 
 @pytest.mark.long

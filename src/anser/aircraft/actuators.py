@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.air_data import AirData
-from anser.shapes import Scalar, Vector
+from anser.shapes import Scalar, ScalarLike, Vector
 from anser.variables import STANDARD_SURFACES
 
 
@@ -20,7 +20,8 @@ class AbstractActuators(eqx.Module):
     attribute `position` (rad).
     """
 
-    #: Time constant of the lag from command to position, s; controllers invert the actuators with this lag.
+    #: Time constant of the lag from command to position, s; controllers invert the actuators with this lag. Of
+    #: actuators without lag: the sampling period, in which a commanded rate reaches its position.
     time_constant: eqx.AbstractVar[Vector]
     #: Lower and upper position limit, rad, and greatest deflection rate, rad/s.
     lower: eqx.AbstractVar[Vector]
@@ -81,6 +82,10 @@ class AbstractActuators(eqx.Module):
         The surfaces are modelled as first-order lags with the time constants `time_constant`.
         """
         return self.limit_command(position + self.time_constant * rate)
+
+    def travel_per_rate(self, step: ScalarLike) -> Vector:
+        """Return the travel (rad) within `step` (s) per commanded rate (rad/s) of `command_for_rate`, a time in s."""
+        return self.time_constant * (1 - jnp.exp(-step / self.time_constant))
 
 
 class Deflections(eqx.Module):
@@ -190,7 +195,7 @@ class SecondOrderActuators(AbstractActuators):
 class InstantActuators(AbstractActuators):
     """Actuators without lag or rate limit: the surfaces jump to the limited command at the start of each step."""
 
-    time_constant: Vector
+    time_constant: Vector  #: The sampling period, s: a commanded rate is reached by one jump per period.
     lower: Vector
     upper: Vector
     rate_limit: Vector
@@ -208,9 +213,17 @@ class InstantActuators(AbstractActuators):
         """Return the state with the surfaces at the command (rad), limited to the stops."""
         return Deflections(self.limit_command(command).astype(state.position.dtype))
 
+    def travel_per_rate(self, step: ScalarLike) -> Vector:
+        """Return the travel (rad) within a step per commanded rate (rad/s): the sampling period, s."""
+        return self.time_constant
 
-def without_lag(actuators: AbstractActuators) -> InstantActuators:
-    """Return actuators of the same surfaces with the same position limits, but without lag or rate limit.
+    def with_bandwidth_scaled(self, factor: Scalar) -> Self:
+        """Return `self`: without lag, the bandwidth is infinite."""
+        return self
+
+
+def without_lag(actuators: AbstractActuators, step: ScalarLike) -> InstantActuators:
+    """Return actuators of the same surfaces and position limits, without lag or rate limit, sampled every `step` (s).
 
     Raises
     ------
@@ -222,5 +235,5 @@ def without_lag(actuators: AbstractActuators) -> InstantActuators:
         raise ValueError(
             f"actuators without lag: arrived {', '.join(scheduled)} on a schedule; expected commanded surfaces"
         )
-    infinite = jnp.full_like(actuators.lower, jnp.inf)
-    return InstantActuators(jnp.zeros_like(infinite), actuators.lower, actuators.upper, infinite, actuators.names)
+    infinite, period = jnp.full_like(actuators.lower, jnp.inf), jnp.full_like(actuators.lower, step)
+    return InstantActuators(period, actuators.lower, actuators.upper, infinite, actuators.names)

@@ -220,6 +220,7 @@ class InstantEngine(AbstractEngine):
     """An engine without lag: the power jumps to its steady value for the throttle at the start of each step."""
 
     engine: AbstractEngine  #: Engine with lag, which defines the thrust and the steady relation of throttle and power.
+    step: Scalar  #: Sampling period, s, in which a commanded rate of power reaches its power.
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
         """Return the engine state of steady running at a power (percent)."""
@@ -246,8 +247,8 @@ class InstantEngine(AbstractEngine):
         return self.engine.throttle_for_power(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Return the throttle (0..1) of steady running at the current power (percent), whatever the required rate."""
-        return self.engine.throttle_for_power(power)
+        """Return the throttle (0..1) of the power to which `power_rate` (percent/s) leads within a sampling period."""
+        return self.engine.throttle_for_power(power + self.step * power_rate)
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether the flight condition is outside the valid range of the engine's data."""
@@ -255,7 +256,7 @@ class InstantEngine(AbstractEngine):
 
     def with_point_shifted(self, shift_b: Vector3) -> "InstantEngine":
         """Return a copy with the thrust point of the field `engine` moved by `shift_b` (m, body axes)."""
-        return InstantEngine(self.engine.with_point_shifted(shift_b))
+        return InstantEngine(self.engine.with_point_shifted(shift_b), self.step)
 
 
 _BISECTIONS = 48

@@ -29,7 +29,8 @@ from anser.simulation.response import (
     exact_belief,
     loop_command,
     loop_outputs,
-    trimmed_autopilot_state,
+    loop_start,
+    modelled_belief,
 )
 from anser.simulation.vehicle import advance
 from anser.spatial.rotations import (
@@ -329,7 +330,7 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
-    start, belief = trimmed_autopilot_state(trim), exact_belief(airframe, environment, trim.state)
+    start, belief = loop_start(case), exact_belief(airframe, environment, trim.state)
     commands = loop_outputs(belief, loop)
     rate = believed_motion(belief).path_rates if loop == "velocity" else jnp.zeros(3)
 
@@ -342,7 +343,7 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
         state = state_at(environment, zc[:aircraft_size], trim.state)
         autopilot_state = eqx.tree_at(elements, start, split_like(zc[aircraft_size:-3], elements(start)))
         command = loop_command(loop, zc[-3:], rate, trim.controls.throttle)
-        belief = exact_belief(airframe, environment, state)
+        belief = modelled_belief(case, state)
         controls, _, autopilot_state = autopilot.control(autopilot_state, belief, command, case.step)
         return jnp.concatenate([controls.surfaces, controls.throttle[None], *elements(autopilot_state)])
 

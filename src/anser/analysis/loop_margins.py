@@ -42,9 +42,8 @@ from anser.simulation.response import (
     LoopCase,
     believed_motion,
     exact_belief,
+    loop_start,
     modelled_belief,
-    settled_residual,
-    trimmed_autopilot_state,
 )
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
@@ -105,10 +104,8 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     require_flat_earth(environment)
     aircraft_size, controls_size = len(all_states(airframe)), len(airframe.actuators.names) + 1
     count = len(breakpoints(airframe))
-    start, path = trimmed_autopilot_state(trim), believed_motion(exact_belief(airframe, environment, trim.state))
+    start, path = loop_start(case), believed_motion(exact_belief(airframe, environment, trim.state))
     command = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
-    if case.model is not None:
-        start = eqx.tree_at(lambda s: s.residual, start, settled_residual(modelled_belief(case, trim.state)))
 
     def elements(autopilot_state: AutopilotState) -> list[Array]:
         return [leaf for field in fields for leaf in jax.tree.leaves(getattr(autopilot_state, field))]

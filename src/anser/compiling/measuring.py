@@ -120,7 +120,10 @@ def compilation_message() -> str | None:
     if awaited is None:
         return None
     record, time_left = awaited
-    message = f"compiling program {compilations.index(record) + 1} ({record.title})"
+    records = list(compilations)
+    if record not in records:
+        return None  # loaded from the store since, or its trace failed
+    message = f"compiling program {records.index(record) + 1} ({record.title})"
     return message if time_left is None else f"{message}, {time_left}"
 
 

@@ -107,14 +107,15 @@ def _bandwidth_factor(model: OnboardModel, gains: AutopilotGains) -> Scalar:
 
     N is the bandwidth of the filter on deflections, with state x; B is the bandwidth of the actuators after inversion.
     The derivative gain K_D makes the target deflection depend on the present deflection with slope -K_D. The commanded
-    rate N (target - x) + B (target - present) is constant over a period, and a lag tau moves the surface by tau (1 -
-    exp(-step/tau)) times the commanded rate. The pole of the sampled loop is therefore 1 - tau (1 - exp(-step/tau))
-    (K_D N + (1 + K_D) B), and must not come near -1 (a limit cycle at the rate limit).
+    rate N (target - x) + B (target - present) is constant over a period, in which a surface moves by the time T =
+    `travel_per_rate` times the commanded rate: tau (1 - exp(-step/tau)) for a lag tau. The pole of the sampled loop is
+    therefore 1 - T (K_D N + (1 + K_D) B), and must not come near -1 (a limit cycle at the rate limit).
     """
-    lag = model.airframe.actuators.time_constant[np.flatnonzero(model.airframe.actuators.is_commanded)]
+    actuators = model.airframe.actuators
+    travel = actuators.travel_per_rate(model.step)[np.flatnonzero(actuators.is_commanded)]
     derivative = jnp.max(jnp.abs(gains.rates.derivative))
     bandwidth = derivative * gains.surfaces_command_bandwidth + (1 + derivative) * gains.actuator_bandwidth
-    sampled_gain = jnp.max(lag * (1 - jnp.exp(-model.step / lag))) * bandwidth
+    sampled_gain = jnp.max(travel) * bandwidth
     return _SAMPLED_GAIN_MAX / jnp.maximum(sampled_gain, _SAMPLED_GAIN_MAX)
 
 
@@ -155,6 +156,12 @@ def attitude_control(
     rates_filter = controller_state.rates_filter.advance(excited_rates, gains.rates_command_bandwidth, model.step)
     controller_state = dataclasses.replace(controller_state, attitude_integral=integral, rates_filter=rates_filter)
     return rates_command, demand, controller_state
+
+
+def rates_at_limit(rates_command: Vector3, rates_max: Vector3) -> Flag:
+    """Whether a commanded body rate is at its limit, but for the rounding of the common factor; all rates in rad/s."""
+    rounding = 4.0 * float(jnp.finfo(rates_command.dtype).eps)
+    return jnp.any(jnp.abs(rates_command) >= (1.0 - rounding) * rates_max)
 
 
 def velocity_control(
@@ -209,7 +216,7 @@ def velocity_control(
         rates_b=rates_command,
         surfaces=demand.surfaces,
         speed_limited=V_command != path_command.V,
-        rates_limited=jnp.any(jnp.abs(rates_command) >= (1 - 1e-9) * limits.rates_max),
+        rates_limited=rates_at_limit(rates_command, limits.rates_max),
         surfaces_limited=jnp.any(demand.saturated),
     )
     return Controls(surfaces=demand.surfaces, throttle=thrust.throttle), signals, controller_state

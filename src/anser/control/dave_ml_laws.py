@@ -64,7 +64,7 @@ class NamedCommands(AbstractGuidance):
     radians. With `follows_line` 1, the distance from the line through the position at `change_time` along the commanded
     `trueBaseCourseCommand`, the lateral deviation (m, right positive), is added to the command of that name; with 0
     nothing is added. With `with_position`, latitude and longitude (rad) are commanded too, as `geLatitude` and
-    `geLongitude`.
+    `geLongitude`. Raises ValueError if `change` has a name that is not in `initial_commands`.
     """
 
     #: Commands from the start, SI units and radians.
@@ -80,6 +80,14 @@ class NamedCommands(AbstractGuidance):
     #: Whether latitude and longitude (rad), as `geLatitude` and `geLongitude`, are added to the commands.
     with_position: bool = eqx.field(static=True, default=False)
 
+    def __check_init__(self) -> None:
+        unknown = [repr(name) for name in self.change if name not in self.initial_commands]
+        if unknown:
+            raise ValueError(
+                f"change: arrived {', '.join(unknown)}; expected names of initial_commands: "
+                f"{', '.join(self.initial_commands)}"
+            )
+
     def init(self, belief: Belief, instant: Instant) -> Scalar:
         """Return the state of the guidance, the distance (m) from the line of `follows_line`: 0."""
         return jnp.zeros(())
@@ -89,8 +97,7 @@ class NamedCommands(AbstractGuidance):
     ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
         """Return the commands by name, the aircraft's own position (NED, m), and the new distance from the line (m).
 
-        Raises KeyError if `change` has a name that is not in `initial_commands`, and TypeError if `with_position` is
-        true and the Earth is not a `RotatingEarth`.
+        Raises TypeError if `with_position` is true and the Earth is not a `RotatingEarth`.
         """
         changed = instant.time >= self.change_time - _ROUNDING_S
         commands = dict(self.initial_commands)

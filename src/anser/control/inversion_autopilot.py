@@ -7,14 +7,20 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from anser.aircraft.airframe import AircraftState, Controls
-from anser.control.autopilot import AutopilotSignals, attitude_control, rate_control, velocity_control
+from anser.control.autopilot import (
+    AutopilotSignals,
+    attitude_control,
+    rate_control,
+    rates_at_limit,
+    velocity_control,
+)
 from anser.control.autopilot_state import AutopilotState, initial_autopilot_state
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.control.onboard_model import onboard_model
 from anser.parts.controllers import AbstractController
 from anser.parts.perception import Belief
-from anser.shapes import ScalarLike, Vector3
+from anser.shapes import Flag, ScalarLike, Vector3
 
 Loop = Literal["rates", "attitude", "velocity"]
 
@@ -32,13 +38,19 @@ class LoopCommand(eqx.Module):
 
 
 class RateSignals(eqx.Module):
-    """Commanded body rates (P, Q, R) of the attitude loop, rad/s, for the record."""
+    """Command to the rate loop, and flags of the limits reached, where the velocity loop is open; for recording."""
 
-    rates_b: Vector3
+    rates_b: Vector3  # commanded (P, Q, R), rad/s
+    rates_limited: Flag  # whether the attitude loop commands a body rate at its limit
+    surfaces_limited: Flag  # whether the demanded moment needs a deflection beyond a stop
 
     def variables(self) -> dict[str, Array]:
-        """Return the recorded variables (rad/s) by their keys in `anser.variables.CATALOGUE`."""
-        return dict(zip(("roll_rate_command", "pitch_rate_command", "yaw_rate_command"), self.rates_b, strict=True))
+        """Return the recorded variables by their keys in `anser.variables.CATALOGUE`; SI units and radians."""
+        return {
+            **dict(zip(("roll_rate_command", "pitch_rate_command", "yaw_rate_command"), self.rates_b, strict=True)),
+            "rates_limited": self.rates_limited,
+            "surfaces_limited": self.surfaces_limited,
+        }
 
 
 class InversionAutopilot(AbstractController):
@@ -60,22 +72,22 @@ class InversionAutopilot(AbstractController):
 
     def control(
         self, controller_state: AutopilotState, belief: Belief, command: Any, step: ScalarLike
-    ) -> tuple[Controls, AutopilotSignals | RateSignals | None, AutopilotState]:
+    ) -> tuple[Controls, AutopilotSignals | RateSignals, AutopilotState]:
         """Compute the controls for a command to `loop`, by `velocity_control`, `attitude_control` or `rate_control`.
 
         Returned are surfaces and throttle, the signals to record, and the new state of the autopilot. The signals are
-        `AutopilotSignals` for the velocity loop, `RateSignals` for the attitude loop, None for the rate loop. `step` is
-        the sampling period, s.
+        `AutopilotSignals` for the velocity loop, otherwise `RateSignals`. `step` is the sampling period, s.
         """
         model = onboard_model(belief, self.limits, self.gains, controller_state, step)
         if self.loop == "velocity":
             return velocity_control(model, self.gains, controller_state, command)
-        signals = None
         if self.loop == "attitude":
             rates_b, demand, controller_state = attitude_control(
                 model, self.gains, controller_state, command.value, command.rate
             )
-            signals = RateSignals(rates_b)
+            rates_limited = rates_at_limit(rates_b, self.limits.rates_max)
         else:
-            demand, controller_state = rate_control(model, self.gains, controller_state, command.value, command.rate)
+            rates_b, rates_limited = command.value, jnp.asarray(False)
+            demand, controller_state = rate_control(model, self.gains, controller_state, rates_b, command.rate)
+        signals = RateSignals(rates_b, rates_limited, jnp.any(demand.saturated))
         return Controls(demand.surfaces, jnp.asarray(command.throttle)), signals, controller_state

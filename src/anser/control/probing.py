@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from anser.aircraft.airframe import AircraftState, Controls
 from anser.numerics.arrays import as_array
@@ -61,6 +62,7 @@ class ProbingController(AbstractController):
     ) -> tuple[Controls, Any, ProbingState]:
         """Return surfaces and throttle with the test input, the signals of `controller`, and the new state.
 
+        Until `learning_time`, when no command of `controller` is flown, the signals are NaN and their flags false.
         `step` is the sampling period, s. Raises ValueError if the belief has no estimates of an adaptive estimator.
         """
         if belief.estimates is None:
@@ -74,6 +76,7 @@ class ProbingController(AbstractController):
         engine, actuators = belief.airframe.engine, belief.airframe.actuators
         throttle = jnp.where(is_learning, engine.throttle_for_power(state.power), controls.throttle)
         waiting = jax.tree.map(lambda new, old: jnp.where(is_learning, old, new), active, state.controller)
+        signals = jax.tree.map(lambda leaf: jnp.where(is_learning, _blank(leaf), leaf), signals)
         controls = Controls(actuators.limit_command(surfaces), throttle)
         return controls, signals, ProbingState(waiting, state.surfaces, state.power, state.count + 1)
 
@@ -81,6 +84,10 @@ class ProbingController(AbstractController):
         """Return the test input of each surface (rad) at `time` (s); near 0 at time 0."""
         phase_time = jnp.mod(jnp.asarray(time), self.period)
         return self.amplitude * jnp.stack([signal.at(phase_time) for signal in self.signals])
+
+
+def _blank(values: Array) -> Array:
+    return jnp.full_like(values, jnp.nan if jnp.issubdtype(jnp.result_type(values), jnp.inexact) else 0)
 
 
 def probing_controller(

@@ -249,6 +249,9 @@ class NetworkView(eqx.Module):
     offers: Flag
 
 
+_GOAL_OUTRUNS = 1  # status `GOAL_OUTRUNS` of `anser.planning.published.coordination`, a room that imports this module
+
+
 class AircraftPlan(eqx.Module):
     """Plan of one aircraft for the closed loop, stacked for a fleet: path, arrival time (s), hold and status.
 
@@ -285,22 +288,28 @@ class AircraftPlan(eqx.Module):
         reports
             Stacked reports at `time` (s).
         arrival_time
-            Common time of arrival, s; None: the earliest time at which every active aircraft can arrive at its airspeed
-            (a placeholder, see `time_to_go`, for an aircraft that its goal outruns).
+            Common time of arrival, s, whatever airspeed it needs; None: the earliest time at which every active
+            aircraft can arrive at its airspeed. An aircraft that its goal outruns has the status of this message, and
+            the others do not wait for it.
         """
 
-        def arrival(report: AircraftReport) -> Scalar:
+        def meeting(report: AircraftReport) -> tuple[Scalar, Flag]:
             air_motion_n = report.goal_velocity_n - report.wind_n
-            duration, _ = time_to_go(report.rendezvous_n(0.0) - report.position_n, air_motion_n, report.airspeed)
-            return jnp.where(report.active, time + duration, -jnp.inf)
+            return time_to_go(report.rendezvous_n(0.0) - report.position_n, air_motion_n, report.airspeed)
 
-        common = jnp.max(jax.vmap(arrival)(reports)) if arrival_time is None else jnp.asarray(arrival_time)
+        if arrival_time is None:
+            durations, exists = jax.vmap(meeting)(reports)
+            longest = jnp.max(jnp.where(reports.active & exists, durations, -jnp.inf))
+            common = time + jnp.where(jnp.isfinite(longest), longest, jnp.max(durations))
+            status = jnp.where(reports.active & ~exists, _GOAL_OUTRUNS, 0).astype(jnp.int32)
+        else:
+            common, status = jnp.asarray(arrival_time), jnp.zeros(reports.active.shape, jnp.int32)
 
-        def plan(report: AircraftReport) -> AircraftPlan:
+        def plan(report: AircraftReport, status: Integer) -> AircraftPlan:
             path = StraightPath(report.position_n, report.rendezvous_n(common - time), jnp.asarray(time), common)
-            return cls(path, common)
+            return cls(path, common, status)
 
-        return jax.vmap(plan)(reports)
+        return jax.vmap(plan)(reports, status)
 
 
 class AbstractPlanner(AbstractPart):

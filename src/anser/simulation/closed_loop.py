@@ -328,10 +328,10 @@ def _vehicle_status(
 ) -> Integer:
     """Return the status code after the checks for leaving the fleet and for a goal without usable estimate.
 
-    A goal that was never seen is reported only from `freeze` (s) before the arrival on. A status other than 0 stays.
+    A goal that was never seen is reported only from `freeze` (s) before the arrival on. An `is_off_plan` status stays.
     """
     time = instant.time
-    has_left = (status == FLYING) & vehicle.faults.has_left_fleet(time)
+    has_left = ~is_off_plan(status) & vehicle.faults.has_left_fleet(time)
     status = jnp.where(has_left, LEFT_FLEET, status).astype(status.dtype)
     if belief.uncertainty is None:
         return status
@@ -340,7 +340,7 @@ def _vehicle_status(
     # Until the plan is frozen, the goal may still be seen.
     unseen = unseen & (time >= plan.arrival_time - freeze)
     next_status = jnp.where(lost, GOAL_LOST, jnp.where(unseen, GOAL_UNSEEN, status))
-    return jnp.where(status == FLYING, next_status, status).astype(status.dtype)
+    return jnp.where(is_off_plan(status), status, next_status).astype(status.dtype)
 
 
 def _approach_goal(

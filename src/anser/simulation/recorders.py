@@ -55,6 +55,7 @@ def _is_identity(members: Members) -> bool:
     return members == tuple(range(len(members)))
 
 
+_PATH_COMMANDS = {"airspeed_command": "V", "path_angle_command": "gamma", "course_command": "chi"}
 CONTROLLER_COMMANDS = (
     "thrust_command",
     "bank_command",
@@ -78,8 +79,8 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
     """Return one aircraft's variables at one sample, keyed as in `anser.variables.catalogue`; SI units and radians.
 
     The keys of the control surfaces are those of the airframe. Without signals of the controller, its commands are NaN
-    and its limit flags false. Variables of approach, gusts, estimation, network and adaptation are present only if the
-    sample has them.
+    and its limit flags false; under a command that is no path command, the commanded path is NaN. Variables of
+    approach, gusts, estimation, network and adaptation are present only if the sample has them.
     """
     truth, state, condition = sample.truth, sample.truth.state, sample.truth.condition
     data, uncertainty = condition.air_data, sample.belief.uncertainty
@@ -92,7 +93,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
     air_path = polar(velocity_n - condition.wind_n, jnp.zeros_like(velocity_n))
     force_b = condition.wrench.force_b
     weight = truth.airframe.mass_properties.mass * condition.earth.gravity
-    controls = sample.controls
+    controls, missing = sample.controls, jnp.full_like(data.V, jnp.nan)
     return {
         **_position("", state.position_n),
         **_vector("velocity", ("north", "east", "down"), velocity_n),
@@ -118,10 +119,8 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         "throttle": controls.throttle,
         "power": state.power,
         "thrust": condition.propulsive.force_b[0],
-        "airspeed_command": sample.command.V,
-        "path_angle_command": sample.command.gamma,
-        "course_command": sample.command.chi,
-        **{key: jnp.full_like(data.V, jnp.nan) for key in CONTROLLER_COMMANDS},
+        **{key: getattr(sample.command, name, missing) for key, name in _PATH_COMMANDS.items()},
+        **dict.fromkeys(CONTROLLER_COMMANDS, missing),
         **{key: jnp.asarray(False) for key in CONTROLLER_FLAGS},
         **signal_variables(sample.signals),
         "outside_tables": truth.airframe.outside_tables(data),

@@ -23,6 +23,7 @@ from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.recorders import AbstractRecorder, AircraftSample
+from anser.simulation.survey_flight import final_part_start
 from anser.simulation.vehicle import Vehicle
 from anser.steady.trim import TrimPoint
 
@@ -30,8 +31,8 @@ from anser.steady.trim import TrimPoint
 class LoopCase(eqx.Module):
     """Aircraft, autopilot gains and limits, and trim point, for step responses and linear models of the loops.
 
-    `step` is the sampling period, s; `model` is the autopilot's model of the airframe in `modelled_belief`, None:
-    exact. In `loop_flight` and `step_response` the autopilot always knows the airframe exactly.
+    `step` is the sampling period, s; `model` is the autopilot's model of the airframe, whose error is settled at the
+    trim point; None: the airframe itself.
     """
 
     # airframe, environment, and gains and limits of the autopilot
@@ -65,7 +66,7 @@ class Response(eqx.Module):
 
     time: Float[Array, " steps"]
     measured: Float[Array, "steps 3"]
-    surfaces: Float[Array, "steps 3"]
+    surfaces: Float[Array, "steps surfaces"]
     throttle: Float[Array, " steps"]
     power: Float[Array, " steps"]
 
@@ -76,7 +77,7 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
     Parameters
     ----------
     case
-        Aircraft, autopilot and steady flight at the start; `case.model` is not used.
+        Aircraft, autopilot and steady flight at the start.
     size
         Step of the loop's three channels: (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad. The
         command jumps at time 0 and has no rate (no feed-forward). The throttle stays at trim unless the velocity loop
@@ -93,10 +94,12 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
 def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder: AbstractRecorder) -> Any:
     """Fly from trim with a constant command `value` to one loop, for `count` periods; return the recorder's rows."""
     command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
-    autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
-    vehicle = Vehicle(case.airframe, IdealSensors(), TrackingEstimator(), ConstantCommand(command), autopilot)
+    autopilot, estimator = InversionAutopilot(case.gains, case.limits, loop=loop), TrackingEstimator(model=case.model)
+    vehicle = Vehicle(case.airframe, IdealSensors(), estimator, ConstantCommand(command), autopilot)
     instant = Instant(case.environment, jnp.asarray(0, dtype=jnp.int32), case.step)
     start = trimmed_vehicle(vehicle, instant, case.trim)
+    if case.model is not None:
+        start = eqx.tree_at(lambda s: s.controller.residual, start, loop_start(case).residual)
     return fly_alone(vehicle, case.environment, start, case.step, count, recorder)[2]
 
 
@@ -157,6 +160,14 @@ def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
 
+def loop_start(case: LoopCase) -> AutopilotState:
+    """Return the autopilot's state at the trim point of a case; its residual fits the onboard model, if any."""
+    start = trimmed_autopilot_state(case.trim)
+    if case.model is None:
+        return start
+    return eqx.tree_at(lambda s: s.residual, start, settled_residual(modelled_belief(case, case.trim.state)))
+
+
 def believed_motion(belief: Belief) -> PathMotion:
     """Compute path and attitude angles (rad), airspeed (m/s) and their rates from the estimated state in a belief."""
     condition, mass = belief.condition, belief.airframe.mass_properties.mass
@@ -174,8 +185,6 @@ def loop_outputs(belief: Belief, loop: Loop) -> Vector3:
 
 
 _RISE_FROM, _RISE_TO = 0.1, 0.9
-_END = 0.1
-"""Last part of the record, over which the final error is averaged."""
 
 
 class StepMetrics(eqx.Module):
@@ -208,7 +217,7 @@ def step_metrics(
     stepped = size != 0.0
     deviation = measured - measured[:1]
     progress = deviation / jnp.where(stepped, size, 1.0)[None, :]
-    tail = jnp.arange(time.shape[0]) >= round((1.0 - _END) * time.shape[0])
+    tail = jnp.arange(time.shape[0]) >= final_part_start(time.shape[0])
     outside = jnp.abs(progress - 1.0) > band
     settled = jnp.max(jnp.where(outside, time[:, None], -jnp.inf), axis=0)
     lower, upper = surface_limits

@@ -127,8 +127,8 @@ def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCom
 
 
 def final_part_start(count: int) -> int:
-    """Return the number of the first sample that belongs to the last tenth of a flight of `count` samples."""
-    return round((1.0 - _FINAL_FRACTION) * count)
+    """Return the number of the first sample in the last tenth of a flight of `count` samples, at least the last one."""
+    return min(round((1.0 - _FINAL_FRACTION) * count), count - 1)
 
 
 def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike, count: int) -> SurveySummary:
@@ -242,7 +242,7 @@ class SurveyRecorder(AbstractRecorder):
         overshoot = jnp.where(stepped, -error / jnp.where(stepped, self.size, 1.0), 0.0)
         surface_rates = actuators.rate(state.actuators, sample.controls.surfaces, data).position
         rate_share = jnp.abs(surface_rates) / actuators.rate_limit
-        load_factor = -condition.wrench.force_b[2] / (airframe.mass_properties.mass * instant.environment.gravity)
+        load_factor = -condition.wrench.force_b[2] / (airframe.mass_properties.mass * condition.earth.gravity)
         limited = jnp.append(_active_limits(sample.belief, self.limits, sample.signals), jnp.any(rate_share >= 1.0))
         left_time = jnp.where(outside_axes(airframe, condition, self.start), instant.time, jnp.inf)
         is_late, before_slip = instant.number >= final_part_start(self.count), summary.beta_max <= BETA_BOUND

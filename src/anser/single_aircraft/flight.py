@@ -205,7 +205,8 @@ def simulate(
     seed
         Seed of turbulence and sensor errors.
     actuator_lag, engine_lag
-        False: the surfaces, or the engine power, take the commanded value at each sample.
+        False: the surfaces, or the engine power, take the commanded value at each sample. A controller by name has the
+        gains for the aircraft with its lags.
 
     Returns
     -------
@@ -218,7 +219,7 @@ def simulate(
     air = read_air(earth, wind, turbulence, gust, seed, atmosphere)
     environment = air.environment()
     points = [resolve_start(model.airframe, environment, start)]
-    airframe, (point,) = set_lags(model.airframe, points, actuator_lag=actuator_lag, engine_lag=engine_lag)
+    airframe, (point,) = set_lags(model.airframe, points, step_s, actuator_lag=actuator_lag, engine_lag=engine_lag)
     time_s = sample_times(duration_s, step_s)
     stride = 1 if record_period_s is None else round(record_period_s / step_s)
     if record_period_s is not None and (stride < 1 or abs(stride * step_s / record_period_s - 1.0) > 1e-9):
@@ -236,7 +237,7 @@ def simulate(
         flight_controller = _open_loop(airframe, point, controls, increments, sample)
     elif controls is None:
         is_own = isinstance(controller, AbstractController)
-        flight_controller = controller if is_own else autopilot(airframe, environment, point, controller, step_s)
+        flight_controller = controller if is_own else autopilot(model.airframe, environment, point, controller, step_s)
     else:
         raise ValueError(
             "controls: arrived beside a controller; expected one of the two (a controller takes `command`)"
@@ -330,16 +331,16 @@ _fly = compiled_by_older_generator(("count",), "flight")(_flown)
 
 
 def set_lags(
-    airframe: AbstractAirframe, points: list[TrimPoint], *, actuator_lag: bool, engine_lag: bool
+    airframe: AbstractAirframe, points: list[TrimPoint], step_s: float, *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
     """Return the airframe, and trim points for it, without the lag of actuators or engine if the flag is False.
 
-    Deflections and power of the trim points are unchanged.
+    Deflections and power of the trim points are unchanged. Parts without lag are sampled every `step_s` seconds.
     """
     lags = (("actuators", "surfaces", without_lag, actuator_lag), ("engine", "power", InstantEngine, engine_lag))
     for name, quantity, instant, is_kept in lags:
         if not is_kept:
-            part: Any = instant(getattr(airframe, name))
+            part: Any = instant(getattr(airframe, name), as_array(step_s))
             airframe = eqx.tree_at(attrgetter(name), airframe, part)
             states = [part.steady_state(getattr(point.state, quantity)) for point in points]
             where = attrgetter(f"state.{name}")

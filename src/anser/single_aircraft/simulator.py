@@ -89,7 +89,7 @@ class Simulator:
         if not starts:
             raise ValueError("start: arrived an empty sequence; expected a start for each aircraft")
         points = [resolve_start(airframe, environment, item) for item in starts]
-        airframe, points = set_lags(airframe, points, actuator_lag=actuator_lag, engine_lag=engine_lag)
+        airframe, points = set_lags(airframe, points, step_s, actuator_lag=actuator_lag, engine_lag=engine_lag)
         self.inputs = input_names(airframe)  #: Names of the inputs: surfaces (deg), and `throttle` (0..1).
         self._count = len(starts) if isinstance(start, Sequence) else None
         self.step_s = float(step_s)

@@ -328,7 +328,7 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
         trim=point,
         obstacles=jnp.stack(stops),
         mach=data.mach,
-        load_factor=-condition.wrench.force_b[2] / (airframe.mass_properties.mass * environment.gravity),
+        load_factor=-condition.wrench.force_b[2] / (airframe.mass_properties.mass * condition.earth.gravity),
         power_margin=1 - power,
         power_above_idle=power,
         surface_margin=1 - surface_share(airframe, surfaces),
