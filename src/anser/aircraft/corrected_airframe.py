@@ -90,7 +90,10 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
-    """Return a row of regressors for each of CX, CY, CZ, Cl, Cm, Cn, from the two rows of `regressors`."""
+    """Return the regressors of each of CX, CY, CZ, Cl, Cm, Cn, from the two rows of `regressors`.
+
+    The first row serves the longitudinal coefficients CX, CZ and Cm, the second the lateral ones.
+    """
     return jnp.tile(rows, (3, 1))  # CX, CZ, Cm are longitudinal, CY, Cl, Cn lateral: the rows alternate
 
 

@@ -90,7 +90,10 @@ _FACTOR_INDICES = np.array(
 
 
 class F16Global(AbstractF16):
-    """F-16 with the global aerodynamic model, and with engine and actuators of the textbook's F-16."""
+    """F-16 with Grauer and Morelli's global aerodynamic model, and with engine and actuators of the textbook's F-16.
+
+    `parameters` are the 45 coefficients of polynomials in angles, dimensionless rates and deflections (rad).
+    """
 
     parameters: Float[Array, "45"]  #: Parameters of all terms in the order of `GLOBAL_TERMS`.
 

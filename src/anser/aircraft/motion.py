@@ -89,10 +89,10 @@ def air_data_and_forces(
 def modelled_air_data_and_forces(
     airframe: AbstractAirframe, condition: AirDataAndForces, data: AirData, state: AircraftState
 ) -> AirDataAndForces:
-    """Return `condition` with the air data `data`, and the forces of the airframe model at these air data.
+    """Return a copy of `condition` with other air data, `data`, and with the forces of an airframe model at these.
 
-    Deflections, power and rates are those of `state`. A loss of thrust and the rotation of the air in gusts are unknown
-    to the model and left out.
+    Attitude, wind and Earth are those of `condition`; deflections, power and rates those of `state`. The model knows
+    neither a loss of thrust nor the rotation of the air in gusts.
     """
     rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
     return AirDataAndForces(

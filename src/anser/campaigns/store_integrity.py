@@ -63,7 +63,9 @@ class AbstractFlightStore(abc.ABC):
 
     The results are the files of the subfolder `data_folder`. Their checksums are JSON files in the subfolder
     `checksums`, see `StoreChecksums`. A chunk (flights that are flown and stored together) is complete when the
-    checksums of its files are recorded. The constructor raises StoreError if the format differs.
+    checksums of its files are recorded. The constructor raises StoreError if the folder has another format version than
+    this version of the package. Subclasses set `description` (name of the content) and `command` (subcommand of `anser`
+    that flies and resumes), both for messages.
     """
 
     description: ClassVar[str]  # name of the content in messages

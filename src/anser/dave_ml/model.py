@@ -189,7 +189,10 @@ class Model:
         return self.evaluator.evaluate(inputs, outputs)
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Return variables at one time, inputs and results in SI units and radians; see `Evaluator.evaluate_si`."""
+        """Return values of variables by name, from inputs by name, in SI units and radians, percent as fractions.
+
+        `outputs` are the names of the variables; None: the outputs of the file. See `Evaluator.evaluate_si` for errors.
+        """
         return self.evaluator.evaluate_si(inputs, outputs)
 
     def check(self) -> list[CheckResult]:

@@ -129,9 +129,10 @@ def entries_of_others(count: int) -> tuple[Entry, ...]:
 class AgentDictionaries:
     """Environment of a fleet whose observations, actions, rewards and ends are dictionaries by agent's name.
 
-    The methods follow JaxMARL's `MultiAgentEnv`, as pure functions of keys and states. An episode that ends is reset
-    within the step; the entry `__all__` of the ends is then true. Entries of `info` are arrays with a value per agent;
-    with `final_observations`, `info["final_observation"]` also holds the observations before the reset, (agent, entry).
+    The ends are flags: whether the episode of an agent has ended in the step, and `__all__` for the fleet. The methods
+    follow JaxMARL's `MultiAgentEnv`, as pure functions of keys and states. An episode that ends is reset within the
+    step. Entries of `info` are arrays with a value per agent; if the constructor's argument `final_observations` is
+    true, `info["final_observation"]` also holds the observations before the reset, (agent, entry).
     """
 
     def __init__(self, environment: Any, *, final_observations: bool = False) -> None:

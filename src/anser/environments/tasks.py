@@ -223,7 +223,8 @@ class VelocityCommand(AbstractCommandTask):
             return np.stack([speed, path_angle]), is_steady
 
         speed, path_angle = _steady_commands(count, draw, [V, np.zeros(count)])
-        course = np.asarray(wrap_angle(chi + rng.uniform(-1.0, 1.0, count) * self.course_change_deg * DEG_RAD))
+        change = rng.uniform(-1.0, 1.0, count) * self.course_change_deg * DEG_RAD
+        course = np.asarray(wrap_angle(as_array(chi + change)))
         return starts, as_array(np.stack([speed, path_angle, course], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
@@ -303,7 +304,8 @@ class UpsetRecovery(AbstractCommandTask):
         level = FlightRange(flown.speed_m_s, flown.altitude_m, 0.0, 0.0, 0.0)
         trims = steady_starts(vehicle, environment, level, count, rng)
         V, chi, _ = _level_of(trims)
-        least, greatest = np.clip(self.alpha_deg, *(float(edge) * RAD_DEG for edge in vehicle.airframe.alpha_range))
+        low_deg, high_deg = (float(edge) * RAD_DEG for edge in vehicle.airframe.alpha_range)
+        least, greatest = np.clip(self.alpha_deg, low_deg, high_deg)
         alpha = rng.uniform(least, greatest, count) * DEG_RAD
         bank = rng.uniform(-1.0, 1.0, count) * self.bank_deg * DEG_RAD
         path_angle = rng.uniform(-1.0, 1.0, count) * self.path_angle_deg * DEG_RAD

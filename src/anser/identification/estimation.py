@@ -167,10 +167,11 @@ def _jumps(deflection: Series) -> bool:
 
 
 def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
-    """Return the estimate of an equation with the model's parameter names; for a coefficient, with the constant term.
+    """Return the estimate of an equation with the model's parameter names, and the constant term of a coefficient.
 
-    The constant, such as `CL0`, is the coefficient at zero arguments, from the means of response and regressors. The
-    regressor `alpha2` was (alpha - mean)^2; its parameter and that of alpha are converted to powers of alpha itself.
+    The fit was made on values minus their means. The equation of a coefficient gets the constant back, such as `CL0`,
+    the coefficient at zero arguments; the equation of a rate has none. The regressor `alpha2` was (alpha - mean)^2; its
+    parameter and that of alpha are converted to powers of alpha itself.
     """
     names = tuple(f"{equation.prefix}_{name}" for name in equation.regressors)
     keys, count = list(equation.regressors), len(names)

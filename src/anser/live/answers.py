@@ -164,7 +164,7 @@ def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
 def _drawn_attempts(planned: FirstPlan) -> list[bool]:
     """Return for each aircraft, in the scenario's order, whether the page draws the path.
 
-    Every path is drawn of a plan. Of a failed attempt, a path is left out if it exceeds a limit by more than half of
+    All paths of a plan are drawn. Of a failed attempt, a path is left out if it exceeds a limit by more than half of
     the limit (`EXCESS_MEANINGFUL`); paths that violate the separation or a keep-out are drawn, to show the conflict.
     """
     attempt = _best_attempt(planned) if planned.refusals else None
@@ -332,10 +332,11 @@ def _goal_tracks(scenario: Scenario, end_s: float) -> list[dict[str, Any]]:
 def _refusal_problem(
     scenario: Scenario, text: str, record: RecordedPlan | None, drawn: Sequence[bool] = ()
 ) -> dict[str, Any]:
-    """Return a reason for a refusal (`text`) as a problem: text, keys of the limits, aircraft and positions.
+    """Return a reason for a refusal (`text`) as a problem for the page: text, keys, aircraft, positions.
 
-    The positions are points of the paths in `record`, the best attempt; none without a record. `drawn` says whether
-    each aircraft's path is drawn.
+    The keys are those of the scenario's limits that the reason names. The positions (points of the paths in `record`,
+    the best attempt) show where the reason applies, see `_binding_positions`; `drawn` tells which aircraft's paths the
+    page draws. None without a record.
     """
     names = list(text.aircraft) if isinstance(text, Refusal) else []
     keys = list(text.keys) if isinstance(text, Refusal) else []

@@ -38,10 +38,10 @@ class DocumentFolder:
         return sorted(entry.name for entry in self.path.glob(f"*{_SUFFIX}") if self._is_inside(entry))
 
     def read(self, name: str) -> tuple[str, dict[str, Any]]:
-        """Return the text and the values of a scenario file in the folder.
+        """Return the text and the values of a scenario file in the folder; the values are not validated.
 
-        Raises ScenarioError if the name is not that of a scenario file in the folder, if the text is not TOML, or if it
-        has a value that no key of a scenario takes.
+        Raises ScenarioError if the name is not that of a scenario file in the folder, if the text is not TOML, or if a
+        value has a type that no key of a scenario takes (a date, a number that is not finite).
         """
         path = self._file(name)
         text = read_text(path)

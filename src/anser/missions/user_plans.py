@@ -53,8 +53,9 @@ class UserFirstPlan(FirstPlan):
     ) -> "UserFirstPlan":
         """Trim every aircraft at its start and plan by the user-defined planner, in one compiled program.
 
-        Raises ScenarioError if the planner cannot be traced or returns no stacked plans, or an aircraft cannot be
-        trimmed.
+        `prepare_next` is called before the compilation, with the flight and the shapes of its first state, and may
+        start the compilation of the flight's program. Raises ScenarioError if JAX cannot trace the planner, its plans
+        are not one `AircraftPlan` with leading axis aircraft, or an aircraft cannot be trimmed.
         """
         _check_plans(flight)
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)

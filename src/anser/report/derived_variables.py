@@ -96,12 +96,15 @@ def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | No
 def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     """Return a flight's dataset with the derived variables of the report; `scenario` may be empty.
 
-    Added are `climb_rate_m_s` and the position errors along, across and above the planned path; for two aircraft or
-    more, `distance_min_m`; with limits in the scenario, `height_over_floor_m` and `separation_kept`; with sensor
-    errors, the error of the estimated positions of goal and aircraft, each with two standard deviations (root of the
-    sum of squares over the axes), m; with a decentralised planner, `links_heard` (number of aircraft heard); with an
-    adaptive autopilot, the edges of each estimate's band of two standard deviations, `_low` and `_high`, and the true
-    effectiveness, `_truth`. Planned positions and position errors are NaN from the start of the hold on.
+    - Always: `climb_rate_m_s` relative to the air, and the errors `along_error_m`, `across_error_m`, `height_error_m`
+      from the planned position. Errors and planned positions are NaN in the hold after the arrival.
+    - For two aircraft or more: `distance_min_m`.
+    - With limits in the scenario: `height_over_floor_m`, `separation_kept`.
+    - With sensor errors: the errors of the estimated positions of goal and aircraft, each with two standard deviations
+      (root of the sum of squares over the axes), m.
+    - With a decentralised planner: `links_heard`, the number of aircraft heard.
+    - With an adaptive autopilot: the edges of each estimate's band of two standard deviations, `..._low` and
+      `..._high`, and the true effectiveness, `..._truth`.
     """
     is_before_hold = dataset["phase"].values != HOLD
     names = ("position_error_m", *(f"reference_{axis}" for axis in _AXES))

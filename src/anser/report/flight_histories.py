@@ -104,10 +104,10 @@ def draw_curve(
 def _visible_range(
     response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
 ) -> tuple[float, float]:
-    """Return the range of a panel's axis, (low, high).
+    """Return the range of a panel's axis, (low, high), at least `span_min` wide.
 
-    The range contains all responses, and planned or commanded values up to `_COMMAND_EXCESS_MAX` times the range of the
-    responses beyond; its size is at least `span_min`.
+    The range contains all responses. The reference lines (planned or commanded values) extend the range on either side
+    by at most `_COMMAND_EXCESS_MAX` times the range of the responses.
     """
     responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
     low, high = float(np.nanmin(responses)), float(np.nanmax(responses))

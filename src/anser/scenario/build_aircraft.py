@@ -318,11 +318,12 @@ def resolved_loop_separations(scenario: Scenario, index: int) -> tuple[LoopSepar
     """Return the nested loops of aircraft number `index` with the bandwidths that are flown."""
     enable_compilation_cache()
     gains = resolve_fleet(scenario)[index].gains
-    bandwidths = (
+    rates, attitude, velocity = (
         np.asarray(loop.proportional / (1.0 + loop.derivative)).tolist()
         for loop in (gains.rates, gains.attitude, gains.velocity)
     )
-    return loop_separations(*bandwidths, float(gains.actuator_bandwidth), float(gains.engine_bandwidth))
+    actuators, engine = float(gains.actuator_bandwidth), float(gains.engine_bandwidth)
+    return loop_separations(rates, attitude, velocity, actuators, engine)
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:

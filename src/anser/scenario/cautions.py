@@ -124,8 +124,10 @@ def _loop_separations(scenario: Scenario, index: int, with_trim_maps: bool) -> t
 
         return resolved_loop_separations(scenario, index)
     unknown = (math.nan,) * 3
-    bandwidths = (_bandwidths(getattr(aircraft.gains, loop)) if loop in written else unknown for loop in _LOOPS)
-    return loop_separations(*bandwidths, actuators=math.nan, engine=math.nan)
+    rates, attitude, velocity = (
+        _bandwidths(getattr(aircraft.gains, loop)) if loop in written else unknown for loop in _LOOPS
+    )
+    return loop_separations(rates, attitude, velocity, actuators=math.nan, engine=math.nan)
 
 
 def _bandwidths(loop: RateGains | AttitudeGains | VelocityGains) -> tuple[float, ...]:

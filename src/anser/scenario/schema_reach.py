@@ -215,8 +215,9 @@ def _aircraft_reach_problems(
     """List the problems of one aircraft's flight to the rendezvous.
 
     Problems are a goal that outruns the aircraft, a rendezvous out of reach within `timing.duration_s`, a start at the
-    rendezvous, and a rendezvous outside the altitude limits. `fastest_m_s` is an upper bound of the mean airspeed, m/s,
-    to which the greatest tail wind is added; None: the reference airspeed without tail wind.
+    rendezvous, and a rendezvous outside the altitude limits. `path` is the key path of the aircraft's table.
+    `fastest_m_s` is an upper bound of the mean airspeed, m/s, to which this function adds the greatest tail wind; None:
+    the reference airspeed without tail wind.
     """
     goal, limits, subject = scenario.goal_of(aircraft), scenario.limits_for(aircraft), aircraft.label
     wind, timing = scenario.wind, scenario.timing

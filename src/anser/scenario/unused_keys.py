@@ -15,13 +15,14 @@ _GUST_KEYS = ("wind_time_s", "gust_time_s")
 
 @dataclass(frozen=True)
 class UnusedKeys:
-    """Keys of one table that have no effect.
+    """Keys of one table that have no effect; a study may vary none of them.
 
-    `path` is the key path of the table, `cause` the reason, a text that follows the value in messages (``with intensity
-    "none"``), `remedy` the setting with which the keys have an effect. If `is_whole`, the whole table has no effect,
-    and messages name the first key alone. Keys set in a file make the file invalid if `is_refused`; the direction of
-    something at rest and a goal without aircraft are only cautions, because speed and aircraft may be set elsewhere. A
-    study may vary none of the keys.
+    - `path`: key path of the table.
+    - `cause`: why the keys have no effect, a text that follows the value in messages (``with intensity "none"``).
+    - `remedy`: the setting with which the keys have an effect.
+    - `is_whole`: whether the whole table has no effect, so that messages name the first key alone.
+    - `is_refused`: whether a file that sets the keys is invalid. The keys are only cautioned about where speed or
+      aircraft may be set elsewhere: the direction of something at rest, and a goal without aircraft.
     """
 
     path: str

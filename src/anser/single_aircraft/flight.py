@@ -351,10 +351,11 @@ def set_lags(
 def _open_loop(
     airframe: AbstractAirframe, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
-    """Return the controller that applies `controls`: a table of samples, or a function of time and state.
+    """Return the controller that applies `controls`: values of inputs by name, or a function of time and state.
 
-    Absent inputs keep their values at the start `point`. `sample` computes the values of inputs at the times of the
-    flight; `increments` tells whether numbers, arrays and tables are increments to the start.
+    A value is a number, an array, a table of samples or an input signal. `sample` is the function that computes the
+    values of inputs at the times of the flight; `increments` tells whether values other than input signals are
+    increments to the start `point`.
     """
     law: Any = controls
     if callable(controls) and not isinstance(controls, InputSignal | Mapping):

@@ -335,11 +335,12 @@ def _excess_power(field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gr
 
 
 def _ceiling(dataset: xr.Dataset, threshold: float) -> tuple[float, str, str]:
-    """Return the altitude at which the greatest specific excess power falls to `threshold` (m/s), the unit, the limit.
+    """Return the altitude at which the greatest specific excess power falls to `threshold` (m/s), the unit, and a text.
 
-    The search begins at the lowest altitude of the grid with data, sea level for most aircraft. The altitude (m) is NaN
-    if the excess power there does not exceed the threshold, and the highest altitude with data if the excess power
-    exceeds the threshold everywhere.
+    The text says what limits the altitude: full power, the end of the data, or no climb at all. The search begins at
+    the lowest altitude of the grid with data, sea level for most aircraft. The altitude (m) is NaN if the excess power
+    there does not exceed the threshold, and the highest altitude with data if the excess power exceeds the threshold
+    everywhere.
     """
     best, altitudes = dataset["specific_excess_power_m_s"].max("airspeed").values, dataset["altitude"].values
     first = int(np.argmax(np.isfinite(best)))

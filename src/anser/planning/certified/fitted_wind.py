@@ -148,7 +148,11 @@ def _to_coordinate(field: FieldSamples, axis: int, length_m: np.ndarray) -> np.n
 
 
 def _to_length_m(field: FieldSamples, axis: int, coordinates: np.ndarray) -> np.ndarray:
-    """Convert coordinates of a horizontal axis to lengths on the chart, m; angles are clipped to 45 degrees."""
+    """Convert coordinates along a horizontal axis to lengths on the local map, m.
+
+    Coordinates of a field by longitude and latitude are angles from the map's origin, rad, clipped to 45 degrees; those
+    of other fields are lengths already.
+    """
     if field.radii_m is None:
         return coordinates
     return field.radii_m[axis] * np.tan(np.clip(coordinates, -0.25 * np.pi, 0.25 * np.pi))

@@ -128,11 +128,11 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST_PLAN), holds, tasks.limits)
 
     def resolve_limits(self, performance: Performance) -> PathLimits:
-        """Return the flight limits with acceleration limits for every aircraft, reduced by the `acceleration_reserve`.
+        """Return the flight limits with an acceleration and a deceleration limit for every aircraft.
 
-        A limit that is not prescribed (infinite) is replaced by the engine's performance, but at least
-        `ACCELERATION_FLOOR`: the acceleration with full thrust at the start, and the deceleration with idle thrust by
-        airspeed and load factor.
+        Limits that the scenario leaves open (infinite) follow from the engine, at least `ACCELERATION_FLOOR`: the
+        acceleration with full thrust at the start, the deceleration with idle thrust by airspeed and load factor. Then
+        all of them, prescribed or not, are multiplied by 1 - `acceleration_reserve`.
         """
 
         def resolve(prescribed: Array, available: Array) -> Array:

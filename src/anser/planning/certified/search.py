@@ -329,7 +329,7 @@ def _preferred_first_arrival(fleet: FleetTask) -> float:
 
 
 def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
-    """Yield sets of arrival times, s, that each aircraft can reach alone: rising; with windows, the preferred first."""
+    """Yield sets of times, s, at which each aircraft alone can arrive: ascending, or in windows the preferred first."""
     request = fleet.request
     if request.windows_s is not None:
         yield from _window_times(fleet.preferred_times, request.windows_s, arrivals)

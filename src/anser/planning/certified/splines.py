@@ -362,9 +362,10 @@ def _limit_violations(
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[Array, "3"]) -> Scalar:
-    """Return the depth of a position (NED, m) inside keep-outs with a margin: the sum over the keep-outs, / 200 m.
+    """Return how deep a position (NED, m) is inside keep-outs with a margin, dimensionless: depths over 200 m, summed.
 
-    The depth is the shortest distance to the outside, with three times the distance upward or downward.
+    The depth in one keep-out is the least of the horizontal distance to the outside and three times the distance to
+    the outside upward or downward.
     """
     limits, volumes = problem.task.limits, problem.airspace.keep_outs
     altitude = -position[2]

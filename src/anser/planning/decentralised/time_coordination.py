@@ -24,10 +24,12 @@ SETTLED_LAG_S = 0.03
 
 
 class CoordinationGains(eqx.Module):
-    """Gains and limits of the law that coordinates the clocks, with the symbols of the module's docstring.
+    """Gains and limits of the law by which the aircraft adjust the rates of their mission clocks to each other.
 
-    `coupling` c (1/s), `damping` b (1/s), `waiting` k (1/s^2); `rate_range` is the greatest deviation of a clock's rate
-    from 1, `skew_max` the greatest difference between two clocks, s.
+    `coupling` c (1/s) acts on the differences from the clocks of the neighbours, `damping` b (1/s) on the deviation of
+    the rate from 1, `waiting` k (1/s^2) on the lag behind the own path, for which the clock slows down; formula in the
+    module's docstring. `rate_range` is the greatest deviation of a clock's rate from 1, `skew_max` the greatest
+    difference between two clocks, s.
     """
 
     coupling: Scalar

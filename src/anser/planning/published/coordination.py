@@ -146,9 +146,10 @@ def _planned_for(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
 
 
 def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
-    """Return a duration (s) minus the flight time of the longest path for this duration, s, and the derivative.
+    """Return the time by which the aircraft with the longest path arrives before `duration` (s), and the derivative.
 
-    `data`: tasks, mean airspeed (m/s), and the mask of the aircraft that count.
+    The paths are made for this duration and flown at the mean airspeed. `data`: tasks, mean airspeed (m/s), and the
+    mask of the aircraft that count.
     """
     tasks, speed, included = data
 
