@@ -12,6 +12,8 @@ import pytest
 import anser
 from anser.aircraft import Controls
 from anser.config.errors import ScenarioError
+from anser.missions.plans import plan_for_flight
+from anser.numerics.randomness import flight_randomness
 from anser.parts import AbstractController, AbstractPlanner, AbstractReference, AbstractSensors
 from anser.scenario import validate
 from anser.scenario.user_parts import UserParts, attach_parts
@@ -88,7 +90,10 @@ def test_own_planner_controller_and_sensor_give_the_ordinary_results(tmp_path):
 
 @pytest.mark.long
 def test_a_plan_is_flown_with_further_parts(monkeypatch):
-    planned = anser.plan(shortened(1), planner=lines())
+    randomness = flight_randomness(7, 3)
+    planned = anser.plan(shortened(1), planner=lines(), randomness=randomness)
+    further = attach_parts(shortened(1), UserParts(planner=lines(), controller=Proportional()))
+    assert plan_for_flight(planned, further).flight.randomness is randomness
     monkeypatch.setattr("anser.missions.runs.plan", None)  # whoever plans fails
     flight = anser.run(shortened(1), planned=planned, planner=lines(), controller=Proportional())
     assert flight.summary["aircraft"][0]["miss_m"] < 10.0

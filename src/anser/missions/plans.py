@@ -176,6 +176,8 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
 def plan_for_flight(planned: FirstPlan, scenario: Scenario) -> FirstPlan:
     """Return a finished plan for the flight of a scenario that may have further user-defined parts.
 
+    The flight has the random numbers with which the plan was made.
+
     Raises ValueError if the plan is that of another scenario, or was made with other user-defined parts or another
     planner; ScenarioError if an aircraft cannot be trimmed at its start.
     """
@@ -190,6 +192,7 @@ def plan_for_flight(planned: FirstPlan, scenario: Scenario) -> FirstPlan:
             f"planned: arrived {arrived}; expected the same, as in anser.run(planned.scenario, planned=planned)"
         )
     flight = build_flight(scenario, pad_fleet=True)
+    flight = dataclasses.replace(flight, randomness=planned.flight.randomness)
     fleet = _trim_at_start(flight)
     check_trimmable(scenario, flight, fleet.is_trimmed)
     return dataclasses.replace(planned, scenario=scenario, flight=flight, fleet=fleet, start_state=None)

@@ -267,7 +267,8 @@ def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
     a negative limit, airspeed can be gained in a descent only: the rate of gain is `_RATE_MIN`.
     """
     limits = task.limits
-    gain = jnp.clip(_RATE_FRACTION * limits.acceleration_max, _RATE_MIN, _GAIN)
+    gain = jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max)
+    gain = jnp.where(limits.acceleration_max > 0.0, gain, _RATE_MIN)
     return gain, jnp.minimum(_LOSS, _RATE_FRACTION * limits.deceleration_max)
 
 
