@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.aircraft import suspect_points
-from anser.aircraft.table_checks import GriddedTable
+from anser.aircraft.table_checks import GriddedTable, _last_digit
 from support.tp1538_build_up import AXES, DATA, TABLES
 
 TP1538 = {
@@ -53,6 +53,22 @@ def test_the_search_finds_a_planted_outlier(row, column, size):
     axes = (AXES["alpha1"], AXES["beta1"])
     worst = suspect_points({"C": GriddedTable(axes, values)})[0]
     assert worst.location == (axes[0][row], axes[1][column])
+
+
+@pytest.mark.parametrize("decimals", [7, 16])
+def test_the_search_finds_an_outlier_among_very_small_values(decimals):
+    """Derivatives per degree, of the size of 1e-5."""
+    axes = AXES["alpha1"], AXES["beta1"]
+    values = 1e-5 * smooth(*axes)
+    values[7, 5] += 6e-6
+    worst = suspect_points({"C": GriddedTable(axes, np.round(values, decimals))})[0]
+    assert worst.location == (axes[0][7], axes[1][5])
+
+
+@pytest.mark.parametrize(("unit", "expected"), [(1e-3, 1e-3), (1e-5, 1e-5), (1e-8, 1e-8), (1e-10, 0.0), (np.pi, 0.0)])
+def test_the_last_digit_is_that_of_the_printed_values(unit, expected):
+    values = np.random.default_rng(1).integers(-400, 400, 60) * unit
+    assert _last_digit(values) == pytest.approx(expected, rel=1e-12)
 
 
 def test_smooth_and_short_tables_have_no_suspects():

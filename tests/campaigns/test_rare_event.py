@@ -41,6 +41,12 @@ def test_a_known_probability_is_estimated_and_documented(study, tmp_path):
     event = rare(study, tmp_path / "out", processes=1, progress=lambda message, part: messages.append((message, part)))
     assert event.estimate.low < 1e-2 < event.estimate.high
     assert event.probability_of(4.5).probability == pytest.approx(0.5, abs=0.1)
+    threshold = event.flights.config.threshold
+    for extreme in (threshold + 0.1, np.nan):
+        with pytest.raises(
+            ValueError, match=rf"threshold: arrived {extreme}; expected at most {threshold:g}, the study"
+        ):
+            event.probability_of(extreme)
     document = json.loads((tmp_path / "out" / "rare.json").read_text())
     assert document == json.loads(json.dumps(event.document))
     assert document["probability"] == event.estimate.probability

@@ -78,3 +78,20 @@ def test_the_arrival_time_is_independent_of_the_heading(task):
 def test_the_storm_fleet_arrives_at_the_first_reachable_time():
     planned = anser.plan(load(SCENARIOS / "storm-sampling.toml"))
     assert float(np.max(planned.plan.arrival_times)) < 81.0
+
+
+def test_a_plan_against_strong_wind_arrives_at_the_preferred_airspeed():
+    """The goal, 8 km straight ahead, moves away at 10 m/s; the wind blows from ahead at 50 m/s."""
+    text = _SCENARIO.format(
+        north_m=8000.0,
+        east_m=0.0,
+        up_m=1000.0,
+        course_deg=0.0,
+        wind_m_s=50.0,
+        wind_deg=0.0,
+        goal_m_s=10.0,
+        goal_deg=0.0,
+    )
+    planned = anser.plan(loads(text))
+    np.testing.assert_allclose(planned.plan.arrival_times[0], 8000.0 / (150.0 - 50.0 - 10.0), rtol=1e-3)
+    np.testing.assert_allclose(planned.plan.speeds[0], 150.0, rtol=1e-3)

@@ -10,7 +10,7 @@ import pytest
 from anser.missions import event_replanning
 from anser.missions import events as events_module
 from anser.missions.event_replanning import NO_PLAN_MESSAGE, EventOutcome
-from anser.missions.events import EventSchedule
+from anser.missions.events import GOAL_TAKEN_OVER, EventSchedule
 from anser.planning.certified.replanning import CORRECTED, UNCHANGED
 from anser.scenario import loads
 from anser.scenario.build import build_faults
@@ -60,6 +60,24 @@ def test_events_are_applied_in_order_at_their_samples(log):
     events.apply_due(None, state(CORRECTED), 3000)
     assert log[-1] == (3000, "goal-turns")
     assert [outcome.kind for outcome in events.outcomes] == ["aircraft-leaves", "goal-turns"]
+
+
+def test_without_a_successor_the_plan_is_as_valid_as_after_the_departure(monkeypatch):
+    scenario = loads(text(("a", "nearest"), ("c", "nearest")) + TURNS.replace("30.0", "20.0"))
+    departure_plans = {"a": True, "c": False}
+
+    def apply_event(scenario, flight, state, number, event, performance, on_progress):
+        has_plan = departure_plans.get(event.aircraft, True)
+        return flight, state, EventOutcome(event.time_s, event.kind, event.aircraft or "two", has_plan, "replanned")
+
+    def reassign_goals(scenario, flight, state, number, events, goals, has_valid_plan, on_progress):
+        return flight, state, goals, [EventOutcome(20.0, GOAL_TAKEN_OVER, "c", has_valid_plan, "no aircraft can")]
+
+    monkeypatch.setattr(events_module, "apply_event", apply_event)
+    monkeypatch.setattr(events_module, "reassign_goals", reassign_goals)
+    events = EventSchedule(scenario, lambda message: None)
+    events.apply_due(None, state(CORRECTED), 2000)
+    assert [outcome.has_valid_plan for outcome in events.outcomes] == [True, False, True, False]
 
 
 @pytest.mark.parametrize(("time_s", "sample"), [(20.0, 2000), (20.004, 2001), (20.006, 2001), (0.57, 57)])

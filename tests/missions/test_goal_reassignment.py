@@ -54,8 +54,11 @@ class Arrivals:
     arrival_times = np.full(4, 80.0)
 
 
-def reassign(monkeypatch, events, refused=()):
-    """Goals after the events, with a planner that finds a plan unless an aircraft goes to a goal refused to it."""
+def reassign(monkeypatch, events, refused=(), has_valid_plan=True):
+    """Goals after the events, with a planner that finds a plan unless an aircraft goes to a goal refused to it.
+
+    `has_valid_plan`: whether the fleet has a valid plan after the departures.
+    """
     scenario = loads(text(*events))
     flight = build_flight(scenario)
     departing = {aircraft for aircraft, _ in events}
@@ -95,7 +98,8 @@ def reassign(monkeypatch, events, refused=()):
     monkeypatch.setattr(events_module, "snapshot_at", lambda *arguments: FleetSnapshot)
     monkeypatch.setattr(events_module, "_hand_over_goal", hand_over_goal)
     monkeypatch.setattr(events_module, "replan_fleet", replan_fleet)
-    return events_module.reassign_goals(scenario, flight, State, 2000, scenario.event, tuple(GOAL_NAMES.values()))
+    goals = tuple(GOAL_NAMES.values())
+    return events_module.reassign_goals(scenario, flight, State, 2000, scenario.event, goals, has_valid_plan)
 
 
 def test_the_nearest_aircraft_takes_over_the_goal(monkeypatch):
@@ -119,11 +123,13 @@ def test_an_aircraft_without_a_plan_is_passed_over(monkeypatch):
     assert outcome.subject == "d"
 
 
-def test_a_goal_without_a_feasible_successor_is_reported(monkeypatch):
+@pytest.mark.parametrize("has_valid_plan", [False, True])
+def test_a_goal_without_a_feasible_successor_is_reported(monkeypatch, has_valid_plan):
+    """The plan in force is that after the departure."""
     refused = [(name, "three") for name in POSITIONS]
-    _, _, goals, (outcome,) = reassign(monkeypatch, [("c", "nearest")], refused=refused)
+    _, _, goals, (outcome,) = reassign(monkeypatch, [("c", "nearest")], refused, has_valid_plan)
     assert goals == tuple(GOAL_NAMES.values())
-    assert not outcome.has_valid_plan
+    assert outcome.has_valid_plan is has_valid_plan
     assert outcome.message == 'no aircraft can take over its goal "three" in time'
 
 
@@ -134,25 +140,29 @@ def test_simultaneously_freed_goals_are_assigned_with_the_least_total_distance(m
     assert {outcome.subject for outcome in outcomes} == {"a", "d"}
 
 
-def test_a_shared_goal_is_not_free(monkeypatch):
-    _, _, goals, (outcome,) = reassign(monkeypatch, [("a", "nearest")])
+@pytest.mark.parametrize("has_valid_plan", [False, True])
+def test_a_shared_goal_is_not_free(monkeypatch, has_valid_plan):
+    _, _, goals, (outcome,) = reassign(monkeypatch, [("a", "nearest")], has_valid_plan=has_valid_plan)
     assert goals == tuple(GOAL_NAMES.values())
-    assert outcome.has_valid_plan
+    assert outcome.has_valid_plan is has_valid_plan
     assert outcome.message == 'its goal "one" is not free: "d" flies to it'
 
 
 def test_the_last_aircraft_of_a_goal_is_not_spare(monkeypatch):
     _, _, goals, outcomes = reassign(monkeypatch, [("a", "spare"), ("c", "spare")])
     assert goals == tuple(GOAL_NAMES.values())
-    assert [outcome.has_valid_plan for outcome in outcomes] == [True, False]
+    assert [outcome.goal for outcome in outcomes] == [None, None]
+    assert "is not free" in outcomes[0].message
+    assert "no aircraft can take over" in outcomes[1].message
 
 
 def test_of_two_spare_aircraft_of_a_goal_one_stays(monkeypatch):
     """Both would be nearer to the free goals than nobody; but then nobody would fly to their own."""
-    _, _, goals, outcomes = reassign(monkeypatch, [("b", "spare"), ("c", "spare")])
+    _, _, goals, outcomes = reassign(monkeypatch, [("b", "spare"), ("c", "spare")], has_valid_plan=False)
     assert "one" in goals
     assert sum(goal != former for goal, former in zip(goals, GOAL_NAMES.values(), strict=True)) == 1
-    assert sorted(outcome.has_valid_plan for outcome in outcomes) == [False, True]
+    assert [outcome.goal is None for outcome in outcomes] == [False, True]
+    assert all(outcome.has_valid_plan for outcome in outcomes)  # the plan of the new assignment
 
 
 @pytest.mark.long

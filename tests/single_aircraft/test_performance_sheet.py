@@ -112,6 +112,18 @@ def test_level_flight_without_a_turn_has_no_turn_figures():
     assert turn.limit == "no level turn"
 
 
+@pytest.mark.parametrize(("slow_is_flyable", "ratio"), [(False, 20.0), (True, np.nan)])
+def test_glides_count_that_can_be_flown(slow_is_flyable, ratio):
+    """At the least airspeed the idle thrust exceeds the drag; the best glide is at 40 m/s."""
+    obstacles = np.zeros((4, len(TRIM_OBSTACLES)), dtype=bool)
+    obstacles[0, TRIM_OBSTACLES.index("alpha")] = not slow_is_flyable
+    angles = -np.arctan([-0.05, 0.06, 0.05, 0.06])
+    flights = SimpleNamespace(trims=SimpleNamespace(obstacles=obstacles), path_angle=angles)
+    speeds = np.array([20.0, 30.0, 40.0, 50.0])
+    glide, *_ = performance._path_figures(lambda **_: flights, speeds, 0.0, "best glide ratio", "1")
+    np.testing.assert_allclose(glide.value, ratio, rtol=1e-12)
+
+
 def test_the_ceiling_is_searched_from_the_lowest_altitude_with_data():
     rows = np.array([np.nan, np.nan, 4.0, 2.0, -2.0])[:, None]
     data = xr.Dataset(

@@ -237,12 +237,13 @@ def _median(values: np.ndarray) -> float:
 
 
 def _last_digit(values: np.ndarray) -> float:
-    """Return the unit (1, 0.1, ..., 1e-6) of the last decimal digit of the values; a tenth of the values may have more.
+    """Return the unit (1, 0.1, ..., 1e-8) of the last decimal digit of the values; a tenth of the values may have more.
 
-    Values with more than six decimals give 1e-6.
+    Values with more than eight decimals, such as computed ones, give 0.
     """
-    for count in range(7):
+    for count in range(9):
         scaled = values * 10.0**count
-        if np.mean(np.abs(scaled - np.round(scaled)) < 1e-6 * 10.0**count) >= 0.9:
+        tolerance = np.minimum(1e-9 * np.abs(scaled), 1e-3)
+        if np.mean(np.abs(scaled - np.round(scaled)) <= tolerance) >= 0.9:
             return 10.0**-count
     return 0.0

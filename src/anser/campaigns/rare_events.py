@@ -128,10 +128,15 @@ class RareEvent:
     def probability_of(self, threshold: float) -> SubsetEstimate:
         """Estimate the probability that the statistic breaches `threshold`, m or s.
 
-        The threshold must not be more extreme than the study's. If the levels did not reach the threshold, the
-        probability is None and only the upper bound is meaningful.
+        If the levels did not reach the threshold, the probability is None and only the upper bound is meaningful.
+        Raises ValueError if the threshold is NaN or more extreme than the study's, beyond which no level leads.
         """
-        value, confidence = self.flights.signed_value(threshold), self.store.study.answers.confidence
+        flights, confidence = self.flights, self.store.study.answers.confidence
+        value = flights.signed_value(threshold)
+        if not value <= flights.threshold:
+            bound = "at least" if flights.config.breached_below else "at most"
+            text = f"{bound} {flights.config.threshold:g}, the study's rare.threshold, at which its levels end"
+            raise ValueError(f"threshold: arrived {threshold!r}; expected {text}")
         direct = estimate(self.repetitions, value, confidence)
         if direct.probability is not None:
             return direct

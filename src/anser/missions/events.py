@@ -94,6 +94,7 @@ def reassign_goals(
     sample: int,
     departures: Sequence[Event],  # all events of the sample; those without `goal_taken_over_by` have no effect
     goals: Sequence[str],  # name of the present goal of each aircraft
+    has_valid_plan: bool,  # whether the fleet has a valid plan after the events
     on_progress: Callable[[str], None] = lambda message: None,  # called with a description of the current work
 ) -> tuple[Flight, FlightState, tuple[str, ...], list[EventOutcome]]:
     """Reassign the goals of departing aircraft to other aircraft, if a plan exists for the new assignment.
@@ -116,18 +117,20 @@ def reassign_goals(
     )
     open_goals: list[int] = []  # aircraft that have left a goal to which nobody else flies
 
-    def outcome(aircraft: int, is_planned: bool, message: str, goal: str | None = None) -> EventOutcome:
-        return EventOutcome(now_s, GOAL_TAKEN_OVER, names[aircraft], is_planned, message, goal)
+    messages: list[tuple[int, str, str | None]] = []  # aircraft, message, and the goal that it takes over
 
-    def without_successor(departed: int) -> EventOutcome:
-        return outcome(departed, False, f'no aircraft can take over its goal "{goals[departed]}" in time')
+    def outcomes(departed: Sequence[int], has_plan: bool) -> list[EventOutcome]:
+        unassigned = [(k, f'no aircraft can take over its goal "{goals[k]}" in time', None) for k in departed]
+        return [
+            EventOutcome(now_s, GOAL_TAKEN_OVER, names[aircraft], has_plan, message, goal)
+            for aircraft, message, goal in (*messages, *unassigned)
+        ]
 
-    outcomes: list[EventOutcome] = []
     for departed in event_of:
         remaining = fleet.aircraft_with_goal(goals[departed])
         if remaining:
             message = f'its goal "{goals[departed]}" is not free: "{names[remaining[0]]}" flies to it'
-            outcomes.append(outcome(departed, True, message))
+            messages.append((departed, message, None))
         else:
             open_goals.append(departed)
     distances = fleet.distances_m([(departed, event_of[departed]) for departed in open_goals])
@@ -141,11 +144,11 @@ def reassign_goals(
             new_goals = tuple(goals[givers.get(aircraft, aircraft)] for aircraft in range(len(goals)))
             for taker, giver in givers.items():
                 message = f'goes to the goal "{goals[giver]}" of "{names[giver]}" instead of "{goals[taker]}"'
-                outcomes.append(outcome(taker, True, message, goals[giver]))
+                messages.append((taker, message, goals[giver]))
             unassigned = [departed for departed in open_goals if departed not in givers.values()]
-            return reassigned_flight, replanned_state, new_goals, [*outcomes, *map(without_successor, unassigned)]
+            return reassigned_flight, replanned_state, new_goals, outcomes(unassigned, True)
         distances[max(pairs, key=lambda pair: distances[pair])] = _INFEASIBLE_M
-    return flight, state, tuple(goals), [*outcomes, *map(without_successor, open_goals)]
+    return flight, state, tuple(goals), outcomes(open_goals, has_valid_plan)
 
 
 def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]) -> list[tuple[int, int]]:
@@ -287,8 +290,11 @@ class EventSchedule:
             self.outcomes.append(outcome)
             if event.kind in GOAL_EVENTS and self._scenario.fleet.is_central:
                 self._goal_event = len(self.outcomes) - 1, _SEARCHES_MAX
+        # The plan that is flown without a handover is that after the last departure.
+        departure = next((outcome for outcome in reversed(self.outcomes) if outcome.kind == "aircraft-leaves"), None)
+        has_valid_plan = departure is not None and departure.has_valid_plan
         flight, state, self.goals, handovers = reassign_goals(
-            self._scenario, flight, state, sample, due_events, self.goals, self._on_progress
+            self._scenario, flight, state, sample, due_events, self.goals, has_valid_plan, self._on_progress
         )
         self.outcomes += handovers
         return flight, state

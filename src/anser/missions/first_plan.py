@@ -41,6 +41,7 @@ from anser.scenario.build_environment import ned
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_reach import time_to_go_s
 from anser.simulation.closed_loop import STATUS_MESSAGES, is_breakaway
 from anser.simulation.flight import Flight, FlightState, statuses
 from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight, trimmed_fleet
@@ -532,17 +533,27 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
 
 
 def _rough_flight_time_s(scenario: Scenario) -> float:
-    """Estimate the time of the last arrival, s: the latest prescribed one, or the longest straight flight if longer.
+    """Estimate the time of the last arrival, s, with the arrival rule and straight flights in the wind at the start.
 
-    A straight flight leads to the goal's position at time 0, at the preferred airspeed or the greatest one if less.
+    The airspeed is the preferred one, or the greatest if less. Goals with waypoints are taken to stay at the first.
     """
-    straight_s = [
-        math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))
-        / min(scenario.speed_for(aircraft), scenario.limits_for(aircraft).speed_max_m_s)
-        for aircraft in scenario.aircraft
-    ]
-    prescribed_s = [aircraft.arrive_s for aircraft in scenario.aircraft if aircraft.arrive_s is not None]
-    return max(*straight_s, *prescribed_s, scenario.arrival.time_s or 0.0)
+    request = arrival_request(scenario)
+    if request.times_s is not None:
+        return float(np.max(request.times_s))
+
+    def straight_time_s(aircraft: Aircraft) -> float:
+        goal, start = scenario.goal_of(aircraft), aircraft.start
+        speed_m_s = min(scenario.speed_for(aircraft), scenario.limits_for(aircraft).speed_max_m_s)
+        line_m = np.add(goal.position_m(0.0), aircraft.rendezvous.stand_off_m) - start.position_m
+        drift_m_s = np.subtract(goal.velocity_m_s(), scenario.wind.velocity_m_s(start.altitude_m))
+        time_s = time_to_go_s(tuple(line_m), tuple(drift_m_s), speed_m_s)
+        return math.hypot(*line_m) / speed_m_s if time_s is None else time_s
+
+    times_s = np.array([straight_time_s(aircraft) for aircraft in scenario.aircraft])
+    if request.windows_s is not None:
+        times_s = np.clip(times_s, *request.windows_s.T)
+    offsets_s = request.offsets(times_s.size)
+    return float(np.max(times_s - offsets_s) + np.max(offsets_s))
 
 
 def start_search_programs(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> list[Any]:

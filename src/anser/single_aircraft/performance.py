@@ -265,12 +265,13 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
     # The power is given: its own limits are met by rounding only.
     values = speeds * np.sin(angle) if power > 0.0 else -1.0 / np.tan(np.minimum(angle, -1e-6))
     values = np.where(_is_flyable(flights, except_power=True) & (angle != 0.0), values, -np.inf)
-    if not np.any(np.isfinite(values)) or (power == 0.0 and np.nanmax(angle) >= 0.0):
+    is_flown = np.isfinite(values)
+    if not is_flown.any() or (power == 0.0 and np.max(angle[is_flown]) >= 0.0):
         return [PerformanceFigure(name, np.nan, unit, "no such flight")]
     best = int(np.argmax(values))
     airspeed, value, limit = speeds[best], values[best], "end of the range"
     around = slice(best - 1, best + 2)
-    if 0 < best < speeds.size - 1 and np.isfinite(values[around]).all():
+    if 0 < best < speeds.size - 1 and is_flown[around].all():
         # the top of the parabola through the greatest value and its neighbours
         a, b, c = np.polyfit(speeds[around] - speeds[best], values[around], 2)
         shift = -0.5 * b / a if a < 0.0 else 0.0

@@ -136,14 +136,39 @@ def test_turns_before_a_window_are_made_up_for_by_half_a_percent_of_airspeed(bea
     assert (direct_s > 60.3) == (bearing_deg > 25.0)
 
 
+@pytest.mark.parametrize("wind_north", [-110.0, -60.0, 0.0, 60.0, 140.0])
+@pytest.mark.parametrize("rule", ["together", "windows"])
+def test_the_preferred_time_counts_strong_wind_and_the_motion_of_the_goal(wind_north, rule):
+    """The start flies north to a goal ahead that moves north at 25 m/s: distance over closing speed."""
+    tasks = [aircraft_task((distance, 0.0, -1700.0), (25.0, 0.0, 0.0)) for distance in (2500.0, 3600.0)]
+    windows = {"windows_s": np.tile([1.0, 250.0], (2, 1))} if rule == "windows" else {}
+    fleet = fleet_of(*tasks, wind=SteadyWind(jnp.array([wind_north, 0.0, 0.0])), rule=rule, **windows)
+    closing_speed = 150.0 + wind_north - 25.0
+    np.testing.assert_allclose(fleet.preferred_times[:2], np.array([2500.0, 3600.0]) / closing_speed, rtol=2e-5)
+
+
+def test_without_a_direct_path_the_preferred_time_is_that_of_the_straight_line():
+    """The goal is abeam, nearer than a turn, and the wind blows across the line: a right-angled triangle of speeds."""
+    fleet = fleet_of((0.0, 1000.0, -1700.0), wind=SteadyWind(jnp.array([-90.0, 0.0, 0.0])))
+    np.testing.assert_allclose(fleet.preferred_times[0], 1000.0 / np.sqrt(150.0**2 - 90.0**2), rtol=1e-12)
+
+
 def test_the_time_of_the_straight_line_is_that_through_the_moving_air():
-    tasks = stack_rows(
-        [aircraft_task((9000.0, -3000.0, -1900.0), (12.0, -7.0, 0.0)), aircraft_task((20.0, 500.0, 0.0))]
+    goals = (
+        ((9000.0, -3000.0, -1900.0), (12.0, -7.0, 0.0)),
+        ((20.0, 500.0, 0.0),),
+        ((9000.0, 0.0, -1700.0), (140, 0, 0)),
     )
-    times = straight_times(tasks, airspace(STEADY))
+    tasks = stack_rows([aircraft_task(*goal) for goal in goals])
+    times = np.asarray(straight_times(tasks, airspace(STEADY)))
     drift = np.asarray(tasks.goal_velocity_n) - np.asarray(STEADY.velocity_n)
     flown = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n) + times[:, None] * drift
-    np.testing.assert_allclose(np.linalg.norm(flown, axis=1), 150.0 * times, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(flown, axis=1), 150.0 * times, rtol=1e-12)
+
+
+def test_the_straight_time_to_a_goal_that_outruns_the_aircraft_is_that_to_its_initial_position():
+    tasks = stack_rows([aircraft_task((9000.0, 0.0, -1700.0), (160.0, 0.0, 0.0))])
+    np.testing.assert_allclose(straight_times(tasks, airspace(CALM)), [60.0], rtol=1e-12)
 
 
 def test_proposals_end_at_the_latest_arrival_or_the_window():

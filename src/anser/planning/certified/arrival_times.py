@@ -17,6 +17,7 @@ from anser.compiling.options import compiled_by_older_generator, compiled_quickl
 from anser.compiling.program import PreparedProgram
 from anser.environment.environment import AbstractWind, LayeredWind
 from anser.numerics.arrays import as_array, take_rows
+from anser.parts.planners import time_to_go
 from anser.planning.certified.candidates import aircraft_candidates
 from anser.planning.certified.fitted_wind import wind_layers
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalTimes, Intervals
@@ -29,7 +30,8 @@ from anser.planning.certified.timed_profiles import (
     speeds_for_mean,
 )
 from anser.planning.separation import separation_ratio
-from anser.shapes import Integer, Scalar
+from anser.shapes import Flag, Integer, Scalar
+from anser.spatial.vectors import norm
 
 _STEP_UP, _FIRST_STEP = 1.12, 1.06  # ratio of consecutive times, and of the first tried to the first admissible time
 RESOLUTION = 1.01
@@ -128,23 +130,21 @@ def _greatest_wind(wind: AbstractWind, heights: Float[Array, " n"]) -> tuple[Sca
     return jnp.max(jnp.linalg.norm(winds, axis=1)), jnp.max(jnp.abs(winds[:, 2]))
 
 
-def straight_times(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
+@compiled_quickly
+def straight_times(tasks: AircraftTask, airspace: Airspace) -> Float[Array, " aircraft"]:
     """Compute each aircraft's flight time, s, straight to its moving rendezvous at the preferred mean airspeed.
 
-    The wind is taken halfway between the start and the initial rendezvous.
+    The wind is taken halfway between the start and the initial rendezvous. If the rendezvous outruns the aircraft, the
+    time is the initial distance over the airspeed.
     """
-    line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
-    wind_n = _winds_at(airspace.wind, as_array(np.asarray(tasks.position_n) + 0.5 * line))
-    drift, speed = np.asarray(tasks.goal_velocity_n) - np.asarray(wind_n), np.asarray(tasks.speed)
-    times = np.linalg.norm(line, axis=1) / speed
-    for _ in range(ROUNDS):
-        times = np.linalg.norm(line + times[:, None] * drift, axis=1) / speed
-    return times
 
+    def straight_time(task: AircraftTask) -> Scalar:
+        line = task.rendezvous_n - task.position_n
+        wind_n = airspace.wind.at(task.position_n + 0.5 * line, 0.0)
+        time, exists = time_to_go(line, task.goal_velocity_n - wind_n, task.speed)
+        return jnp.where(exists, time, norm(line) / task.speed)
 
-@compiled_quickly
-def _winds_at(wind: AbstractWind, positions_n: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    return jax.vmap(lambda position_n: wind.at(position_n, 0.0))(positions_n)
+    return jax.vmap(straight_time)(tasks)
 
 
 def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
@@ -229,7 +229,9 @@ def arrival_conflicts(
     return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0
 
 
-ROUNDS = 8
+_PLAIN_ROUNDS, _ROUNDS_MAX = 8, 32  # rounds of the iteration for the time of a direct path
+_CHANGE_MAX = 1e-6  # of the time in the last round, as a ratio
+_GAIN_MIN, _GAIN_MAX = 0.5, 20.0  # of an accelerated step over that of the plain iteration
 _STRETCH = 3.0  # greatest change of the time, as a factor, in one round of the fixed-point iteration
 _BATCH_SIZE = 32  # pairs of aircraft and time per call
 _WINDOW_SAMPLES = 12  # grid points per window
@@ -245,9 +247,10 @@ def direct_times(
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
     """Compute the flight time (s) of each aircraft's shortest direct path at its mean airspeed `speeds` (m/s).
 
-    The flight time is found by a fixed-point iteration of `ROUNDS` rounds, because the goal moves and the air drifts
-    during the flight. The second result tells for each aircraft whether the last round had a direct path and changed
-    the time by less than a millionth. If no direct path exists in a round, the flight time stays as it is.
+    The flight time is found by a fixed-point iteration, because the goal moves and the air drifts during the flight;
+    from the ninth round on, the secant method extrapolates its steps: against strong wind they shrink slowly. The
+    second result tells for each aircraft whether the last round, the 32nd at most, had a direct path and changed the
+    time by less than a millionth. If no direct path exists in a round, the flight time stays as it is.
     `intervals`: number of intervals of the tabulated profile.
     """
 
@@ -255,18 +258,31 @@ def direct_times(
         line = task.rendezvous_n - task.position_n
         initial_duration = jnp.maximum(jnp.sqrt(jnp.sum(line**2)) / speed, 5.0)
 
-        def iterate(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-            duration, _ = carry
+        def iterate(carry: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+            count, duration, previous_duration, previous_step, _ = carry
             speeds = speeds_for_mean(task, duration, speed)
             paths = profile_paths(task, airspace, duration, intervals, 0.0, speeds)
             exists = paths.directs.exists[0]
             required_length = jnp.where(exists, paths.directs.length[0], paths.table.length)
             next_duration = duration * required_length / jnp.maximum(paths.table.length, 1.0)
             change = jnp.where(exists, jnp.abs(next_duration / duration - 1.0), jnp.inf)
-            return jnp.clip(next_duration, duration / _STRETCH, duration * _STRETCH), change
+            step = next_duration - duration
+            decrease = previous_step - step
+            gain = (duration - previous_duration) / jnp.where(decrease == 0.0, 1.0, decrease)
+            extrapolated = duration + jnp.clip(gain, _GAIN_MIN, _GAIN_MAX) * step
+            next_duration = jnp.where(count < _PLAIN_ROUNDS, next_duration, extrapolated)
+            next_duration = jnp.clip(next_duration, duration / _STRETCH, duration * _STRETCH)
+            return count + 1, next_duration, duration, step, change
 
-        duration, change = jax.lax.fori_loop(0, ROUNDS, iterate, (initial_duration, jnp.asarray(jnp.inf)))
-        return duration, change < 1e-6
+        def is_unfinished(carry: tuple[Scalar, ...]) -> Flag:
+            count, change = carry[0], carry[-1]
+            may_improve = (change >= _CHANGE_MAX) & (change < jnp.inf) & (count < _ROUNDS_MAX)
+            return (count < _PLAIN_ROUNDS) | may_improve
+
+        unknown = jnp.asarray(jnp.inf)
+        start = (jnp.asarray(0), initial_duration, initial_duration, unknown, unknown)
+        _, duration, _, _, change = jax.lax.while_loop(is_unfinished, iterate, start)
+        return duration, change < _CHANGE_MAX
 
     return jax.lax.map(lambda row: solve_task(*row), (tasks, speeds))
 

@@ -107,16 +107,15 @@ class FleetTask:
         """Flight time of each direct path at the preferred mean airspeed, s; the time of the climb if this is longer.
 
         With windows, the time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least that of the straight line.
-        Where `direct_times` does not converge, the initial distance of the rendezvous over the airspeed counts.
+        Where `direct_times` does not converge, the time of the straight line counts.
         """
-        tasks = self.tasks
-        times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
-        line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
-        straight = np.linalg.norm(line, axis=1) / np.asarray(tasks.speed)
-        direct = np.where(np.asarray(converged), np.asarray(times), straight)
-        if self.request.windows_s is not None:
-            shortest = np.minimum(direct, straight_times(tasks, self.airspace))
-            direct = np.maximum(direct / _WINDOW_SPEED_FACTOR, shortest)
+        tasks, windows_s = self.tasks, self.request.windows_s
+        direct, converged = (np.asarray(x) for x in direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS))
+        if windows_s is not None or not converged.all():
+            straight = np.asarray(straight_times(tasks, self.airspace))
+            direct = np.where(converged, direct, straight)
+            if windows_s is not None:
+                direct = np.maximum(direct / _WINDOW_SPEED_FACTOR, np.minimum(direct, straight))
         return np.clip(np.maximum(direct, climb_times_min(tasks, self.airspace)), 1.0, self.request.latest_s)
 
     def admissible(self, times: Float[np.ndarray, "n aircraft"]) -> Bool[np.ndarray, " n"]:
