@@ -271,8 +271,8 @@ class _Reader:
         """Return the vertical velocity of the air at every node and level, m/s, up positive; None if not in the file.
 
         A pressure velocity omega (Pa/s) is converted by -omega/(rho g) with the density of the hydrostatic balance, rho
-        g = -dp/dz, in which z is the altitude `height` of the pressure levels. The arguments are those of
-        `_heights`; `dims` are the names of the dimensions.
+        g = -dp/dz, in which z is the altitude `height` of the pressure levels. The arguments are those of `_heights`;
+        `dims` are the names of the dimensions.
         """
         found = self._find("upward", self.dataset.data_vars)
         if found is None:
