@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import StoreError, campaign, flights
+from anser.campaigns import StoreError, campaign, flights, load_campaign
 from anser.campaigns.campaign_folder import open_campaign_store
 from anser.campaigns.store import CampaignStore
+from anser.campaigns.study import Study
+from anser.config.errors import ScenarioError
+from anser.scenario.schema import Scenario
 from campaigns.study_cases import STUDIES, made_up, text_of
 from trials.damaged_files import MUTATIONS, files_of
 
@@ -162,3 +165,27 @@ def test_two_processes_do_not_resume_one_store(study, out):
     holder.kill()
     holder.communicate()
     campaign(study, out, resume=True, processes=1)
+
+
+def test_a_stored_campaign_is_read_even_if_the_rules_of_today_refuse_its_study_and_scenario(tmp_path):
+    """Earlier versions accepted weights in a grid, and this limit, written out, for the global model."""
+    text = (STUDIES.parent / "scenarios" / "three-aircraft.toml").read_text()
+    text = text.replace("[limits]", "[limits]\nalpha_min_deg = -5.0")
+    (tmp_path / "three.toml").write_text(text.replace('\ngoal = "', '\nvariant = "global"\ngoal = "'))
+    path, choice = tmp_path / "study.toml", 'distribution = "choice"\nvalues = [1.0, 2.0]\nweights = [3.0, 1.0]\n'
+    path.write_text(
+        'format = 1\nname = "test"\nscenario = "three.toml"\n[sampling]\nmethod = "grid"\nlevels = 2\n'
+        f'[[vary]]\npath = "wind.speed_m_s"\n{choice}'
+    )
+    with pytest.MonkeyPatch.context() as earlier:
+        earlier.setattr(Scenario, "consistency_problems", lambda self: [])
+        earlier.setattr(Study, "consistency_problems", lambda self: [])
+        campaign(path, tmp_path / "out", processes=1)
+    stored = load_campaign(tmp_path / "out")
+    assert stored.estimates().flights == 2
+    assert stored.report(worst=0)
+    assert stored.store.study.vary[0].weights == (3.0, 1.0)
+    with pytest.raises(ScenarioError, match=r"limits.alpha_min_deg: arrived -5; expected at least -4 deg"):
+        stored.flight(0)
+    with pytest.raises(ScenarioError, match=r"vary\[0\].weights: arrived a list of 2"):
+        campaign(path, tmp_path / "out", resume=True, processes=1)

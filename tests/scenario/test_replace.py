@@ -46,6 +46,8 @@ def test_keys_of_optional_tables_that_a_file_leaves_out_have_their_defaults():
     assert value_at(THREE, "network.loss") == 0.0
     assert value_at(THREE, "atmosphere") is None
     assert value_at(THREE, "atmosphere.sounding.level") is None  # required in a sounding
+    assert value_at(THREE, "aircraft[0]") == THREE.aircraft[0].model_dump(mode="json")
+    assert value_at(THREE, "aircraft") == THREE.model_dump(mode="json")["aircraft"]
     paths = ["network.loss", "network.loss"]
     assert repeated_paths(THREE, paths) == tuple(paths)
     for path, message in (

@@ -13,6 +13,7 @@ from anser.config.errors import ScenarioError
 from anser.constants import GEOPOTENTIAL_RADIUS_M, STANDARD_GRAVITY_M_S2
 from anser.scenario.build_wind_field import build_wind_field
 from anser.scenario.schema_environment import Earth, Wind
+from anser.scenario.wind_field_file import file_digest, read_wind_field
 from anser.single_aircraft.air import read_air
 from anser.spatial.wgs84 import flat_from_geodetic
 from support.wind_files import LEVELS_HPA, era5_file, metric_file
@@ -197,6 +198,18 @@ def calm_file(path: Path, modify: Any) -> Path:
     return path / "changed.nc"
 
 
+def pressure_level_file(path: Path, standard_name: str) -> Path:
+    """Write still air on two pressure levels, whose heights of 0 and 500 m are the variable zg."""
+
+    def on_pressures(data: xr.Dataset) -> xr.Dataset:
+        attributes = {"units": "m", "standard_name": standard_name}
+        pressures = ("level", [1000.0, 950.0], {"units": "hPa"})
+        data = data.assign(zg=("altitude", data.altitude.values, attributes)).rename(altitude="level")
+        return data.assign_coords(level=pressures)
+
+    return calm_file(path, on_pressures)
+
+
 def test_members_without_times_are_members(tmp_path: Path) -> None:
     path = calm_file(tmp_path, lambda data: data.isel(time=0).expand_dims(realization=[0, 1]))
     field = build_wind_field(Wind(field=str(path), member=1), None)
@@ -217,3 +230,23 @@ def test_heights_above_the_ground_are_refused(tmp_path: Path, name: str, attribu
     path = calm_file(tmp_path, lambda data: change(name, **attributes)(data.rename(altitude=name)))
     with pytest.raises(ScenarioError, match=f"the levels {name}, read as heights above the ground; expected altitudes"):
         build_wind_field(Wind(field=str(path)), None)
+
+
+@pytest.mark.parametrize(
+    ("standard_name", "is_geopotential"),
+    [("geopotential_height", True), ("altitude", False), ("height_above_mean_sea_level", False)],
+)
+def test_heights_of_pressure_levels_are_geopotential_or_altitudes_by_their_standard_name(
+    tmp_path: Path, standard_name: str, is_geopotential: bool
+) -> None:
+    path = pressure_level_file(tmp_path, standard_name)
+    field = read_wind_field(str(path), file_digest(path))
+    assert field.is_geopotential == is_geopotential
+    np.testing.assert_array_equal(field.altitude_bounds, [[0.0, 500.0], [0.0, 500.0]])
+
+
+@pytest.mark.parametrize("standard_name", ["height", "height_above_ground"])
+def test_pressure_levels_with_heights_above_the_ground_are_refused(tmp_path: Path, standard_name: str) -> None:
+    message = r"pressure levels \(level\) with zg, read as heights above the ground; expected a variable geopotential"
+    with pytest.raises(ScenarioError, match=message):
+        build_wind_field(Wind(field=str(pressure_level_file(tmp_path, standard_name))), None)

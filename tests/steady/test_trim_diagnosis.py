@@ -186,6 +186,9 @@ def test_a_pull_up_diagnosis_names_the_nearest_pitch_rate():
         nearest_trims(F16, STILL, trim_target(150.0, 1000.0, -12 * DEG_RAD, pitch_rate=0.01)), "pitch_rate"
     )
     assert idle_dive.message().startswith("it must pull up at ")
+    # push-overs faster than 17.3 deg/s have a trim: they do not count beside a pull-up
+    pull_up = _along(nearest_trims(F16, STILL, trim_target(200.0, 1000.0, pitch_rate=0.302)), "pitch_rate")
+    assert pull_up.message() == "the fastest pull-up is 16.6 deg/s"
     push_over = _along(nearest_trims(F16, STILL, trim_target(150.0, 1000.0, pitch_rate=-0.5)), "pitch_rate")
     assert push_over.message().startswith("the fastest push-over is ")
 

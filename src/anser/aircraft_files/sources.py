@@ -37,11 +37,12 @@ VARIANTS = {"f16": ("textbook", "s119", "founding", "tp1538", "global")}
 _RATE_DERIVATIVES = {f"{coefficient}_{angle}dot" for coefficient in COEFFICIENTS for angle in ("alpha", "beta")}
 
 
-def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | DaveMlFile:
+def validate_airframe(values: dict[str, Any], source: str, *, is_stored: bool = False) -> AirframeFile | DaveMlFile:
     """Validate the values of an aircraft file, nested dictionaries and lists as in TOML, and return the file.
 
-    In a table `dave_ml`, each referenced file must be a table of file name and text. Raises ScenarioError if the values
-    are invalid; the message gives `source` (the file), key, value and expected value.
+    In a table `dave_ml`, each referenced file must be a table of file name and text. Contradictions between keys are
+    accepted in a file within stored results (`is_stored`). Raises ScenarioError if the values are invalid; the message
+    gives `source` (the file), key, value and expected value.
     """
     check_file_kind("aircraft", values, source)
     version = values.get("format")
@@ -49,11 +50,11 @@ def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | Dav
         raise ScenarioError(source, [Problem("format", describe_value(version), "1, the format that this anser reads")])
     kind = DaveMlFile if "dave_ml" in values else AirframeFile
     try:
-        file = kind.model_validate(values)
+        file = kind.model_validate(values, context={"is_stored": is_stored})
     except ValidationError as error:
         problems = validation_problems(error, kind, values)
         raise ScenarioError(source, [_explain_rate_derivative(problem) for problem in problems]) from None
-    if isinstance(file, DaveMlFile):
+    if isinstance(file, DaveMlFile) and not is_stored:
         from anser.aircraft_files.build import model_problems  # imports JAX
 
         problems = model_problems(file)

@@ -77,8 +77,9 @@ class AbstractFlightStore(abc.ABC):
         self.folder, self.attributes = folder, self._checksums.attributes()
         if self.attributes.get("format_version") != FORMAT:
             raise StoreError(f"{folder}: arrived {self.description} of another format; expected format {FORMAT}")
-        self.study = validate_study(json.loads(self.attributes["study"]), f"{folder}, study")
-        self.scenario = validate(json.loads(self.attributes["scenario"]), f"{folder}, scenario")
+        study, scenario = (json.loads(self.attributes[key]) for key in ("study", "scenario"))
+        self.study = validate_study(study, f"{folder}, study", is_stored=True)
+        self.scenario = validate(scenario, f"{folder}, scenario", is_stored=True)
         self.damages: list[str] = []  # messages about damaged results that were removed and are flown again
         self._has_lock = False
         self._verified: dict[bool, set[int]] = {False: set(), True: set()}  # by whether the series are verified

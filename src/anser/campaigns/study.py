@@ -492,14 +492,15 @@ def located_in(path: str | os.PathLike[str], study: Study) -> Iterator[None]:
         raise ScenarioError(f"{os.fspath(path)}{comma}{rest}", problems) from None
 
 
-def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
+def validate_study(values: dict[str, Any], source: str = "<values>", *, is_stored: bool = False) -> Study:
     """Return the study with the keys and values of nested dictionaries, as in a study file.
 
-    Raises ScenarioError if they are not valid; `source` names their origin in the message.
+    Contradictions between keys are accepted in the study of stored results (`is_stored`). Raises ScenarioError if keys
+    or values are not valid; `source` names their origin in the message.
     """
     check_file_kind("study", values, source)
     try:
-        return Study.model_validate(values)
+        return Study.model_validate(values, context={"is_stored": is_stored})
     except ValidationError as error:
         raise ScenarioError(source, validation_problems(error, Study, values)) from None
 

@@ -55,13 +55,20 @@ def value_at(scenario: Table, path: str) -> Any:
             expected = f"one of the keys {', '.join(node)}"
             raise problem_error("", f"the unknown key {describe_value(step_key)}", expected, path_so_far)
         node = node[step_key]
+    return _as_values(node)
+
+
+def _as_values(node: Any) -> Any:
+    """Return a node of a key path in plain values: tables as dictionaries with defaults, classes of tables as None."""
     if isinstance(node, type):
         return None
-    return node.model_dump(mode="json") if isinstance(node, Table) else to_file_value(node)
+    if isinstance(node, Table):
+        return node.model_dump(mode="json")
+    return [_as_values(item) for item in node] if isinstance(node, list | tuple) else to_file_value(node)
 
 
 def _as_container(node: Any) -> Any:
-    """Return a table as a dictionary, defaults included, and a list or tuple as a list of converted items.
+    """Return a table as a dictionary, defaults included, and a tuple as a list; further values are unchanged.
 
     An optional table that the file left out is represented by its class, which becomes a dictionary of defaults.
     """
@@ -74,7 +81,7 @@ def _as_container(node: Any) -> Any:
             key: _value_or_table(None if field.is_required() else field.get_default(), field.annotation)
             for key, field in node.model_fields.items()
         }
-    return [_as_container(item) for item in node] if isinstance(node, tuple | list) else node
+    return list(node) if isinstance(node, tuple) else node
 
 
 def _value_or_table(value: Any, annotation: Any) -> Any:
@@ -191,7 +198,7 @@ def _index(items: list[Any], step: _ItemKey, path_so_far: str) -> int:
 
 
 def _names(items: list[Any]) -> list[str | None]:
-    return [item.get("name") if isinstance(item, dict) else None for item in items]
+    return [item.get("name") if isinstance(item, dict) else getattr(item, "name", None) for item in items]
 
 
 def _describe_items(items: list[Any], path_so_far: str) -> str:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Never, Self, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
 from pydantic_core import PydanticUndefined
 
 from anser.config.errors import Problem, ScenarioError, format_number, quoted_list
@@ -23,6 +23,14 @@ Vector = tuple[float, float, float]
 """Vector with the components (north, east, up)."""
 
 
+def is_stored(info: ValidationInfo) -> bool:
+    """Whether the validated tables are those of stored results, in which contradictions between keys are accepted.
+
+    The version of the package that stored them has checked them, by rules that can differ from those of this version.
+    """
+    return bool(info.context and info.context.get("is_stored"))
+
+
 class Table(BaseModel):
     """Table of a file: frozen, strict about types; unknown keys, NaN and infinity are refused."""
 
@@ -33,11 +41,15 @@ class Table(BaseModel):
         return []
 
     @model_validator(mode="after")
-    def _holds_together(self) -> Self:
-        problems = self.consistency_problems()
+    def _holds_together(self, info: ValidationInfo) -> Self:
+        self._refuse_contradictions(info)
+        return self
+
+    def _refuse_contradictions(self, info: ValidationInfo) -> None:
+        """Raise ScenarioError for contradictions between keys, unless the table is that of stored results."""
+        problems = [] if is_stored(info) else self.consistency_problems()
         if problems:
             raise ScenarioError("", problems)
-        return self
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy the table; raises TypeError if `update` is given: the changes would skip validation."""

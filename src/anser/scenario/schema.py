@@ -6,7 +6,7 @@ Values are validated, have the units of the scenario file, and include the conte
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import PrivateAttr, ValidationError, model_validator
+from pydantic import PrivateAttr, ValidationError, ValidationInfo, model_validator
 
 from anser.aircraft_files.schema import AirframeFile, DaveMlFile
 from anser.aircraft_files.sources import entry_point_origin, read_airframe
@@ -142,15 +142,13 @@ class Scenario(ScenarioTables):
     _attached_parts: Any = PrivateAttr(None)  # objects of `anser.scenario.user_parts.attach_parts`
 
     @model_validator(mode="after")
-    def _holds_together(self) -> Self:
+    def _holds_together(self, info: ValidationInfo) -> Self:
         limits, ranges = self.limits, {aircraft.range for aircraft in self.aircraft}
         if len(ranges) == 1:
             limits = limits.within(ranges.pop())
         fleet = self.fleet.with_defaults(planner=DEFAULT_PLANNERS[self.format])
         scenario = self._with_values(fleet=fleet, limits=limits)._with_true_airspeeds()
-        problems = scenario.consistency_problems()
-        if problems:
-            raise ScenarioError("", problems)
+        scenario._refuse_contradictions(info)
         return scenario
 
     def _with_true_airspeeds(self) -> Self:
@@ -234,11 +232,12 @@ class Scenario(ScenarioTables):
         return replaced
 
 
-def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
+def validate(values: dict[str, Any], source: str = "<values>", *, is_stored: bool = False) -> Scenario:
     """Validate a scenario given as nested dictionaries and lists.
 
     `source` names the scenario in messages; if it is a file's path, relative paths of aircraft files, soundings and
-    wind fields start from the file's folder. Raises ScenarioError if the scenario or a file named in it is invalid.
+    wind fields start from the file's folder. Contradictions between keys are accepted in the scenario of stored results
+    (`is_stored`). Raises ScenarioError if the scenario or a file named in it is invalid.
     """
     check_file_kind("scenario", values, source)
     version = values.get("format")
@@ -247,7 +246,7 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
         raise ScenarioError(source, [Problem("format", describe_value(version), FORMATS_EXPECTED)])
     values = insert_wind_field(insert_sounding(insert_aircraft_files(values, source), source), source)
     try:
-        return Scenario.model_validate(values)
+        return Scenario.model_validate(values, context={"is_stored": is_stored})
     except ValidationError as error:
         raise ScenarioError(source, validation_problems(error, Scenario, values)) from None
 

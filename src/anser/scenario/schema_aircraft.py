@@ -4,7 +4,7 @@ import itertools
 import math
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from anser.aircraft_files.deviations import F16_FACTORS, PRIMARY_SURFACES, Deviation
 from anser.aircraft_files.schema import AirframeFile, DaveMlFile
@@ -31,6 +31,7 @@ from anser.config.tables import (
     gain,
     identifier,
     interpolate,
+    is_stored,
     number,
     optional_gain,
     table,
@@ -250,7 +251,7 @@ class Gains(Table):
     velocity: VelocityGains = table("slow loop", "a table [aircraft.gains.velocity]", VelocityGains())
 
 
-def _validated_file(value: object) -> object:
+def _validated_file(value: object, info: ValidationInfo) -> object:
     """Return the validated contents of an aircraft file; None and validated contents are returned unchanged.
 
     Raises ScenarioError if the contents are invalid, or the value is no dictionary (a path is replaced before).
@@ -258,7 +259,7 @@ def _validated_file(value: object) -> object:
     if value is None or is_aircraft_file(value):
         return value
     if isinstance(value, dict):
-        return validate_airframe(value, "")
+        return validate_airframe(value, "", is_stored=is_stored(info))
     raise problem_error("", describe_value(value), _AIRFRAME_PATH)
 
 

@@ -17,15 +17,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _PATH = "wind.field"
+_ALTITUDES = ("altitude", "height_above_mean_sea_level")
+"""Names of geometric altitudes above mean sea level."""
 _ALIASES: dict[str, tuple[str, ...]] = {
     "eastward": ("eastward_wind", "u", "x_wind"),
     "northward": ("northward_wind", "v", "y_wind"),
     "upward": ("upward_air_velocity", "w", "lagrangian_tendency_of_air_pressure", "omega"),
-    "height": ("geopotential", "geopotential_height", "z", "gh", "zg"),
+    "height": ("geopotential", "geopotential_height", "z", "gh", "zg", *_ALTITUDES),
     "time": ("time", "valid_time"),
     "member": ("realization", "number", "member"),
     "pressure": ("air_pressure", "pressure_level", "isobaricInhPa", "level", "plev"),
-    "altitude": ("altitude", "height_above_mean_sea_level", "geopotential_height", "z"),
+    "altitude": (*_ALTITUDES, "geopotential_height", "z"),
     "height above ground": ("height", "height_above_ground"),
     "latitude": ("latitude", "lat"),
     "longitude": ("longitude", "lon"),
@@ -246,15 +248,16 @@ class _Reader:
         if vertical == "altitude":
             standard = str(self.dataset[name].attrs.get("standard_name", ""))
             return np.broadcast_to(axis, shape), standard == "geopotential_height"
-        found = self._find("height", self.dataset.data_vars)
-        if found is None:
-            expected = (
-                "a variable geopotential (z in m2 s-2) or geopotential_height beside it, from which altitudes follow"
-            )
-            raise self._refuse(f"pressure levels ({name}) alone", expected)
-        variable = self.dataset[found]
+        height = self._find("height", self.dataset.data_vars)
+        if height is None:
+            above_ground = self._find("height above ground", self.dataset.data_vars)
+            arrived = "alone" if above_ground is None else f"with {above_ground}, read as heights above the ground"
+            expected = "a variable geopotential (z in m2 s-2), geopotential_height or altitude beside them"
+            raise self._refuse(f"pressure levels ({name}) {arrived}", expected)
+        variable = self.dataset[height]
         quantity = "geopotential" if self._units(variable) in _UNITS["geopotential"] else "length"
-        return values(variable, self._factor(variable, quantity, "m2 s-2 or m")), True
+        is_geopotential = quantity == "geopotential" or variable.attrs.get("standard_name", height) not in _ALTITUDES
+        return values(variable, self._factor(variable, quantity, "m2 s-2 or m")), is_geopotential
 
     def _upward(
         self,
@@ -268,8 +271,8 @@ class _Reader:
         """Return the vertical velocity of the air at every node and level, m/s, up positive; None if not in the file.
 
         A pressure velocity omega (Pa/s) is converted by -omega/(rho g) with the density of the hydrostatic balance, rho
-        g = -dp/dz, in which z is the geopotential altitude `height` of the pressure levels. The arguments are those of
-        `_heights`; `dims` are the names of the dimensions.
+        g = -dp/dz, in which z is the altitude `height` of the pressure levels. The arguments are those of `_heights`;
+        `dims` are the names of the dimensions.
         """
         found = self._find("upward", self.dataset.data_vars)
         if found is None:

@@ -264,8 +264,14 @@ def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> 
 
 
 def _is_in_gap(quantity: str, usable_values: np.ndarray, target_value: float) -> bool:
-    """Whether trimmable values lie on both sides of the target's; for rates, on both sides of its magnitude."""
-    if quantity not in ("speed", "path_angle"):
+    """Whether trimmable values lie on both sides of the target's.
+
+    Turn rates count by magnitude, left or right; of pitch rates only those with the target's sign count, because a
+    push-over is no pull-up.
+    """
+    if quantity == "pitch_rate":
+        usable_values = usable_values[usable_values * target_value >= 0.0]
+    if quantity in ("turn_rate", "pitch_rate"):
         usable_values, target_value = np.abs(usable_values), abs(target_value)
     return bool(np.any(usable_values < target_value) and np.any(usable_values > target_value))
 
