@@ -118,7 +118,8 @@ def _loop_separations(scenario: Scenario, index: int, with_trim_maps: bool) -> t
     if not written:
         return ()
     if aircraft.is_library_f16:
-        return loop_separations(*(_bandwidths(getattr(aircraft.gains, loop)) for loop in _LOOPS))
+        gains = aircraft.gains
+        return loop_separations(_bandwidths(gains.rates), _bandwidths(gains.attitude), _bandwidths(gains.velocity))
     if with_trim_maps:
         from anser.scenario.build_aircraft import resolved_loop_separations  # here, because it imports JAX
 
