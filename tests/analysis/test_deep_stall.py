@@ -52,6 +52,10 @@ def test_a_moment_of_exactly_zero_at_a_grid_angle_is_a_trim():
     assert _roots(alphas, np.array([0.1, 0.0, -0.1])) == [(51.0, True)]
     assert _roots(alphas, np.array([-0.1, 0.0, 0.1])) == [(51.0, False)]
     assert _roots(alphas, np.array([-0.1, 0.1, 0.3])) == [(50.5, False)]
+    assert _roots(alphas, np.array([0.1, 0.2, 0.0])) == [(52.0, True)]
+    assert _roots(alphas, np.array([0.0, 0.1, 0.2])) == [(50.0, False)]
+    assert _roots(alphas, np.array([0.1, 0.0, 0.1])) == [(51.0, False)]
+    assert _roots(alphas, np.array([np.nan, 0.1, -0.1])) == [(51.5, True)]
 
 
 def test_every_point_of_the_followed_curve_is_a_trim_of_the_written_out_build_up(stall):

@@ -4,14 +4,23 @@ import numpy as np
 import pytest
 
 from anser.analysis import climb_and_turn, fly_steps, step_test
-from anser.analysis.step_flights import default_flight_point, gallery_steps, step_case
+from anser.analysis.step_flights import default_flight_point, derive_autopilot, gallery_steps, step_case
 from anser.analysis.step_tests import PUBLISHED_STEPS, STEP_S, LoopTimeScale, scaled_step_tests
 from anser.analysis.trim_points import resolve_airframe
+from anser.control import default_limits
 
 
 def test_the_published_tests_have_the_published_time_scale():
     assert scaled_step_tests(LoopTimeScale(), (30.0, 5.0, 5.0), (10.0, 3.0, 20.0)) == PUBLISHED_STEPS
     assert gallery_steps("f16") == (PUBLISHED_STEPS, (150.0, 1000.0))
+
+
+def test_limits_of_the_f16_are_within_the_data_of_its_variant():
+    textbook, smooth = (resolve_airframe("f16", variant)[0] for variant in ("textbook", "global"))
+    limits = [derive_autopilot(airframe, 150.0, 1000.0, "model", STEP_S)[1] for airframe in (textbook, smooth)]
+    assert float(limits[0].alpha_min) == float(default_limits().alpha_min)
+    assert float(limits[1].alpha_min) == float(smooth.alpha_range[0])
+    assert float(limits[1].alpha_max) == float(default_limits().alpha_max)
 
 
 def test_slower_loops_have_longer_steps_and_smaller_rates():

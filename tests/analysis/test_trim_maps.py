@@ -29,6 +29,9 @@ def test_the_f16_keeps_its_grid_steps_and_limits():
     np.testing.assert_array_equal(speed_scale(F16, np.array([100.0, 200.0])), 1.0)
     assert command_meanings(F16) == [command.meaning for command in COMMANDS]
     assert float(survey_limits(F16, (100.0, 200.0)).speed_max) == float(survey_limits().speed_max) == 340.0
+    assert float(survey_limits(F16).alpha_min) == float(survey_limits().alpha_min)
+    smooth = load_airframe("f16", "global")
+    assert float(survey_limits(smooth).alpha_min) == float(smooth.alpha_range[0])
 
 
 def test_another_aircraft_has_a_grid_within_its_data():

@@ -315,6 +315,8 @@ def test_wrong_arguments_are_refused(arguments, message):
         ({"parts": {"planner": "my_planners:Straight"}}, r"parts\.planner"),
         ({"event": [{"kind": "goal-stops", "goal": "goal", "time_s": 5.0}]}, r"event\[0\]"),
         ({"turbulence": {"spectrum": "von-karman"}}, r"turbulence\.spectrum"),
+        ({"aircraft": {"rendezvous": {"stand_off_up_m": 400.0}}}, r"aircraft\.rendezvous"),
+        ({"name": "mine"}, "name"),
     ],
 )
 def test_tables_without_effect_are_refused(tables, path):
@@ -330,6 +332,33 @@ def test_tables_of_the_air_and_the_aircraft_take_effect():
     assert float(vehicle.thrust_ratio_at(6.0)) == 0.5
     assert vehicle.excitation is not None
     assert float(environment.atmosphere.at(0.0).temperature) == pytest.approx(308.15)
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "tables"),
+    [
+        ({"start": {"speed_m_s": 95.0}}, {"wind": {"speed_m_s": 99.0, "from_deg": 0.0}}),
+        ("f16", {"earth": {"model": "wgs84", "latitude_deg": 84.0}}),
+        ({"start": {"mach": 0.5}}, {}),
+    ],
+)
+def test_nothing_is_required_of_a_mission(aircraft, tables):
+    vehicle, _ = single_aircraft(aircraft, tables)
+    assert vehicle.mission is None
+
+
+@pytest.mark.long
+def test_derived_gains_are_those_of_the_step():
+    coarse, fine = (single_aircraft("aerosonde", {}, step_s)[0].controller.gains.rates for step_s in (0.02, 0.01))
+    assert np.all(np.asarray(coarse.proportional) < np.asarray(fine.proportional))
+
+
+def test_periods_of_sensors_and_an_own_airspeed_are_checked():
+    navigation = {"sensors": "satellite-inertial", "period_s": 0.01}
+    with pytest.raises(ScenarioError, match=r"aircraft\[0\]\.speed_m_s .*arrived 45"):
+        single_aircraft({"speed_m_s": 45.0}, {})
+    with pytest.raises(ScenarioError, match=r"navigation\.period_s: arrived 0\.01"):
+        single_aircraft("f16", {"navigation": navigation}, 0.02)
 
 
 def test_narrow_ranges_of_airspeed_have_starts():

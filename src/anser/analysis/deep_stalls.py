@@ -332,15 +332,20 @@ def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
 
 
 def _roots(alphas: np.ndarray, moments: np.ndarray) -> list[tuple[float, bool]]:
-    """Return the angles of attack (deg) at which the pitching moment crosses 0, each with a flag: stable (Cm falls)."""
-    intervals = np.flatnonzero(np.diff(moments >= 0.0))  # a moment of exactly 0 bounds one interval only
-    return [
-        (
-            float(alphas[k] + (alphas[k + 1] - alphas[k]) * moments[k] / (moments[k] - moments[k + 1])),
-            bool(moments[k + 1] < moments[k]),
-        )
-        for k in intervals
-    ]
+    """Return the angles of attack (deg) at which the pitching moment is 0, each with a flag: stable (Cm falls).
+
+    The trims are the angles of the grid with a moment of exactly 0, and zeros between two angles with moments of
+    opposite signs. NaN is no moment.
+    """
+    signs, last = np.sign(moments), len(moments) - 1
+    roots = []
+    for k, (alpha, moment) in enumerate(zip(alphas, moments, strict=True)):
+        if moment == 0.0:
+            roots.append((float(alpha), bool(moments[min(k + 1, last)] < moments[max(k - 1, 0)])))
+        elif k < last and signs[k] * signs[k + 1] < 0.0:
+            share = moment / (moment - moments[k + 1])
+            roots.append((float(alpha + (alphas[k + 1] - alpha) * share), bool(moments[k + 1] < moment)))
+    return roots
 
 
 def _branch(

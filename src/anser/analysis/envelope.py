@@ -214,9 +214,9 @@ def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.nda
 def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike = (0.0,)) -> FlightLimits:
     """Return the autopilot limits of the surveys, wide enough not to interfere with the commands.
 
-    For the F-16: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g. A level turn at 4 g has a bank of
-    75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For another airframe: half the least
-    to twice the greatest of the surveyed airspeeds (m/s), and the range of alpha of the airframe's data.
+    For the F-16: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg within its data, -2 to 7 g. A level turn at 4 g has
+    a bank of 75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For another airframe: half
+    the least to twice the greatest of the surveyed airspeeds (m/s), and the range of alpha of the airframe's data.
     """
     limits = FlightLimits(
         speed_min=jnp.asarray(40.0),
@@ -228,11 +228,14 @@ def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike
         load_factor_max=jnp.asarray(7.0),
         rates_max=jnp.asarray([120.0, 60.0, 60.0]) * DEG_RAD,
     )
-    if airframe is None or isinstance(airframe, AbstractF16):
+    if airframe is None:
         return limits
+    alpha_min, alpha_max = airframe.alpha_range
+    if isinstance(airframe, AbstractF16):
+        alpha_min, alpha_max = jnp.maximum(limits.alpha_min, alpha_min), jnp.minimum(limits.alpha_max, alpha_max)
+        return dataclasses.replace(limits, alpha_min=alpha_min, alpha_max=alpha_max)
     speeds = np.asarray(airspeeds, dtype=float)
     slowest, fastest = jnp.asarray(0.5 * speeds.min()), jnp.asarray(2.0 * speeds.max())
-    alpha_min, alpha_max = airframe.alpha_range
     return dataclasses.replace(limits, speed_min=slowest, speed_max=fastest, alpha_min=alpha_min, alpha_max=alpha_max)
 
 

@@ -242,7 +242,7 @@ def robustness_study(
         cases = dispersed_cases(flights, spread, seed, len(conditions))
         if sweep:
             cases += spread_cases(_FLIGHTS_OF_SWEEP, seed, len(conditions)) + single_factor_cases(len(conditions))
-    limits = default_limits()
+    limits = default_limits(survey.airframe.alpha_range)
     points = jax.vmap(trim_target)(
         jnp.asarray([point.speed_m_s for point in conditions]), jnp.asarray([point.altitude_m for point in conditions])
     )

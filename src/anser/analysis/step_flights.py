@@ -138,12 +138,13 @@ def derive_autopilot(
 ) -> tuple[AutopilotGains, FlightLimits, DerivedDefaults | None]:
     """Return gains and limits of the autopilot of an aircraft at a true airspeed and altitude.
 
-    An F-16 has the published gains and the default limits, without derived defaults (None); for another aircraft, all
-    three are derived. `step_s` is the sampling period of the autopilot; `environment` None: the standard atmosphere.
+    An F-16 has the published gains and the default limits within its data, without derived defaults (None); for another
+    aircraft, all three are derived. `step_s` is the sampling period of the autopilot; `environment` None: the standard
+    atmosphere.
     """
-    limits = default_limits()
     if isinstance(airframe, AbstractF16):
-        return gains_for(inversion), limits, None
+        return gains_for(inversion), default_limits(airframe.alpha_range), None
+    limits = default_limits()
     speeds_m_s = valid_airspeed_range(airframe)
     derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, speeds_m_s, step_s, environment)
     capability = derived_defaults.capability

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.shapes import Scalar, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
 
 NORMAL_TURNING_G = 0.5
 """Least acceleration normal to the path in a turn, in g: neither autopilot nor plans push over below this value."""
@@ -30,19 +30,20 @@ class FlightLimits(eqx.Module):
     bank_rate_max: Scalar | None = None  #: Greatest rate of the commanded bank angle, rad/s; None: no limit.
 
 
-def default_limits() -> FlightLimits:
+def default_limits(alpha_range: tuple[ScalarLike, ScalarLike] = (-jnp.inf, jnp.inf)) -> FlightLimits:
     """Return limits for the F-16 at low speed.
 
-    Airspeed 90 to 240 m/s, bank 60 deg, angle of attack -5 to 25 deg, load factor -1 to 5, body rates (P, Q, R) up to
-    120, 60 and 60 deg/s, least altitude 0 m, and no limit on the rate of the bank command.
+    Airspeed 90 to 240 m/s, bank 60 deg, angle of attack -5 to 25 deg within `alpha_range` (rad, that of the aircraft's
+    data), load factor -1 to 5, body rates (P, Q, R) up to 120, 60 and 60 deg/s, least altitude 0 m, and no limit on the
+    rate of the bank command.
     """
     degree = jnp.pi / 180
     return FlightLimits(
         speed_min=jnp.asarray(90.0, dtype=float),
         speed_max=jnp.asarray(240.0, dtype=float),
         bank_max=jnp.asarray(60 * degree, dtype=float),
-        alpha_min=jnp.asarray(-5 * degree, dtype=float),
-        alpha_max=jnp.asarray(25 * degree, dtype=float),
+        alpha_min=jnp.clip(jnp.asarray(-5 * degree, dtype=float), *alpha_range),
+        alpha_max=jnp.clip(jnp.asarray(25 * degree, dtype=float), *alpha_range),
         load_factor_min=jnp.asarray(-1.0, dtype=float),
         load_factor_max=jnp.asarray(5.0, dtype=float),
         rates_max=jnp.asarray([120.0, 60.0, 60.0]) * degree,

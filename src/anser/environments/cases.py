@@ -5,6 +5,7 @@ with one aircraft, so the tables of a scenario file describe them.
 """
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
@@ -23,11 +24,12 @@ from anser.compiling.options import compiled, compiled_quickly
 from anser.config.errors import Problem, ScenarioError
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.control.inversion_autopilot import InversionAutopilot
+from anser.environment.air import AIRSPEED_FORMS
 from anser.environment.environment import Environment, SteadyWind
 from anser.numerics.arrays import Stacked, as_array, cast_to_precision, pad_to_multiple, take_rows
 from anser.parts.perception import Belief, Instant, Truth
 from anser.scenario.build import build_flight
-from anser.scenario.schema import Scenario, validate
+from anser.scenario.schema import Scenario, UnplannedScenario, validate
 from anser.scenario.unused_keys import unused_key_problems
 from anser.shapes import Integer, Scalar
 from anser.simulation.vehicle import Vehicle
@@ -104,30 +106,39 @@ class Situation(eqx.Module):
         return self.instant.time
 
 
-def single_aircraft(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]) -> tuple[Vehicle, Environment]:
+def single_aircraft(
+    aircraft: str | Mapping[str, Any], tables: Mapping[str, Any], step_s: float = 0.01
+) -> tuple[Vehicle, Environment]:
     """Build an aircraft without a mission, and its environment, from the tables of a scenario.
 
-    `aircraft` and `tables` are those of `anser.environments.make`. Raises ScenarioError if a table is not valid, or has
-    no effect on an aircraft without a mission.
+    `aircraft`, `tables` and `step_s` are those of `anser.environments.make`. Raises ScenarioError if a table is not
+    valid, or has no effect on an aircraft without a mission.
     """
     _refuse(name for name in tables if name in Scenario.model_fields and name not in _TABLES)
     if isinstance(aircraft, str):
         aircraft = {"airframe" if is_aircraft_path(aircraft) else "type": aircraft}
+    _refuse(f"aircraft.{key}" for key in aircraft if key in _MISSION_KEYS)
     kind, variant = aircraft.get("airframe", aircraft.get("type", "f16")), aircraft.get("variant", "textbook")
     speed_m_s, altitude_m = default_flight_point(resolve_airframe(str(kind), variant)[0])
-    start = {"north_m": 0.0, "east_m": 0.0, "course_deg": 0.0, "altitude_m": altitude_m, "speed_m_s": speed_m_s}
-    start.update(aircraft.get("start", {}))
+    start = {"north_m": 0.0, "east_m": 0.0, "course_deg": 0.0, "altitude_m": altitude_m, **aircraft.get("start", {})}
+    airspeed = {form: start[form] for form in AIRSPEED_FORMS if form in start} or {"speed_m_s": speed_m_s}
+    start |= airspeed
     own = {"name": "aircraft", "goal": "goal", "rendezvous": {"stand_off_up_m": 300.0}, **aircraft, "start": start}
     scenario = {
         "format": 2,
         "name": "environment",
-        "timing": {"duration_s": 600.0},
-        "fleet": {"speed_m_s": start["speed_m_s"]},
+        "timing": {
+            "duration_s": math.ceil(600.0 / step_s) * step_s,
+            "step_s": step_s,
+            "record_period_s": step_s,
+            "replan_period_s": 0.0,
+        },
+        "fleet": airspeed,
         "aircraft": [own],
-        "goal": [{"name": "goal", "kind": "surface", "north_m": 200.0 * start["speed_m_s"], "east_m": 0.0}],
+        "goal": [{"name": "goal", "kind": "surface", "north_m": 10000.0, "east_m": 0.0}],
         **tables,
     }
-    validated = validate(scenario, "environment")
+    validated = validate(scenario, "environment", UnplannedScenario)
     _refuse(f"event[{k}]" for k, event in enumerate(validated.event) if event.kind not in _EVENTS)
     _refuse(f"parts.{key}" for key in ("guidance", "planner") if getattr(validated.parts, key, None) is not None)
     if problems := unused_key_problems(validated):
@@ -139,15 +150,17 @@ def single_aircraft(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]
 
 _TABLES = "atmosphere", "earth", "event", "excitation", "gust", "limits", "navigation", "parts", "turbulence", "wind"
 _EVENTS = "aircraft-changes", "thrust-lost"
+_MISSION_KEYS = "goal", "bend", "arrive_s", "arrive_from_s", "arrive_to_s", "rendezvous"
 
 
 def _refuse(paths: Iterable[str]) -> None:
-    """Raise ScenarioError if there are `paths`: those of tables that have no effect in an environment."""
+    """Raise ScenarioError if there are `paths`: those of keys and tables that have no effect in an environment."""
     expected = (
-        f"tables that have an effect on an aircraft without a mission: {', '.join(_TABLES)} (events of the kinds "
-        f"{', '.join(_EVENTS)}; no guidance or planner among the parts); the step is the argument step_s"
+        f"none: an aircraft without a mission has the tables {', '.join(_TABLES)} (events of the kinds "
+        f"{', '.join(_EVENTS)}; no guidance or planner among the parts), a table aircraft without "
+        f"{', '.join(_MISSION_KEYS)}, and the step of the argument step_s"
     )
-    if problems := [Problem(path, "values without effect in an environment", expected) for path in paths]:
+    if problems := [Problem(path, "a value without effect in an environment", expected) for path in paths]:
         raise ScenarioError("environment", problems)
 
 

@@ -55,7 +55,7 @@ def make(
         Level of action: "surfaces", "rates" or "velocity", as far as the task has this level.
     aircraft
         Name of an airframe, path of an aircraft file, or a table `[[aircraft]]` of a scenario with deviations, gains
-        and the like.
+        and the like, but without goal and rendezvous.
     flown
         Range from which starts and wind are drawn; None: the range that suits the aircraft.
     study
@@ -70,7 +70,8 @@ def make(
     precision
         Precision of the flight: "float64" or "float32".
     step_s
-        Step of the integration, s; a divisor of the level's decision time, from 0.001 to 0.05 s.
+        Step of the integration, s, for which gains are derived too; a divisor of the level's decision time, from 0.001
+        to 0.05 s.
     **tables
         Tables of a scenario: `atmosphere`, `earth`, `event` ("aircraft-changes", "thrust-lost"), `excitation`, `gust`,
         `limits`, `navigation`, `parts` (sensors and estimator), `turbulence`, `wind`.
@@ -111,7 +112,7 @@ def make(
     elif study is not None:
         raise ValueError(f"study: arrived {study}; expected a task with a plan, PathTracking, Arrival or FleetArrival")
     else:
-        vehicle, environment = single_aircraft(aircraft, tables)
+        vehicle, environment = single_aircraft(aircraft, tables, step_s)
         flown = default_range(vehicle) if flown is None else flown
         count, rng = 4096 if cases is None else cases, np.random.default_rng(0 if seed is None else seed)
         # Starts are steady in still air; `stack_cases` adds the wind to the velocities.

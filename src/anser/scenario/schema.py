@@ -129,6 +129,16 @@ _CHECKS_WITH_GOALS = (
     airspace.keep_out_problems,
 )
 """Checks that are made only if names are unique and the goal of every aircraft exists."""
+_CHECKS_OF_AIRCRAFT = (
+    checks.range_problems,
+    checks.start_problems,
+    checks.gust_problems,
+    checks.sounding_problems,
+    checks.sensing_problems,
+    checks.event_problems,
+    checks.excitation_problems,
+)
+"""Checks of aircraft without a mission: nothing is required of goals, holds, and the speed of the wind."""
 
 
 class Scenario(ScenarioTables):
@@ -232,12 +242,26 @@ class Scenario(ScenarioTables):
         return replaced
 
 
-def validate(values: dict[str, Any], source: str = "<values>", *, is_stored: bool = False) -> Scenario:
+class UnplannedScenario(Scenario):
+    """A scenario whose aircraft have no mission: nothing is required of goals, holds, and the speed of the wind."""
+
+    def consistency_problems(self) -> list[Problem]:
+        """List the contradictions between tables that concern the aircraft, its air and its sensors."""
+        if problems := checks.order_problems(self):
+            return problems
+        own_airspeed = [problem for problem in checks.speed_problems(self) if problem.path.startswith("aircraft")]
+        return own_airspeed + [problem for check in _CHECKS_OF_AIRCRAFT for problem in check(self)]
+
+
+def validate(
+    values: dict[str, Any], source: str = "<values>", kind: type[Scenario] = Scenario, *, is_stored: bool = False
+) -> Scenario:
     """Validate a scenario given as nested dictionaries and lists.
 
     `source` names the scenario in messages; if it is a file's path, relative paths of aircraft files, soundings and
-    wind fields start from the file's folder. Contradictions between keys are accepted in the scenario of stored results
-    (`is_stored`). Raises ScenarioError if the scenario or a file named in it is invalid.
+    wind fields start from the file's folder. `kind` is the class of the result. Contradictions between keys are
+    accepted in the scenario of stored results (`is_stored`). Raises ScenarioError if the scenario or a file named in it
+    is invalid.
     """
     check_file_kind("scenario", values, source)
     version = values.get("format")
@@ -246,9 +270,9 @@ def validate(values: dict[str, Any], source: str = "<values>", *, is_stored: boo
         raise ScenarioError(source, [Problem("format", describe_value(version), FORMATS_EXPECTED)])
     values = insert_wind_field(insert_sounding(insert_aircraft_files(values, source), source), source)
     try:
-        return Scenario.model_validate(values, context={"is_stored": is_stored})
+        return kind.model_validate(values, context={"is_stored": is_stored})
     except ValidationError as error:
-        raise ScenarioError(source, validation_problems(error, Scenario, values)) from None
+        raise ScenarioError(source, validation_problems(error, kind, values)) from None
 
 
 _DERIVED_LIMITS = {
