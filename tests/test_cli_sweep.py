@@ -11,13 +11,13 @@ from anser.cli.console import InputError
 from anser.cli.sweeps import _print_sweep, parse_sweep_values
 from support.plain_files import read_alone
 
-THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
+SINGLE = Path(__file__).parents[1] / "scenarios" / "single-aircraft.toml"
 
 
 def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
-    out, shorter = tmp_path / "sweep", tmp_path / "three.toml"
-    shorter.write_text(THREE.read_text().replace("duration_s = 150.0", "duration_s = 75.0\nstep_s = 0.02"))
-    code, printed, said = anser("sweep", shorter, "--set", "wind.speed_m_s=0:8:8", "--out", out)
+    # the program of the flights is that of tests/missions/test_flight_batches.py
+    out, setting = tmp_path / "sweep", ("--set", "timing.step_s=0.02")
+    code, printed, said = anser("sweep", SINGLE, "--set", "wind.speed_m_s=0:8:8", *setting, "--out", out)
     assert code == 0
     assert "wind.speed_m_s" in printed
     assert "sweep.nc and figure written" in said
@@ -25,7 +25,7 @@ def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
     assert data["wind.speed_m_s"].values.tolist() == [0.0, 8.0]
     assert data["met"].values.all()
     assert {path.name for path in out.iterdir()} == {"sweep.nc", "sweep.svg", "sweep.png"}
-    code, _, said = anser("sweep", THREE, "--set", "wind.speed_m_s=0,5", "--out", out)
+    code, _, said = anser("sweep", SINGLE, "--set", "wind.speed_m_s=0,5", "--out", out)
     assert code == 2
     assert "exists" in said
 
@@ -47,7 +47,7 @@ def test_brackets_and_colons_in_names_are_printed(capsys):
 @pytest.mark.long
 def test_sweep_prints_json_and_ends_with_1_for_a_failed_flight(anser, tmp_path):
     options = ("--set", "aircraft[aircraft-2].start.altitude_m=1500,15000", "--json", "--out", tmp_path / "sweep")
-    code, printed, said = anser("sweep", THREE, *options)
+    code, printed, said = anser("sweep", SINGLE, *options)
     assert code == 1
     assert "1 of 2 flights" in said
     document = json.loads(printed)
@@ -72,7 +72,7 @@ def test_sweep_prints_json_and_ends_with_1_for_a_failed_flight(anser, tmp_path):
     ],
 )
 def test_an_invalid_sweep_ends_with_2(anser, tmp_path, text, said):
-    code, _, err = anser("sweep", THREE, "--set", text, "--out", tmp_path / "sweep")
+    code, _, err = anser("sweep", SINGLE, "--set", text, "--out", tmp_path / "sweep")
     assert code == 2
     assert said in err
     assert not (tmp_path / "sweep").exists()
@@ -80,7 +80,7 @@ def test_an_invalid_sweep_ends_with_2(anser, tmp_path, text, said):
 
 def test_a_repeated_path_ends_with_2(anser, tmp_path):
     twice = ("--set", "wind.speed_m_s=5", "--set", "wind.speed_m_s=6")
-    code, _, said = anser("sweep", THREE, *twice, "--out", tmp_path / "sweep")
+    code, _, said = anser("sweep", SINGLE, *twice, "--out", tmp_path / "sweep")
     assert code == 2
     assert "twice" in said
 
