@@ -45,6 +45,13 @@ def test_the_filter_uses_the_mean_over_the_sample():
         np.testing.assert_allclose(memory.force_b, expected_share * force, atol=1e-12)
 
 
+def test_held_surfaces_act_over_the_whole_period_before_the_sample():
+    memory = dataclasses.replace(no_residual(jnp.zeros(3)), model_acceleration_b=jnp.array([9.0, -9.0, 9.0]))
+    model = jnp.array([1.0, -2.0, 3.0])
+    residual = memory.advance(jnp.zeros(3), model * STEP, model, BANDWIDTH, STEP, is_held=True).acceleration_b
+    np.testing.assert_allclose(residual, np.zeros(3), atol=1e-12)
+
+
 class Offset(AbstractAirframe):
     """The F-16 with an added constant moment: a model with wrong moments and correct slopes."""
 

@@ -14,7 +14,9 @@ from anser.simulation.closed_loop import (
     GOAL_LOST,
     GOAL_UNSEEN,
     LEFT_FLEET,
+    _own_status,
     _vehicle_status,
+    plan_status,
 )
 from anser.simulation.vehicle import no_faults
 
@@ -39,3 +41,14 @@ def test_an_aircraft_on_a_path_to_its_rendezvous_loses_its_goal_or_leaves(status
 @pytest.mark.parametrize("status", [GOAL_OUTRUNS, BREAKAWAY, LEFT_FLEET])
 def test_an_aircraft_off_its_plan_keeps_its_status(status):
     assert next_status(status, GOAL_DIVERGED, leaving_time=50.0) == status
+
+
+def test_the_status_of_a_plan_is_that_of_the_next_plan_afterwards():
+    own, recorded = jnp.asarray(FLYING), []
+    for planned in (FLYING, GOAL_OUTRUNS, FLYING, DIRECTION_UNATTAINABLE, FLYING):
+        status = plan_status(own, jnp.asarray(planned))
+        recorded.append(int(status))
+        own = _own_status(own, status, jnp.asarray(next_status(status)))
+    assert recorded == [FLYING, GOAL_OUTRUNS, FLYING, DIRECTION_UNATTAINABLE, FLYING]
+    lost = _own_status(own, own, jnp.asarray(next_status(own, GOAL_DIVERGED)))
+    assert int(plan_status(lost, jnp.asarray(GOAL_OUTRUNS))) == GOAL_LOST

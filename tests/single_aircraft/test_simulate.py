@@ -208,6 +208,21 @@ def test_the_autopilot_moves_parts_without_lag(lag):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "controller"), [("f16", "incremental"), ("f16", "adaptive"), ("aerosonde", "inversion")]
+)
+def test_the_autopilot_without_lag_settles_at_the_longest_step(name, controller):
+    aircraft = anser.aircraft(name)
+    start = level() if name == "f16" else aircraft.trim(25.0, 500.0)
+    command = {"path_angle_deg": anser.step_input(3.0)}
+    options = {"controller": controller, "command": command, "duration_s": 30.0, "step_s": 0.05}
+    flight = anser.simulate(aircraft, start, actuator_lag=False, **options).dataset
+    late = flight.isel(time=slice(-200, None))
+    assert float(abs(late.elevator_deg.diff("time")).max()) < 0.05  # a limit cycle: 28 deg
+    np.testing.assert_allclose(late.path_angle_deg, 3.0, atol=1.5)  # a growing oscillation: 18 deg
+
+
+@pytest.mark.long
 def test_a_command_to_the_attitude_loop_is_flown_and_recorded():
     autopilot = InversionAutopilot(published_gains(), default_limits(), loop="attitude")
     point = level().point

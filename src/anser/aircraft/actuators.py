@@ -1,7 +1,7 @@
 """Actuators of control surfaces: first or second order with position and rate limits, or without lag."""
 
 import abc
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -28,6 +28,8 @@ class AbstractActuators(eqx.Module):
     upper: eqx.AbstractVar[Vector]
     rate_limit: eqx.AbstractVar[Vector]
     names: eqx.AbstractVar[tuple[str, ...]]  #: Distinct names of the surfaces.
+    #: Whether the surfaces jump to the command at the start of each step and are held over the step.
+    is_held: ClassVar[bool] = False
 
     @abc.abstractmethod
     def steady_state(self, position: Vector) -> Any:
@@ -200,6 +202,7 @@ class InstantActuators(AbstractActuators):
     upper: Vector
     rate_limit: Vector
     names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
+    is_held: ClassVar[bool] = True
 
     def steady_state(self, position: Vector) -> Deflections:
         """Return the actuator state at rest at `position` (rad)."""

@@ -90,6 +90,10 @@ def rate_control(
     command_bandwidth = factor * gains.surfaces_command_bandwidth
     target_dot = controller_state.surfaces_filter.rate(target, command_bandwidth, model.step)
     rate = target_dot + factor * gains.actuator_bandwidth * (target - surfaces)
+    if actuators.is_held:
+        # A surface that jumps along leads its target by half a period on average; this makes it lag so much at samples.
+        derivative = jnp.max(jnp.abs(gains.rates.derivative))
+        rate = rate / (1 + 0.5 * (1 + derivative) * factor * gains.actuator_bandwidth * model.step)
     surfaces_filter = controller_state.surfaces_filter.advance(target, command_bandwidth, model.step)
     demand = SurfaceDemand(actuators.command_for_rate(surfaces, rate), demand.saturated)
     integral = advance_integral(controller_state.rates_integral, error, jnp.any(demand.saturated), model.step)

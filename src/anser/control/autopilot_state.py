@@ -29,15 +29,19 @@ class ModelResidual(eqx.Module):
         # bandwidth of the low-pass filter, rad/s; 0: the residual stays constant (model-based inversion)
         bandwidth: ScalarLike,
         step: ScalarLike,  # sampling period, s
+        *,
+        is_held: bool = False,  # whether the surfaces had the deflections of the new sample over the whole period
     ) -> "ModelResidual":
         """Return the filtered residual after a new sample.
 
         The measured angular acceleration is the change of the gyro reading since the previous sample over the period.
-        The modelled acceleration is the mean of both samples, so that the residual of a perfect model is zero.
+        The modelled acceleration is the mean of both samples, so that the residual of a perfect model is zero; with
+        surfaces held over the period it is that of the new sample, whose deflections acted.
         """
         fade = -jnp.expm1(-bandwidth * step)
         measured_acceleration = (rates_b - self.rates_b) / step
-        residual = measured_acceleration - 0.5 * (self.model_acceleration_b + model_acceleration_b)
+        mean_b = 0.5 * (self.model_acceleration_b + model_acceleration_b)
+        residual = measured_acceleration - (model_acceleration_b if is_held else mean_b)
         return ModelResidual(
             force_b=self.force_b + fade * (force_residual_b - self.force_b),
             acceleration_b=self.acceleration_b + fade * (residual - self.acceleration_b),

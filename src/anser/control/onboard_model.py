@@ -142,6 +142,7 @@ def onboard_model(
         angular_acceleration(mass_properties, state.rates_b, condition.wrench.moment_b),
         gains.sensor_bandwidth,
         step,
+        is_held=airframe.actuators.is_held,
     )
     residual_wrench = Wrench(residual.force_b, times3(mass_properties.inertia_b, residual.acceleration_b))
     condition = eqx.tree_at(lambda c: c.aerodynamic, condition, condition.aerodynamic + residual_wrench)

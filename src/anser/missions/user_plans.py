@@ -17,7 +17,7 @@ from anser.parts.planners import AircraftPlan
 from anser.scenario.schema import Scenario
 from anser.scenario.user_parts import part_error, trace_method
 from anser.shapes import ScalarLike, Vector3
-from anser.simulation.closed_loop import STATUS_MESSAGES
+from anser.simulation.closed_loop import STATUS_MESSAGES, plan_status
 from anser.simulation.flight import Flight, statuses
 from anser.simulation.start import trimmed_fleet
 
@@ -82,8 +82,9 @@ class UserFirstPlan(FirstPlan):
         """
         duration_s = self.scenario.timing.duration_s
         late = f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s"
-        codes = np.asarray(statuses(self.flight, self.initial_state())[0])
-        named = zip(self.scenario.aircraft, codes, strict=False)
+        own_codes = statuses(self.flight, self.initial_state())[0][: len(self.scenario.aircraft)]
+        codes = np.asarray(plan_status(own_codes, self.plan.status))
+        named = zip(self.scenario.aircraft, codes, strict=True)
         problems = [f'aircraft "{aircraft.name}": {STATUS_MESSAGES[int(code)]}' for aircraft, code in named if code]
         return (*([late] if self.arrival_s >= duration_s else []), *problems)
 

@@ -307,9 +307,11 @@ class AdaptiveEstimator(AbstractEstimator):
         missing, acceleration_b = _missing_coefficients(lengths, state, belief, step)
         deviation = regressors(lengths, data, rates_b, surfaces) - state.reference
         # the measured angular acceleration is a mean over the period before the sample: so are all others
-        response = jnp.concatenate([0.5 * (missing[:3] + state.previous_missing), missing[3:]])
-        response = jnp.where(is_first, 0.0, response)
-        middle = jnp.where(is_first, deviation, 0.5 * (deviation + state.previous_regressors))
+        share = _present_share(belief)
+        forces = share * missing[:3] + (1.0 - share) * state.previous_missing
+        response = jnp.where(is_first, 0.0, jnp.concatenate([forces, missing[3:]]))
+        middle = share * deviation + (1.0 - share) * state.previous_regressors
+        middle = jnp.where(is_first, deviation, middle)
         fade = -jnp.expm1(-self.settings.bandwidth * step)
         filtered_response = state.response + fade * (response - state.response)
         filtered = state.regressors + fade * (middle - state.regressors)
@@ -413,13 +415,23 @@ def _prior_covariance(prior_deviation: Increments) -> Float[Array, "6 p p"]:
     return jax.vmap(jnp.diag)(prior_deviation**2)
 
 
+def _present_share(belief: Belief) -> float:
+    """Return the weight of the present sample, against the previous, in means over the period between both.
+
+    It is 1 if the surfaces are held: the present deflections acted over the whole period.
+    """
+    return 1.0 if belief.airframe.actuators.is_held else 0.5
+
+
 def _missing_coefficients(
     lengths: ReferenceLengths, state: AdaptationState, belief: Belief, step: ScalarLike
 ) -> tuple[Float[Array, "6"], Vector3]:
     """Return measured minus modelled CX, CY, CZ, Cl, Cm, Cn, (6,), and the modelled angular acceleration (rad/s^2)."""
     properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
     acceleration_b = angular_acceleration(properties, rates_b, condition.wrench.moment_b)
-    measured_b = (rates_b - state.rates_b) / step - 0.5 * (acceleration_b + state.acceleration_b)
+    share = _present_share(belief)
+    modelled_b = share * acceleration_b + (1.0 - share) * state.acceleration_b
+    measured_b = (rates_b - state.rates_b) / step - modelled_b
     missing = Wrench(
         properties.mass * belief.specific_force_b - condition.wrench.force_b,
         times3(properties.inertia_b, measured_b),

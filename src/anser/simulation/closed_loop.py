@@ -174,8 +174,8 @@ class GuidedCommand(eqx.Module):
     """Result of `guide` for one aircraft at one sample: command, reference position, approach to the goal, status.
 
     `reference_n` is the position to follow, NED, m; `guidance` the new state of the guidance; `approach` None without a
-    mission. `status` is the code at the sample, `next_status` the code after this sample's checks (departure,
-    breakaway).
+    mission. `status` is the code at the sample, `next_status` the aircraft's own code after this sample's checks
+    (departure, breakaway).
     """
 
     command: Any
@@ -221,6 +221,7 @@ def guide(
             raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
         next_status = _vehicle_status(vehicle, status, belief, plan, instant, freeze)
         approach, next_status = _approach_goal(vehicle.mission, truth, belief, plan, next_status, instant, freeze)
+        next_status = _own_status(state.status, status, next_status)
         mission, clearance, has_left_plan = vehicle.mission, approach.clearance, is_breakaway(next_status)
         command, reference_n = select_if_any(
             approach.phase == HOLD,
@@ -341,6 +342,15 @@ def _vehicle_status(
     unseen = unseen & (time >= plan.arrival_time - freeze)
     next_status = jnp.where(lost, GOAL_LOST, jnp.where(unseen, GOAL_UNSEEN, status))
     return jnp.where(is_off_plan(status), status, next_status).astype(status.dtype)
+
+
+def _own_status(own: Any, status: Any, next_status: Any) -> Any:
+    """Return the aircraft's code after the checks of a sample, `next_status`, without the code of its plan.
+
+    `status` is the code before the checks, from `plan_status` of the aircraft's code `own`. The code of a plan is not
+    kept: a later plan has its own.
+    """
+    return jnp.where(next_status == status, own, next_status)
 
 
 def _approach_goal(

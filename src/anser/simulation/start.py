@@ -1,6 +1,5 @@
 """Start of a flight: the trimmed fleet, its reports to the planner, and the state at time 0."""
 
-import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -12,9 +11,9 @@ from anser.compiling.program import strongly_typed
 from anser.parts.perception import Instant
 from anser.parts.planners import AircraftReport, Performance
 from anser.shapes import Flag, Vector3
-from anser.simulation.closed_loop import NO_TRIM, plan_status, start_vehicle
+from anser.simulation.closed_loop import NO_TRIM, start_vehicle
 from anser.simulation.flight import Flight, FlightState, aircraft_report, plans_too_near, send_to_hold
-from anser.simulation.recorders import to_fleet_order, to_group_order
+from anser.simulation.recorders import to_fleet_order
 from anser.simulation.vehicle import Vehicle, VehicleState
 from anser.steady.performance import performance_at
 from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
@@ -86,9 +85,4 @@ def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> Flig
     """
     plans = flight.planner.plans(planner)
     vehicles = send_to_hold(flight, fleet.vehicles, plans_too_near(flight, plans, fleet.reports, 0.0))
-    statuses = [to_group_order(plans.status, group.members, flight.count) for group in flight.groups]
-    vehicles = tuple(
-        dataclasses.replace(state, status=plan_status(state.status, status))
-        for state, status in zip(vehicles, statuses, strict=True)
-    )
     return strongly_typed(FlightState(vehicles, planner))
