@@ -1,5 +1,6 @@
 """From scenario to arrays: units, signs, stacking."""
 
+import tomllib
 from pathlib import Path
 
 import equinox as eqx
@@ -11,6 +12,7 @@ from anser.scenario import build_flight, load, loads
 from anser.scenario.build import _kept_flights
 from anser.scenario.build_aircraft import build_path_limits
 from anser.scenario.files import starter_scenario
+from anser.scenario.schema import UnplannedScenario, validate
 from support.fleet_flight import parts_of
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -124,3 +126,12 @@ def test_the_key_is_that_of_jax_with_the_flight_folded_in(storm, seed):
     expected = jax.random.key_data(jax.random.fold_in(jax.random.key(seed), 3))
     assert flight.randomness.key.dtype == expected.dtype
     np.testing.assert_array_equal(flight.randomness.key, expected)
+
+
+def test_a_mission_that_was_not_checked_is_not_flown():
+    """Nothing is required of the stand-off in such a scenario, which serves learning environments."""
+    values = tomllib.loads((SCENARIOS / "single-aircraft.toml").read_text(encoding="utf-8"))
+    unplanned = validate(values, "environment", UnplannedScenario)
+    with pytest.raises(ValueError, match="whose mission was not checked"):
+        build_flight(unplanned)
+    assert build_flight(unplanned, mission_is_flown=False).count == len(unplanned.aircraft)

@@ -38,7 +38,7 @@ from anser.scenario.build_excitation import build_aircraft_excitation
 from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.build_wind_field import check_wind_field
-from anser.scenario.schema import Scenario
+from anser.scenario.schema import Scenario, UnplannedScenario
 from anser.scenario.schema_aircraft import Adaptation, Aircraft, Goal
 from anser.scenario.schema_airspace import Event
 from anser.scenario.user_parts import check_user_parts, user_parts
@@ -123,7 +123,11 @@ def build_flight(
     ------
     ScenarioError
         If a user-defined part is invalid, an excited surface does not exist, or the wind field does not fit the flight.
+    ValueError
+        If the mission of a scenario is flown whose mission was not checked.
     """
+    if mission_is_flown and isinstance(scenario, UnplannedScenario):
+        raise ValueError(f"scenario: arrived {scenario.name}, whose mission was not checked; expected a checked one")
     if pad_fleet and _goals_enter_by_missions_only(scenario):
         return _with_goals_of(scenario, _build_for_goals(scenario, flight))
     return _build_flight(scenario, pad_fleet, flight, mission_is_flown)
