@@ -4,8 +4,8 @@
 >>> flown = anser.run(anser.load("scenarios/three-aircraft.toml"))
 >>> flown.dataset.altitude_m, flown.summary["fleet"]["arrival_spread_s"]
 
-The import of anser switches JAX to float64, required throughout the package, whether JAX is imported earlier or later.
-JAX itself is imported on the first use of a function that computes with arrays.
+The import of anser switches JAX to float64, on which the whole package depends. JAX itself is imported on the first use
+of a function that computes with arrays.
 """
 
 import os
@@ -24,7 +24,7 @@ _public_object, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public object of anser by name, imported on its first use, or `__version__`, from git in a clone."""
+    """Import a public object of anser on its first use, or compute `__version__`."""
     if name == "__version__":
         from anser.version import source_version
 
@@ -35,8 +35,7 @@ def __getattr__(name: str) -> Any:
 class AircraftRoom(types.ModuleType):
     """Module type of the package `anser.aircraft` that makes the package callable: `anser.aircraft("f16")`.
 
-    The import of the package replaces the function `aircraft` in the namespace of `anser` by the package, so that a
-    call of either must load an aircraft.
+    The import of the package replaces the function `anser.aircraft`, so that the package must load an aircraft too.
     """
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:

@@ -10,9 +10,7 @@ COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 
 Lift and drag are turned into body axes by alpha alone, not by beta."""
 BODY_COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-"""Coefficients of the forces along the body axes x, y, z, then of the moments of roll, pitch and yaw.
-
-Names of the coefficients of DAVE-ML aircraft, whose tables contain no derivatives."""
+"""Coefficients of DAVE-ML aircraft: forces along the body axes x, y, z, then moments of roll, pitch and yaw."""
 DERIVATIVE_ARGUMENTS = ("0", "_alpha", "_beta", "_p", "_q", "_r", "_alpha2", "_beta2")
 """Endings of derivative names; a derivative multiplies 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2 or beta^2."""
 STATIC_ARGUMENTS = ("0", "_alpha", "_alpha2")
@@ -41,14 +39,12 @@ PRODUCTS: Final = {"Jxy": (0, 1), "Jxz": (0, 2), "Jyz": (1, 2)}
 """Row and column of each product of inertia in the matrix J, whose element is -Jxy for Jxy = integral of x y dm."""
 _MOMENTS: Final = ("Jxx", "Jyy", "Jzz")
 _ROUNDING: Final = 1e-9
-"""Tolerance of the test that no moment of inertia exceeds the sum of the two others, relative to the greatest moment.
-
-In a flat body, the greatest moment equals the sum exactly."""
+"""Tolerance of the inertia checks, relative to the greatest moment: a flat body meets the bound exactly."""
 
 
 @dataclass(frozen=True)
 class BodyFault:
-    """A physically impossible quantity of a rigid body: its name, the rejected value, and an acceptable value."""
+    """A physically impossible quantity of a rigid body."""
 
     quantity: str  # name from `positive`, or "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"
     arrived: float  # rejected value
@@ -58,9 +54,7 @@ class BodyFault:
 def body_faults(positive: Mapping[str, float], inertia: Sequence[Sequence[float]]) -> list[BodyFault]:
     """Return the reasons why a rigid body is physically impossible; an empty list for a valid body.
 
-    The principal moments of inertia must be positive, and the greatest must not exceed the sum of the two smaller:
-    the matrix of inertia J and the matrix of second moments of mass (half the trace of J times the identity, less J)
-    have no negative eigenvalue.
+    The principal moments of inertia must be positive, and none may exceed the sum of the two others.
 
     Parameters
     ----------

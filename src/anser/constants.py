@@ -9,8 +9,8 @@ EARTH_ROTATION_RAD_S = 7.292115e-5
 EARTH_GM_M3_S2 = 3.986004418e14
 EARTH_J2 = 1.08262982e-3
 
-# Somigliana normal gravity, theory section 1: the coefficients of the first release of WGS 84. The later ones
-# (9.7803253359, 0.00193185265241) differ by less than 2e-6 m/s^2.
+# Somigliana normal gravity, theory section 1: coefficients of the first release of WGS 84. With the coefficients of
+# later releases (9.7803253359, 0.00193185265241), gravity differs by less than 2e-6 m/s^2.
 SOMIGLIANA_EQUATOR_M_S2 = 9.7803267714
 SOMIGLIANA_K = 0.00193185138639
 
@@ -29,9 +29,10 @@ GEOPOTENTIAL_RADIUS_M = 6356766.0
 
 SURFACE_STAND_OFF_MIN_M = 150.0
 AIRBORNE_STAND_OFF_MIN_M = 100.0
-"""Least permitted distances of an aircraft from its goal, m: from a goal on the surface, and from an airborne goal.
+"""Least permitted distances of an aircraft from a goal on the surface and from an airborne goal, m.
 
-Fixed by the product's scope: no scenario can change them."""
+No scenario can change these distances: the scope of the product fixes them.
+"""
 
 STEP_MIN_S, STEP_MAX_S = 0.001, 0.05
 """Least and greatest integration step, s: Runge-Kutta of order 4 is unstable beyond 2.8 time constants of a surface."""

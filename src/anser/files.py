@@ -23,9 +23,10 @@ _XML_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-
 
 
 def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
-    """Return the content of a file; raises OSError, without reading on, if the file exceeds `size_max` bytes.
+    """Return the content of a file.
 
-    Also raises OSError if the file cannot be read, and ValueError if the path contains a null character.
+    Raises OSError if the file is larger than `size_max` bytes or cannot be read, ValueError if the path contains a null
+    character.
     """
     with path.open("rb") as file:
         content = file.read(size_max + 1)
@@ -35,10 +36,10 @@ def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
 
 
 def decode_xml(content: bytes) -> str:
-    """Return the text of an XML document, decoded by its byte order mark or its declared encoding, otherwise as UTF-8.
+    """Return the text of an XML document; the encoding is UTF-8 if neither byte order mark nor declaration gives one.
 
-    Raises LookupError if `XML_ENCODINGS` lacks the declared encoding, UnicodeDecodeError if the content is not valid in
-    the encoding.
+    Raises LookupError if the declared encoding is not in `XML_ENCODINGS`, UnicodeDecodeError if the content is not
+    valid in the encoding.
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16")
@@ -52,13 +53,13 @@ def decode_xml(content: bytes) -> str:
 
 
 _SUFFIX_MAX = 16
-"""Greatest length of a suffix that the temporary file takes over, in characters; its name must not become too long."""
+"""Greatest length, in characters, of a suffix that the name of a temporary file keeps."""
 _unfinished: set[Path] = set()
 
 
 @contextlib.contextmanager
 def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary path beside `path`, to which the block writes; then flush the file and rename it to `path`.
+    """Yield a temporary path for the block to write to; afterwards the file is flushed to disk and renamed to `path`.
 
     If the block raises, the temporary file is removed and a file at `path` is unchanged.
 
@@ -91,9 +92,9 @@ def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> 
 def staged_folder(folder: Path) -> Iterator[Path]:
     """Yield a new, empty folder inside `folder`, and move its content into `folder` at the end of the block.
 
-    Files of `folder` with equal names are replaced; its further content is untouched. If the block raises, `folder` is
-    unchanged. Raises FileExistsError, and moves nothing, if a file would replace a folder or device, or a folder a
-    file.
+    Files of `folder` with equal names are replaced; its other content stays. If the block raises, `folder` is
+    unchanged. Raises FileExistsError, and moves nothing, if a file would replace a folder or device, or a folder would
+    replace a file.
     """
     staging = folder / f".anser-{secrets.token_hex(6)}"
     with _temporary(staging, folder):
@@ -124,8 +125,8 @@ def new_folder(folder: Path) -> Iterator[Path]:
 def result_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
     """Yield a temporary folder for the files of a result, and move them into `folder` at the end of the block.
 
-    An existing `folder` keeps its further files. Raises FileExistsError if `folder` exists and `replace` is False, or
-    is a file.
+    Other files of an existing `folder` stay. Raises FileExistsError if `folder` is a file, or exists and `replace` is
+    False.
     """
     if folder.exists() and not (folder.is_dir() and replace):
         or_force = ", or give force=True to replace the result in it" if folder.is_dir() else ""
@@ -193,7 +194,7 @@ def _remove(path: Path) -> None:
 
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:
-    """Raise FileExistsError if `path` exists; with `overwrite`, only if `path` is a folder or device."""
+    """Raise FileExistsError if `path` exists; if `overwrite` is True, only if `path` is a folder or device."""
     _refuse_null(path)
     if not overwrite and os.path.lexists(path):
         raise FileExistsError(f"{path} exists and is not overwritten: choose another name or folder")
@@ -214,7 +215,7 @@ def _flush(path: Path) -> None:
 
 
 def _move_into(staging: Path, folder: Path) -> None:
-    """Move the content of `staging` into `folder`, merging folders; FileExistsError if a file meets a folder."""
+    """Move the content of `staging` into `folder`, merging folders; raises FileExistsError if a file meets a folder."""
     moves: list[tuple[Path, Path]] = []
     waiting = sorted(staging.iterdir(), reverse=True)
     while waiting:

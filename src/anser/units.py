@@ -10,7 +10,7 @@ from anser.constants import STANDARD_GRAVITY_M_S2
 
 DEG_RAD = math.pi / 180.0
 RAD_DEG = 180.0 / math.pi
-"""Degrees in one radian: unlike the further factors, from SI to another unit, for output."""
+"""Degrees per radian; unlike the other factors, a multiplier that converts output from SI."""
 
 FOOT_M = 0.3048
 NAUTICAL_MILE_M = 1852.0

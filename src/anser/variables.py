@@ -2,9 +2,6 @@
 
 The simulation records a history, a dict of arrays of shape (time, aircraft) by `Variable.key`, in SI units and radians.
 A dataset contains each variable under `Variable.name`, with a unit suffix: dataset value = history value * factor.
-
-Control surfaces are named by their airframe. `CATALOGUE` contains the standard elevator, aileron and rudder;
-`catalogue` returns the variables of aircraft with any surfaces.
 """
 
 import re
@@ -19,26 +16,21 @@ from anser.units import RAD_DEG
 class Variable:
     """A recorded variable: names, units, reference frame, and labels."""
 
-    # name in a dataset, with its unit suffix (`roll_rate_deg_s`), and key in a history, in SI units or radians
-    # (`roll_rate`)
-    name: str
-    key: str
-    # unit in a dataset, in CF notation ("m s-1"; "1" if dimensionless), and dataset value divided by history value
-    unit: str
-    factor: float
+    name: str  # in a dataset, with unit suffix: `roll_rate_deg_s`
+    key: str  # in a history, in SI units and radians: `roll_rate`
+    unit: str  # in a dataset, in CF notation: "m s-1"; "1" if dimensionless
+    factor: float  # dataset value / history value
     frame: str  # reference frame of the quantity; "none" for a scalar without a frame
-    # mathematical symbol, with `_` before a subscript, and description for a plot label
-    symbol: str
-    long_name: str
+    symbol: str  # mathematical symbol, with `_` before a subscript
+    long_name: str  # description, for plot labels
     dtype: Literal["float64", "int32", "bool"] = "float64"
-    # meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; otherwise empty
+    # meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; empty for any other variable
     flags: tuple[str, ...] = ()
-    # whether the variable is recorded only in flights with gusts, sensor errors, an adaptive autopilot, or a
-    # decentralised planner
+    # True: recorded only in flights with gusts, sensor errors, an adaptive autopilot or a decentralised planner
     optional: bool = False
 
 
-# Suffix of a name: unit in the dataset, and dataset value / history value.
+# Unit in the dataset, and dataset value / history value, by the suffix of a variable's name.
 UNITS: dict[str, tuple[str, float]] = {
     "": ("1", 1.0),
     "m": ("m", 1.0),
@@ -90,7 +82,7 @@ def surface_label(name: str) -> str:
 
 
 def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
-    """Return the variables of control surfaces, all positions, then all commands, from symbol subscripts by name."""
+    """Return the variables of control surfaces: all positions, then all commands; `subscripts` are by surface name."""
     labelled = [(name, f"δ_{subscript}", surface_label(name).capitalize()) for name, subscript in subscripts.items()]
     positions = (_variable(name, "deg", _BODY, symbol, label) for name, symbol, label in labelled)
     commands = (
@@ -296,7 +288,7 @@ DERIVED_KEYS: frozenset[str] = frozenset(
         *("airspeed_calibrated", "airspeed_equivalent", "pressure_altitude", "density_altitude"),
     }
 )
-"""Keys of the variables that no history contains: computed in the conversion of a history to a dataset."""
+"""Keys of the variables that are in a dataset but not in a history; the conversion to a dataset computes them."""
 
 ADAPTATION_KEYS: frozenset[str] = frozenset(variable.key for variable in _ADAPTATION_VARIABLES)
 """Keys of the variables recorded only in flights with an adaptive autopilot."""
@@ -306,12 +298,11 @@ OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE
 
 
 def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
-    """Return the variables of control surfaces with distinct names: all positions, then all commands.
+    """Return the variables of the control surfaces `names`: all positions, then all commands.
 
-    For `left_elevon` the variables are `left_elevon_deg` and `left_elevon_command_deg`, their keys `left_elevon` and
-    `left_elevon_command`. The symbol's subscript is e, a or r for the standard surfaces, the initials of a compound
-    name, "le", or a single word; the full name if two subscripts would be equal. Raises ValueError if a name is not
-    lower-case words joined by `_`, occurs twice, or equals, alone or with `_command`, the key of another variable.
+    For `left_elevon` the variables are `left_elevon_deg` and `left_elevon_command_deg`. Raises ValueError if a name is
+    not lower-case words joined by `_`, occurs twice, or coincides, alone or with `_command`, with the key of another
+    variable.
     """
     surface_names = list(names)
     wrong = [name for name in surface_names if not _SURFACE_NAME.fullmatch(name)]
@@ -345,13 +336,13 @@ def all_surface_names(names_by_aircraft: Iterable[Sequence[str]]) -> tuple[str, 
 
 
 def catalogue(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[Variable, ...]:
-    """Return `CATALOGUE` with the variables of the control surfaces `surfaces` in place of the standard surfaces'."""
+    """Return `CATALOGUE` with the variables of the given control surfaces instead of the standard surfaces."""
     start = next(k for k, variable in enumerate(CATALOGUE) if variable.key in _STANDARD_KEYS)
     return (*CATALOGUE[:start], *surface_variables(surfaces), *CATALOGUE[start + len(_STANDARD_KEYS) :])
 
 
 def recorded_keys(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[str, ...]:
-    """Return the keys that every history of aircraft with the control surfaces `surfaces` must contain."""
+    """Return the keys that every history of aircraft with the given control surfaces must contain."""
     return tuple(v.key for v in catalogue(surfaces) if v.key not in DERIVED_KEYS | OPTIONAL_KEYS)
 
 
@@ -365,7 +356,7 @@ PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("distance_min", "m", _NONE, "d_min", "Least distance between two aircraft"),
     _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),
 )
-"""Variables of the dataset of a plan that the history of a flight lacks."""
+"""Variables that a plan's dataset contains, and a flight's dataset does not."""
 
 MEASUREMENT_VARIABLES: tuple[Variable, ...] = (
     _variable("specific_force_x", "m_s2", _BODY, "f_x", "Specific force along body x, from an accelerometer"),

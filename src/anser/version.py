@@ -1,7 +1,6 @@
 """Version of the package, and the git commit of its source.
 
-An installed wheel contains both, from the clone in which the wheel was built. A clone, also as an editable install,
-asks git on the first use, so that a commit needs no new installation.
+An installed wheel contains both. In a clone, also with an editable install, both come from git at the first use.
 """
 
 import functools
@@ -22,22 +21,22 @@ _NODE_LENGTH = 9
 
 
 class SourceVersion(NamedTuple):
-    """Version (PEP 440) and git commit: 40 hexadecimal digits, then "-dirty" with uncommitted changes; or "unknown"."""
+    """Version and git commit of the source."""
 
-    version: str
-    commit: str
+    version: str  # by PEP 440
+    commit: str  # 40 hexadecimal digits, with "-dirty" appended if changes are uncommitted; or "unknown"
 
 
 @functools.cache
 def source_version() -> SourceVersion:
-    """Return version and commit of the running package, from git in a clone, otherwise from the installed package."""
+    """Return version and commit of the running package: from git in a clone, from the installed package elsewhere."""
     package = Path(__file__).parent
     cloned = None if (package / BUILD_INFO).exists() else read_clone(package.parents[1])
     return SourceVersion(importlib.metadata.version("anser"), read_commit(package)) if cloned is None else cloned
 
 
 def read_commit(package: Path) -> str:
-    """Return the commit from which an installed package was built; "unknown" without the file `BUILD_INFO`."""
+    """Return the commit from which an installed package was built; "unknown" if the file `BUILD_INFO` is missing."""
     info = package / BUILD_INFO
     return json.loads(info.read_text(encoding="utf-8"))["commit"] if info.exists() else UNKNOWN
 
@@ -45,9 +44,8 @@ def read_commit(package: Path) -> str:
 def read_clone(root: Path) -> SourceVersion | None:
     """Return version and commit of the clone in folder `root`; None if `root` is no clone, or git is missing.
 
-    Versions follow hatch-vcs: "0.1.dev3+g012345678" three commits after the start, before the first tag; "0.1.0" at
-    the tag v0.1.0; "0.1.1.dev3+g012345678" three commits later. Uncommitted changes append ".dirty" instead of the date
-    of hatch-vcs, so that the version of an edited clone does not change from day to day.
+    Versions are as by hatch-vcs: "0.1.0" at the tag v0.1.0, "0.1.1.dev3+g012345678" three commits later. Uncommitted
+    changes append ".dirty".
     """
     if not (root / ".git").exists():
         return None
@@ -67,6 +65,7 @@ def read_clone(root: Path) -> SourceVersion | None:
 def _format_version(tag: str, distance: int, commit: str, dirty: bool) -> str:
     if not distance and not dirty:
         return tag
+    # ".dirty" instead of the date of hatch-vcs: the version of an edited clone does not change from day to day
     next_version = re.sub(r"\d+$", lambda digits: str(int(digits[0]) + 1), tag)
     return f"{next_version}.dev{distance}+g{commit[:_NODE_LENGTH]}{'.dirty' if dirty else ''}"
 

@@ -13,15 +13,13 @@ from anser.variables import STANDARD_SURFACES
 
 
 class AbstractActuators(eqx.Module):
-    """Interface of the actuators of any number of control surfaces.
+    """Interface of the actuators of any number of control surfaces; all arrays have the shape (surfaces,).
 
-    Arrays have the shape (surfaces,): lag from command to position (`time_constant`, s), which controllers invert;
-    lower and upper stop (rad); greatest rate (rad/s). Each class defines its own actuator state, always with an
-    attribute `position` (rad).
+    Each class defines its own actuator state; every state has an attribute `position` (rad).
     """
 
-    #: Time constant of the lag from command to position, s; controllers invert the actuators with this lag. Of
-    #: actuators without lag: the sampling period, in which a commanded rate reaches its position.
+    #: Time constant of the lag from command to position, s, with which controllers invert the actuators. In
+    #: `InstantActuators` this is the sampling period.
     time_constant: eqx.AbstractVar[Vector]
     #: Lower and upper position limit, rad, and greatest deflection rate, rad/s.
     lower: eqx.AbstractVar[Vector]
@@ -40,29 +38,29 @@ class AbstractActuators(eqx.Module):
         """Return the time derivative of the actuator state under a command (rad), as an object of the state's class."""
 
     def before_step(self, state: Any, command: Vector) -> Any:
-        """Return the actuator state with which an integration step under a command (rad) starts: by default `state`."""
+        """Return the actuator state at the start of an integration step under a command (rad); by default `state`."""
         return state
 
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
-        """Return the positions (rad) with scheduled surfaces replaced by their steady values in the air data.
+        """Return `position` (rad) with scheduled surfaces at their steady deflections in the air data.
 
-        A scheduled surface follows the air data instead of a command, for example a leading-edge flap. By default no
-        surface is scheduled, and `position` is returned unchanged.
+        A scheduled surface, for example a leading-edge flap, follows the air data instead of a command. By default no
+        surface is scheduled.
         """
         return position
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> Any:
-        """Return the actuator state at rest at `position` (rad), with scheduled surfaces as the air data require."""
+        """Return the actuator state at rest: `position` (rad), with scheduled surfaces as in `scheduled_position`."""
         return self.steady_state(self.scheduled_position(position, air_data))
 
     @property
     def is_commanded(self) -> tuple[bool, ...]:
-        """Whether each surface is commanded by the controller (True, the default) or follows a schedule (False)."""
+        """True for each surface that the controller commands (default), False for a surface that follows a schedule."""
         return (True,) * len(self.names)
 
     @property
     def controls_yaw(self) -> bool:
-        """Whether roll, pitch and yaw can all be controlled: three surfaces or more are commanded."""
+        """Whether the controller commands at least three surfaces, enough for roll, pitch and yaw."""
         return sum(self.is_commanded) >= len(STANDARD_SURFACES)
 
     @property
@@ -79,14 +77,11 @@ class AbstractActuators(eqx.Module):
         return eqx.tree_at(lambda a: a.time_constant, self, self.time_constant / factor)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
-        """Return the command (rad, within the stops) that moves the surfaces from `position` (rad) at `rate` (rad/s).
-
-        The surfaces are modelled as first-order lags with the time constants `time_constant`.
-        """
+        """Return the command (rad, within the stops) for a `rate` (rad/s) at `position` (rad), by a first-order lag."""
         return self.limit_command(position + self.time_constant * rate)
 
     def travel_per_rate(self, step: ScalarLike) -> Vector:
-        """Return the travel (rad) within `step` (s) per commanded rate (rad/s) of `command_for_rate`, a time in s."""
+        """Return the travel (rad) of first-order actuators within `step` (s) per commanded rate (rad/s)."""
         return self.time_constant * (1 - jnp.exp(-step / self.time_constant))
 
 
@@ -123,14 +118,13 @@ class MovingDeflections(eqx.Module):
 
 
 class SecondOrderActuators(AbstractActuators):
-    """Actuators with second-order dynamics (natural frequency, rad/s, and damping ratio), rate limit and hard stops.
+    """Actuators with second-order dynamics, rate limit and hard stops.
 
-    A surface that overshoots to its stop rests there until the free motion turns back. Within an integration step the
-    surface may pass the stop by less than its travel in the step.
+    Within an integration step a surface may pass its stop by less than its travel in the step.
     """
 
-    frequency: Vector
-    damping: Vector
+    frequency: Vector  #: Natural frequency, rad/s.
+    damping: Vector  #: Damping ratio.
     lower: Vector
     upper: Vector
     rate_limit: Vector
@@ -158,8 +152,8 @@ class SecondOrderActuators(AbstractActuators):
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
         """Return the rates of position x and velocity v: x' = v within the rate limit, rad/s, and v', rad/s^2.
 
-        v' = w^2 (limited command - x) - 2 z w v, with natural frequency w and damping ratio z. At the rate limit the
-        speed does not grow; at a stop, x does not move outwards, and an outward v decays.
+        v' = w^2 (limited command - x) - 2 z w v, with natural frequency w and damping ratio z. The speed does not grow
+        at the rate limit. At a stop, x does not move outwards, and an outward velocity decays.
         """
         w = self.frequency
         free_acceleration = (
@@ -197,7 +191,7 @@ class SecondOrderActuators(AbstractActuators):
 class InstantActuators(AbstractActuators):
     """Actuators without lag or rate limit: the surfaces jump to the limited command at the start of each step."""
 
-    time_constant: Vector  #: The sampling period, s: a commanded rate is reached by one jump per period.
+    time_constant: Vector  #: Sampling period, s: the surfaces jump once per period.
     lower: Vector
     upper: Vector
     rate_limit: Vector
@@ -209,7 +203,7 @@ class InstantActuators(AbstractActuators):
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
-        """Return zero rates: the surfaces move between the integration steps only, by `before_step`."""
+        """Return zero rates: the surfaces move only between the integration steps, by `before_step`."""
         return Deflections(jnp.zeros_like(state.position))
 
     def before_step(self, state: Deflections, command: Vector) -> Deflections:
@@ -221,17 +215,14 @@ class InstantActuators(AbstractActuators):
         return self.time_constant
 
     def with_bandwidth_scaled(self, factor: Scalar) -> Self:
-        """Return `self`: without lag, the bandwidth is infinite."""
+        """Return `self`: the bandwidth of actuators without lag is infinite."""
         return self
 
 
 def without_lag(actuators: AbstractActuators, step: ScalarLike) -> InstantActuators:
     """Return actuators of the same surfaces and position limits, without lag or rate limit, sampled every `step` (s).
 
-    Raises
-    ------
-    ValueError
-        A surface follows a schedule instead of a command.
+    Raises ValueError if a surface follows a schedule instead of a command.
     """
     if not all(actuators.is_commanded):
         scheduled = [name for name, flag in zip(actuators.names, actuators.is_commanded, strict=True) if not flag]

@@ -26,19 +26,15 @@ class Wrench(eqx.Module):
 
 
 class AirData(eqx.Module):
-    """Air data of one aircraft (theory section 2).
+    """Air data of one aircraft (theory section 2)."""
 
-    True airspeed V (m/s), alpha and beta (rad), density (kg/m^3), dynamic pressure qbar (Pa), Mach number and geometric
-    altitude (m).
-    """
-
-    V: Scalar
-    alpha: Scalar
-    beta: Scalar
-    density: Scalar
-    qbar: Scalar
-    mach: Scalar
-    altitude: Scalar
+    V: Scalar  #: True airspeed, m/s.
+    alpha: Scalar  #: Angle of attack, rad.
+    beta: Scalar  #: Sideslip angle, rad.
+    density: Scalar  #: Air density, kg/m^3.
+    qbar: Scalar  #: Dynamic pressure, Pa.
+    mach: Scalar  #: Mach number.
+    altitude: Scalar  #: Geometric altitude, m.
 
 
 def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData:
@@ -56,14 +52,11 @@ def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData
 
 
 class Validity(eqx.Module):
-    """Ranges in which an airframe's data are valid: (minimum, maximum) of each quantity, infinite if unlimited.
+    """Ranges (minimum, maximum) in which an airframe's data are valid; an unlimited range has infinite ends."""
 
-    Quantities are true airspeed (m/s), geometric altitude (m) and Mach number.
-    """
-
-    airspeed: tuple[Scalar, Scalar]
-    altitude: tuple[Scalar, Scalar]
-    mach: tuple[Scalar, Scalar]
+    airspeed: tuple[Scalar, Scalar]  #: True airspeed, m/s.
+    altitude: tuple[Scalar, Scalar]  #: Geometric altitude, m.
+    mach: tuple[Scalar, Scalar]  #: Mach number.
 
     def excludes(self, air_data: AirData) -> Flag:
         """Whether airspeed, altitude or Mach number of the air data is outside its valid range."""
@@ -86,7 +79,7 @@ def is_outside(value: ScalarLike, limits: tuple[ScalarLike, ScalarLike]) -> Flag
 
 
 class Disturbance(eqx.Module):
-    """Gust at one aircraft, and factor on its thrust (1: no loss, 0: no thrust); constant over a sampling period."""
+    """Gust at one aircraft and factor on its thrust (1: no loss, 0: no thrust), constant over a sampling period."""
 
     gust: Gust
     thrust: Scalar

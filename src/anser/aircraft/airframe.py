@@ -1,7 +1,4 @@
-"""The interface of an airframe to autopilot, trim and simulation: state, controls, mass properties, aerodynamics.
-
-Includes the check that mass properties are physically possible.
-"""
+"""The interface of an airframe to autopilot, trim and simulation: state, controls, mass properties, aerodynamics."""
 
 import abc
 from typing import Any
@@ -19,15 +16,13 @@ from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
 class AircraftState(eqx.Module):
-    """State of one aircraft relative to the local NED axes: motion (SI units, rad), actuators and engine.
+    """State of one aircraft relative to the local NED axes: motion, actuators and engine.
 
-    Position in the chart (local map), velocity over ground in body axes, attitude from NED to body axes (scalar first),
-    and body rates relative to the NED axes. Over a flat Earth this state is integrated; over a round Earth
-    `EarthFixedState` is integrated, and the `AircraftState` is computed from the result (`anser.aircraft.motion`).
+    This state is integrated over a flat Earth. Over a round Earth an `EarthFixedState` is integrated, and the
+    `AircraftState` is computed from the result (`anser.aircraft.motion`).
     """
 
-    #: Position North, East, Down in the Earth's chart (local map), m; altitude is minus the third component.
-    position_n: Vector3
+    position_n: Vector3  #: Position North, East, Down in the Earth's chart (local map), m; altitude is minus Down.
     velocity_b: Vector3  #: Velocity (U, V, W) over ground in body axes, m/s.
     quaternion: Quaternion  #: Attitude (q0, q1, q2, q3), scalar first, from NED to body axes.
     #: Body rates (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth equal to the inertial rates.
@@ -54,15 +49,12 @@ class Controls(eqx.Module):
 
 
 class MassProperties(eqx.Module):
-    """Mass (kg), and inertia matrix (kg m^2) about the centre of gravity, body axes, with its inverse.
+    """Mass properties of one aircraft; moments of inertia are about the centre of gravity."""
 
-    `spin_momentum_b` is the angular momentum of spinning parts (engine), body axes, kg m^2/s.
-    """
-
-    mass: Scalar
-    inertia_b: Matrix33
-    inertia_inverse_b: Matrix33
-    spin_momentum_b: Vector3
+    mass: Scalar  #: Mass, kg.
+    inertia_b: Matrix33  #: Inertia matrix, body axes, kg m^2.
+    inertia_inverse_b: Matrix33  #: Inverse of `inertia_b`.
+    spin_momentum_b: Vector3  #: Angular momentum of spinning parts (engine), body axes, kg m^2/s.
 
 
 def rigid_body(mass: float, inertia_b: np.ndarray, spin: float = 0.0) -> MassProperties:
@@ -79,7 +71,7 @@ def rigid_body(mass: float, inertia_b: np.ndarray, spin: float = 0.0) -> MassPro
 
 
 class AbstractAirframe(eqx.Module):
-    """Interface of an airframe: mass properties, actuators, engine, and valid ranges (rad) of alpha and beta.
+    """Interface of an airframe.
 
     A new airframe is a direct subclass with a method `aerodynamics`; concrete airframes are not subclassed.
     """
@@ -94,7 +86,7 @@ class AbstractAirframe(eqx.Module):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the side force is zero without sideslip, rates and deflections; False if unknown.
+        """Whether the side force is zero if sideslip, rates and deflections are zero; False if unknown.
 
         If True, the autopilot compiles without the compensation of a side force.
         """
@@ -104,14 +96,13 @@ class AbstractAirframe(eqx.Module):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the aerodynamic force (N) and the moment about the centre of gravity (N m), in body axes.
 
-        `rates_b` are the body rates relative to the air, rad/s; `surfaces` are the deflections in the actuators' order,
-        rad.
+        `rates_b` are the body rates relative to the air, rad/s; `surfaces` are the deflections, rad.
         """
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether the flight condition is outside the valid range of the airframe's or the engine's data.
 
-        By default the airframe's data are limited by `alpha_range` and `beta_range` only; subclasses may add limits.
+        By default the ranges of the airframe are `alpha_range` and `beta_range`; subclasses may add limits.
         """
         return (
             is_outside(air_data.alpha, self.alpha_range)
@@ -127,8 +118,8 @@ _LENGTHS = ("span", "wing_area", "mean_chord")
 def refuse_impossible_body(airframe: AbstractAirframe, name: str) -> None:
     """Raise ValueError if mass properties, wing area, span or chord of an airframe are physically impossible.
 
-    Impossible are also an asymmetric `inertia_b`, and an `inertia_inverse_b` that is not the inverse of `inertia_b`.
-    The numbers must not be traced by JAX; the message calls the airframe `name`.
+    `inertia_b` must be symmetric and `inertia_inverse_b` must be its inverse. The numbers must not be traced by JAX.
+    The message calls the airframe `name`.
     """
     properties = airframe.mass_properties
     J_b = np.asarray(properties.inertia_b, dtype=float)

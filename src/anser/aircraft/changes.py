@@ -1,8 +1,4 @@
-"""Changed aircraft: factors on surface effectiveness, drag, lift, mass and actuators, and a shifted centre of gravity.
-
-The change of an aircraft during the flight (fault, ice, shifted load) is a function of time; a constant change is in
-force from the start of the flight. `ChangedAirframe` applies a change to any airframe.
-"""
+"""Changed aircraft: factors on effectiveness, drag, lift, mass and actuators, and a shifted centre of gravity."""
 
 from typing import Any
 
@@ -21,41 +17,34 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 
 
 class AirframeChange(eqx.Module):
-    """Change of an airframe: factors (1: no change), and a shift of the centre of gravity (0: no change).
-
-    The factors act on surface deflections, drag, lift slope, thrust, mass, second moments of mass along body x, y, z,
-    and actuator bandwidth; `cg_shift` is a fraction of the mean chord, positive aft.
-    """
+    """Change of an airframe by fault, ice or load: factors (1: no change), and a shift of the centre of gravity."""
 
     #: Factor on the aerodynamically effective deflection of each surface; actuators and stops are unchanged.
     surface_effectiveness: Vector
-    #: Factors on drag and lift in stability axes (body axes turned by alpha alone). The zero-lift angle of attack is
-    #: unchanged, so the factor on the lift is the factor on the lift slope. Both factors leave the moments about the
-    #: original centre of gravity unchanged.
+    #: Factors on drag and lift in stability axes (body axes turned by alpha alone). The moments about the original
+    #: centre of gravity and the zero-lift angle of attack do not change.
     drag: Scalar
     lift_slope: Scalar
-    #: Factor on force and moment of the engine. A `ChangedAirframe` does not contain this factor: the simulation
-    #: applies the factor through the `Disturbance` of the aircraft.
+    #: Factor on force and moment of the engine. The simulation applies this factor through the `Disturbance` of the
+    #: aircraft; a `ChangedAirframe` does not contain the factor.
     thrust: Scalar
-    #: Factors on the mass, on the second moments of mass along body x, y, z (`dispersed_mass`), and on the bandwidth of
-    #: every actuator.
-    mass: Scalar
-    second_moments: Vector3
-    actuator_bandwidth: Scalar
-    cg_shift: Scalar  #: Shift of the centre of gravity, fraction of the mean chord, positive aft.
+    mass: Scalar  #: Factor on the mass.
+    second_moments: Vector3  #: Factors on the second moments of mass along body x, y, z (`dispersed_mass`).
+    actuator_bandwidth: Scalar  #: Factor on the bandwidth of every actuator.
+    cg_shift: Scalar  #: Shift of the centre of gravity, fraction of the mean chord, positive aft; 0: no shift.
 
 
 class AirframeChanges(eqx.Module):
-    """Changes of an aircraft during the flight; each lasts from its time to the end of the flight.
+    """Changes of an aircraft during the flight; each change lasts from its time to the end of the flight.
 
-    While several changes last, their factors are multiplied and their shifts added.
+    The factors of simultaneous changes are multiplied; the shifts are added.
     """
 
     times: Float[Array, " changes"]  #: Time of each change, s.
-    changes: AirframeChange  #: The changes as one object, each array with a leading axis of the shape of `times`.
+    changes: AirframeChange  #: The changes as one object; each array has the leading axis of `times`.
 
     def at(self, time: ScalarLike) -> AirframeChange:
-        """Return one change equal to all changes with times up to `time` (s): factors multiplied, shifts added."""
+        """Return one change that combines all changes with times up to `time` (s)."""
         is_active = jnp.asarray(time) >= self.times
 
         def total(values: Array) -> Array:
@@ -67,11 +56,7 @@ class AirframeChanges(eqx.Module):
 
 
 class ChangedAirframe(AbstractAirframe):
-    """An airframe to which an `AirframeChange` is applied, except for the factor on the thrust.
-
-    The simulation applies the factor on the thrust. `airframe` is the unchanged airframe, `shift_b` (m, body axes) the
-    original centre of gravity relative to the shifted one.
-    """
+    """An airframe to which an `AirframeChange` is applied, except for the factor on the thrust."""
 
     airframe: AbstractAirframe  #: The airframe without the change.
     mass_properties: MassProperties
@@ -86,7 +71,7 @@ class ChangedAirframe(AbstractAirframe):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the side force of the unchanged airframe is zero without sideslip, rates and deflections."""
+        """Whether the unchanged airframe is symmetric: `AbstractAirframe.symmetric`."""
         return self.airframe.symmetric
 
     @property
@@ -107,8 +92,8 @@ class ChangedAirframe(AbstractAirframe):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the force (N) and the moment about the shifted centre of gravity (N m), body axes.
 
-        The factors on drag D and lift L act on D = -(X cos(alpha) + Z sin(alpha)) and L = X sin(alpha) - Z cos(alpha),
-        with the aerodynamic force X, Z along body x and z. Arguments: `AbstractAirframe.aerodynamics`.
+        The factors act on drag D = -(X cos(alpha) + Z sin(alpha)) and lift L = X sin(alpha) - Z cos(alpha), where X and
+        Z are the force along body x and z. Arguments: `AbstractAirframe.aerodynamics`.
         """
         wrench = self.airframe.aerodynamics(air_data, rates_b, surfaces * self.surface_effectiveness)
         X, _, Z = wrench.force_b
@@ -129,12 +114,8 @@ class ChangedAirframe(AbstractAirframe):
 def changed_airframe(airframe: AbstractAirframe, change: AirframeChange) -> ChangedAirframe:
     """Return an airframe with a change applied, except for the factor on the thrust.
 
-    The centre of gravity is not shifted if the airframe has no `mean_chord`.
-
-    Raises
-    ------
-    ValueError
-        The number of factors in `change.surface_effectiveness` differs from the number of surfaces.
+    The centre of gravity is not shifted if the airframe has no `mean_chord`. Raises ValueError if the number of factors
+    in `change.surface_effectiveness` differs from the number of surfaces.
     """
     count = len(airframe.actuators.names)
     if change.surface_effectiveness.shape != (count,):

@@ -1,4 +1,4 @@
-"""An airframe whose aerodynamic coefficients have linear increments: an onboard model that is corrected in flight."""
+"""An airframe with linear increments of the aerodynamic coefficients: an onboard model that is corrected in flight."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ LONGITUDINAL = (True, False, True, False, True, False)
 CONSTANT = 0
 """Index of the constant among the regressors."""
 STATE_REGRESSORS = 4
-"""Number of regressors before the surfaces: 1, alpha, q c/2V, 0 (longitudinal); 1, beta, p b/2V, r b/2V (lateral)."""
+"""Number of regressors before the surfaces; see `regressors`."""
 
 
 class ReferenceLengths(eqx.Module):
@@ -26,7 +26,7 @@ class ReferenceLengths(eqx.Module):
     wing_area: Scalar
 
     def wrench(self, qbar: Scalar, coefficients: Float[Array, "6"]) -> Wrench:
-        """Return force (N) and moment (N m), body axes, for the coefficients CX, CY, CZ, Cl, Cm, Cn and qbar (Pa)."""
+        """Return force (N) and moment (N m), body axes, of CX, CY, CZ, Cl, Cm, Cn at a dynamic pressure (Pa)."""
         scale = qbar * self.wing_area
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         return Wrench(scale * coefficients[:3], scale * lengths * coefficients[3:])
@@ -34,7 +34,7 @@ class ReferenceLengths(eqx.Module):
     def coefficients(self, qbar: Scalar, wrench: Wrench) -> Float[Array, "6"]:
         """Return CX, CY, CZ, Cl, Cm, Cn of a force (N) and a moment (N m), body axes, at a dynamic pressure (Pa).
 
-        A dynamic pressure below 1 Pa counts as 1 Pa.
+        A dynamic pressure below 1 Pa is raised to 1 Pa.
         """
         scale = jnp.maximum(qbar, 1.0) * self.wing_area
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
@@ -44,10 +44,7 @@ class ReferenceLengths(eqx.Module):
 def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
     """Return wing span, mean chord and wing area of an airframe.
 
-    Raises
-    ------
-    ValueError
-        The airframe has no attribute `span`, `mean_chord` or `wing_area`.
+    Raises ValueError if the airframe has no attribute `span`, `mean_chord` or `wing_area`.
     """
     names = ("span", "mean_chord", "wing_area")
     missing = [name for name in names if not hasattr(airframe, name)]
@@ -62,9 +59,9 @@ def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
 def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "2 p"]:
     """Return the regressors: the quantities on which the increments of the coefficients depend linearly.
 
-    Shape (2, 4 + surfaces), one row for CX, CZ, Cm: (1, alpha, q c/2V, 0, surfaces), and one for CY, Cl, Cn: (1, beta,
-    p b/2V, r b/2V, surfaces); angles in rad. Body rates are relative to the air, rad/s. An airspeed V below 1 m/s
-    counts as 1 m/s.
+    Shape (2, 4 + surfaces). The first row is for CX, CZ, Cm: (1, alpha, q c/2V, 0, surfaces). The second row is for CY,
+    Cl, Cn: (1, beta, p b/2V, r b/2V, surfaces). Angles are in rad, `rates_b` are relative to the air (rad/s). An
+    airspeed V below 1 m/s is raised to 1 m/s.
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     p, r = rates_b[0] * lengths.span / double_V, rates_b[2] * lengths.span / double_V
@@ -79,10 +76,10 @@ def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfa
 
 
 def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]:
-    """Return the regressors of flight at `alpha` without sideslip and rates, with deflections `surfaces` (rad).
+    """Return the reference, to be subtracted from `regressors`, of flight at `alpha` with deflections `surfaces` (rad).
 
-    Shape (2, 4 + surfaces) as in `regressors`, to be subtracted from their result; the entry of the constant is 0
-    instead of 1, so the difference keeps a constant of 1.
+    Sideslip and rates are zero. Shape (2, 4 + surfaces) as in `regressors`; the entry of the constant is 0 instead of
+    1.
     """
     zero = jnp.zeros_like(alpha)
     states = jnp.stack([jnp.stack([zero, alpha, zero, zero]), jnp.zeros(STATE_REGRESSORS)])
@@ -90,18 +87,14 @@ def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]
 
 
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
-    """Return the regressors of each of CX, CY, CZ, Cl, Cm, Cn, from the two rows of `regressors`.
-
-    The first row serves the longitudinal coefficients CX, CZ and Cm, the second the lateral ones.
-    """
+    """Return the regressors of each of CX, CY, CZ, Cl, Cm, Cn, from the two rows of `regressors`."""
     return jnp.tile(rows, (3, 1))  # CX, CZ, Cm are longitudinal, CY, Cl, Cn lateral: the rows alternate
 
 
 class CorrectedAirframe(AbstractAirframe):
-    """An airframe with increments of CX to Cn: `increments` times (regressors - `reference`), see `regressors`.
+    """An airframe with linear increments of CX to Cn: `increments` times (`regressors` - `reference`).
 
-    If `aerodynamics_known`, the increments are added to the coefficients of the airframe `base`, otherwise they replace
-    these coefficients. Mass, inertia, geometry, actuators and engine are those of `base`.
+    Mass, inertia, geometry, actuators and engine are taken from `base`.
     """
 
     base: AbstractAirframe
@@ -111,16 +104,16 @@ class CorrectedAirframe(AbstractAirframe):
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     lengths: ReferenceLengths
-    #: Longitudinal and lateral regressors at which the slopes in `increments` have no effect; 0 for the constant.
-    reference: Float[Array, "2 p"]
+    reference: Float[Array, "2 p"]  #: Regressors at which the slopes have no effect: `reference_regressors`.
     increments: Float[Array, "6 p"]  #: Increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor.
+    #: True: the increments are added to the coefficients of `base`; False: the coefficients are the increments alone.
     aerodynamics_known: bool = eqx.field(static=True, default=True)
 
     @property
     def symmetric(self) -> bool:
-        """Whether the side force of the base airframe is zero without sideslip, rates and deflections.
+        """Whether the base airframe is symmetric: `AbstractAirframe.symmetric`.
 
-        Increments do not count: the autopilot does not bank against an estimated side force.
+        The increments are disregarded: the autopilot does not bank against an estimated side force.
         """
         return self.base.symmetric
 
@@ -145,9 +138,8 @@ class CorrectedAirframe(AbstractAirframe):
         return self.lengths.wrench(data.qbar, jnp.sum(self.increments * rows, axis=1))
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute force (N) and moment about the centre of gravity (N m), body axes.
+        """Compute force (N) and moment about the centre of gravity (N m), body axes; see `aerodynamics_known`.
 
-        The result is the sum of base airframe and increments, or the increments alone unless `aerodynamics_known`.
         Arguments: `AbstractAirframe.aerodynamics`.
         """
         increment = self.increment(air_data, rates_b, surfaces)
@@ -166,10 +158,9 @@ def corrected_airframe(
     *,
     aerodynamics_known: bool = True,
 ) -> CorrectedAirframe:
-    """Return an airframe whose six aerodynamic coefficients are those of `base` plus linear increments.
+    """Return a `CorrectedAirframe`, with linear increments of the aerodynamic coefficients of `base`.
 
-    The increments are `increments`, shape (coefficient, regressor), times the deviations of the `regressors` from
-    `reference`. If `aerodynamics_known` is false, the coefficients are the increments alone.
+    The arguments are the fields of `CorrectedAirframe`.
     """
     return CorrectedAirframe(
         base=base,
@@ -186,7 +177,7 @@ def corrected_airframe(
 
 
 def without_aerodynamics(airframe: AbstractAirframe) -> CorrectedAirframe:
-    """Return a copy of an airframe whose six aerodynamic coefficients and increments are 0.
+    """Return a copy of an airframe with all aerodynamic coefficients set to 0.
 
     Raises ValueError if the airframe has no span, mean chord or wing area.
     """

@@ -45,31 +45,25 @@ _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
 def _used_inputs(evaluator: Evaluator, values: Mapping[str, ScalarLike]) -> dict[str, ScalarLike]:
-    """Return the entries of `values` (by variable name) whose variable is an input of the file."""
+    """Return the entries of `values` (by variable name) that are inputs of the file."""
     input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
     return {name: value for name, value in values.items() if name in input_names}
 
 
 def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
-    """Return the air data by the names of `AIR_INPUTS`, SI units and rad; only inputs of the file are included."""
+    """Return the air data that are inputs of the file, by the names of `AIR_INPUTS`, in SI units and rad."""
     return _used_inputs(evaluator, {name: getattr(air_data, key) for name, key in AIR_INPUTS.items()})
 
 
 class DaveMlEngine(AbstractLaggedEngine):
-    """Engine with thrust and thrust moment from a DAVE-ML file, functions of power (percent) and air data.
-
-    The power follows the throttle with the first-order `lag` (s). `point_b` (m) is the file's moment reference point
-    relative to the centre of gravity. Beyond 0 to 100 percent of power, which only a trim search uses, the thrust rises
-    by `extrapolation_thrust` (N) per 100 percent.
-    """
+    """Engine with thrust and thrust moment from a DAVE-ML file, functions of power (percent) and air data."""
 
     evaluator: Evaluator
-    lag: Scalar
+    lag: Scalar  # time constant of the first-order lag from throttle to power, s
     # valid range of the tables: m and Mach number
     altitude_range: tuple[Scalar, Scalar]
     mach_range: tuple[Scalar, Scalar]
-    # thrust per 100 percent of power outside 0 to 100, N. Unused in flight; gives a trim search a slope where the
-    # file's thrust is constant beyond the ends.
+    # thrust per 100 percent of power outside 0 to 100 percent, N: a slope for trim searches, unused in flight
     extrapolation_thrust: Scalar
     point_b: Vector3  # moment reference point of the file relative to the centre of gravity, m
     thrust_factor: Scalar  # factor on thrust and thrust moment; 1 for the values of the file
@@ -77,7 +71,8 @@ class DaveMlEngine(AbstractLaggedEngine):
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Compute the thrust force (N) and the thrust moment about the centre of gravity (N m) at a power (percent).
 
-        Outside 0..100 percent, for trim solvers, the thrust is extrapolated with the slope `extrapolation_thrust`.
+        Trim searches may pass a power outside 0..100 percent; the thrust is then extrapolated by
+        `extrapolation_thrust`.
         """
         # in SI units percent becomes a fraction
         within = jnp.clip(power, 0.0, 100.0)
@@ -88,10 +83,9 @@ class DaveMlEngine(AbstractLaggedEngine):
         return Wrench(force_b, self.thrust_factor * moment_b + cross(self.point_b, force_b))
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Return the power (0..100 percent) whose thrust along body x is nearest to `thrust` (N).
+        """Return the power (0..100 percent) whose thrust along body x is nearest to `thrust` (N), by interpolation.
 
-        The thrust is computed every ten percent of power and interpolated linearly; two further values of thrust, at
-        the interpolated powers, narrow the interval. A thrust that falls with power counts as constant.
+        Where the thrust falls with power, the thrust is taken as constant.
         """
         powers = jnp.asarray(_POWER_GRID, air_data.V.dtype)
         thrusts = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
@@ -139,11 +133,7 @@ _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.
 
 
 class DaveMlAircraft(AbstractAirframe):
-    """Airframe with the aerodynamics of a DAVE-ML file: body-axis coefficients about a moment reference centre.
-
-    `centre_b` (m) is the centre of mass relative to the reference centre; `inputs` names the file's input for each
-    surface; airspeeds below `airspeed_min` (m/s) are raised to this value before the file is evaluated.
-    """
+    """Airframe with the aerodynamics of a DAVE-ML file: body-axis coefficients about a moment reference centre."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -157,23 +147,23 @@ class DaveMlAircraft(AbstractAirframe):
     mean_chord: Scalar
     centre_b: Vector3  #: Centre of mass relative to the moment reference centre, body axes, m.
     coefficient_factors: Float[Array, "6"]  #: Factors on CX, CY, CZ, Cl, Cm, Cn of the file; 1 for no change.
-    airspeed_min: Scalar  #: Lower limit of the airspeed passed to the file, m/s: p b/2V is unbounded at rest.
+    airspeed_min: Scalar  #: Lower limit of the airspeed passed to the file, m/s, because p b/2V is unbounded at rest.
     validity: Validity
     #: Name or varID of the file's input for each surface, in the actuators' order.
     inputs: tuple[str, ...] = eqx.field(static=True)
-    #: Whether airframe or engine may have a side force without sideslip, rates and deflections.
+    #: Whether airframe or engine may have a side force while sideslip, rates and deflections are zero.
     has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property
     def symmetric(self) -> bool:
-        """Whether the side force is zero without sideslip, rates and deflections."""
+        """Whether the side force is zero if sideslip, rates and deflections are zero."""
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """Return the file's CX, CY, CZ, Cl, Cm, Cn times `coefficient_factors`.
 
-        The moment coefficients refer to the moment reference centre, not to the centre of mass. `rates_b` are the body
-        rates relative to the air, rad/s; `surfaces` the deflections, rad.
+        The moments are about the moment reference centre. `rates_b` are the body rates relative to the air, rad/s;
+        `surfaces` are the deflections, rad.
         """
         limited_air_data = eqx.tree_at(lambda d: d.V, air_data, jnp.maximum(air_data.V, self.airspeed_min))
         inputs = {
@@ -187,7 +177,7 @@ class DaveMlAircraft(AbstractAirframe):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the force (N) and the moment about the centre of mass (N m), in body axes.
 
-        Force F = qbar S (CX, CY, CZ); moment qbar S (b Cl, c Cm, b Cn) - r x F, where r is `centre_b`. Arguments:
+        Force F = qbar S (CX, CY, CZ); moment qbar S (b Cl, c Cm, b Cn) - `centre_b` x F. Arguments:
         `AbstractAirframe.aerodynamics`.
         """
         c = self.coefficients(air_data, rates_b, surfaces)
@@ -223,19 +213,19 @@ def dave_ml_airframe(
     aerodynamics
         Model with the six coefficients in body axes (`AERO_OUTPUTS`) and the reference area, span and chord.
     inertia
-        Model with mass, moments and products of inertia, and the centre of mass relative to the moment reference
-        centre; or the mass properties and the position of the centre of mass (body axes, m) as a pair.
+        Model with the variables `INERTIA_OUTPUTS`; or a pair: mass properties, and position of the centre of mass
+        relative to the moment reference centre (body axes, m).
     propulsion
         Model with thrust and thrust moment (`ENGINE_OUTPUTS`) as functions of the power lever angle in percent; or an
         engine; or None for no engine.
     actuators
-        Actuators of the surfaces: not part of an aerodynamics file.
+        Actuators of the surfaces.
     inputs
         For each surface, name or varID of the input of `aerodynamics` that receives the deflection.
     alpha_range, beta_range
         Valid range of the aerodynamic tables, rad.
     engine_lag
-        Time constant from throttle to power, s, of a propulsion model: not part of a propulsion file.
+        Time constant from throttle to power, s, if `propulsion` is a model.
     altitude_range, mach_range
         Valid range of the propulsion model, m and Mach number.
     inertia_inputs
@@ -246,9 +236,13 @@ def dave_ml_airframe(
     Raises
     ------
     ValueError
-        A model lacks a required variable; the number of `inputs` differs from the number of surfaces; the input of a
-        surface is air data, a body rate or the input of another surface; an input of the aerodynamics is neither air
-        data, body rate nor surface, and has no default value; or the mass properties are physically impossible.
+        Any of these faults:
+
+        - a model lacks a required variable;
+        - the number of `inputs` differs from the number of surfaces;
+        - the input of a surface is air data, a body rate or the input of another surface;
+        - an input of the aerodynamics has no default value and is neither air data, body rate nor surface;
+        - the mass properties are physically impossible.
     DaveMlError
         A reference length, the mass or the inertia is physically impossible, or the input of a surface is not an angle.
     """
@@ -320,10 +314,7 @@ def dave_ml_airframe(
 
 
 def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether airframe or engine has a side force at sea level without sideslip, rates and deflections.
-
-    The side force is evaluated on a grid of angle of attack, airspeed and engine power.
-    """
+    """Whether airframe or engine has a side force at sea level while sideslip, rates and deflections are zero."""
     low, high = aircraft.alpha_range
     alphas = np.linspace(float(low), float(high), _ALPHAS)
     return bool(np.any(_side_forces(aircraft, *(as_array(grid) for grid in (alphas, _SPEEDS_M_S, _POWERS)))))
@@ -333,8 +324,7 @@ def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
 def _side_forces(aircraft: DaveMlAircraft, alphas: Array, speeds: Array, powers: Array) -> Array:
     """Compute side forces (N) without sideslip, rates and deflections; shape (alphas, speeds, powers + 1).
 
-    The last axis holds the engine's side force at each power (percent), then the aerodynamic side force. `alphas` are
-    in rad, `speeds` in m/s; altitude is 0, air density 1 kg/m^3 and speed of sound 340 m/s.
+    The last axis holds the engine's side force at each power (percent), then the aerodynamic side force.
     """
     zero = jnp.zeros(())
 
@@ -352,8 +342,8 @@ def dave_ml_body_faults(
 ) -> list[tuple[str, DaveMlError]]:
     """List the impossible reference lengths, masses and moments of inertia of an aerodynamics and an inertia file.
 
-    Each fault is a pair: "aerodynamics" or "inertia", and an error with the position in that file. A model that is
-    None is not checked; `inertia_inputs` are in the units of the file.
+    Each fault is a pair: "aerodynamics" or "inertia", and an error with the position in that file. A model that is None
+    is not checked; `inertia_inputs` are in the units of the file.
     """
     located_faults: list[tuple[str, DaveMlError]] = []
     if aerodynamics is not None:
@@ -383,7 +373,7 @@ def _fault(model: Model, name: str, fault: BodyFault) -> DaveMlError:
 
 
 def _si(model: Model, names: Sequence[str], inputs: Mapping[str, float]) -> dict[str, float]:
-    """Return the values of variables of a model by name, in SI units; `inputs` are in the units of the file."""
+    """Return the values of a model's variables by name, in SI units; `inputs` are in the units of the file."""
     values = model.evaluate(inputs, names)
     return {name: float(value) * model.evaluator.unit(name).factor for name, value in values.items()}
 
@@ -394,10 +384,7 @@ def _inertia_matrix(si: Mapping[str, float]) -> np.ndarray:
 
 
 def _read_mass_properties(inertia: Model, inputs: Mapping[str, float]) -> tuple[MassProperties, Vector3]:
-    """Return the mass properties and the centre of mass of an inertia file; `inputs` are in the units of the file.
-
-    The centre of mass is relative to the moment reference centre, body axes, m.
-    """
+    """Return the mass properties and the centre of mass relative to the moment reference centre (body axes, m)."""
     si = _si(inertia, INERTIA_OUTPUTS, inputs)
     return rigid_body(si["totalMass"], _inertia_matrix(si)), as_array([si[name] for name in _CENTRE])
 

@@ -23,9 +23,7 @@ _STATIC_COLUMNS = tuple(DERIVATIVE_ARGUMENTS.index(argument) for argument in STA
 class DerivativeAircraft(AbstractAirframe):
     """Airframe whose aerodynamic coefficients are sums of derivatives times angles, rates and deflections.
 
-    `derivatives` has a row for each of CL, CD, CY, Cl, Cm, Cn and a column for each argument (`DERIVATIVE_ARGUMENTS`,
-    then the surfaces), per rad or dimensionless rate. Tables add to entries of this array; induced drag and stall add
-    nonlinear parts. `cg_offset_b` (m) is the centre of gravity relative to the reference point of the moments.
+    Optional tables are added to the derivatives. Induced drag and stall add nonlinear terms.
     """
 
     mass_properties: MassProperties
@@ -41,34 +39,32 @@ class DerivativeAircraft(AbstractAirframe):
     #: Derivatives per rad or per dimensionless rate. Rows: `anser.airframe_data.COEFFICIENTS` (CL, CD, CY, Cl, Cm, Cn);
     #: columns: `DERIVATIVE_ARGUMENTS`, then the surfaces in the actuators' order.
     derivatives: Float[Array, "6 columns"]
-    #: 1 / (pi e AR), factor on the squared lift coefficient due to angle of attack in attached flow; 0 for none.
+    #: Induced drag factor 1 / (pi e AR), times the squared lift coefficient due to angle of attack in attached flow.
     induced_drag: Scalar
-    #: Sharpness M (per rad) and angle of attack alpha0 (rad) of the stall (`flow_separation`); alpha0 is `NO_STALL`
-    #: without stall model.
-    stall_sharpness: Scalar
-    stall_alpha: Scalar
+    stall_sharpness: Scalar  #: Sharpness M of the stall (`flow_separation`), per rad.
+    stall_alpha: Scalar  #: Angle of attack alpha0 of the stall, rad; `NO_STALL` for an aircraft without stall model.
     validity: Validity  #: Valid range of airspeed, altitude and Mach number.
     tables: Tables | None = None  #: Tables over alpha, beta (rad) and surfaces (rad); None: no tables.
     #: Factor on each function of the tables; 1 for the published values.
     table_factors: Float[Array, " tables"] | None = None
-    #: For each function of the tables, row and column of the entry of `derivatives` to which the value is added.
+    #: For each function of the tables, row and column of the entry of `derivatives` to which the function is added.
     table_derivatives: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
-    #: For each table axis, index of its argument: 0 alpha, 1 beta, from 2 on the surfaces.
+    #: For each table axis, index of its argument: 0 alpha, 1 beta, 2 + k surface k.
     table_arguments: tuple[int, ...] = eqx.field(static=True, default=())
-    #: Whether a side force without sideslip, rates and deflections is possible, for example by the derivative CY0.
+    #: Whether a side force is possible while sideslip, rates and deflections are zero, for example by CY0.
     has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property
     def symmetric(self) -> bool:
-        """Whether the side force is zero without sideslip, rates and deflections."""
+        """Whether the side force is zero if sideslip, rates and deflections are zero."""
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """Compute CL, CD, CY, Cl, Cm, Cn (`COEFFICIENTS`); moments are about the reference point.
 
-        `rates_b` (rad/s, relative to the air) are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to
-        keep the coefficients of an aircraft at rest finite; `surfaces` are in rad. Stall and drag: [BM] section 4.2;
-        the lift due to angle of attack fades into the lift of a flat plate, 2 sign(alpha) sin^2(alpha) cos(alpha).
+        `rates_b` (rad/s, relative to the air) are made dimensionless with b/2V and c/2V, where V is at least 1 m/s;
+        `surfaces` are in rad. In the stall, with the weight `flow_separation`, the lift of a flat plate replaces the
+        lift due to angle of attack. Source of stall and drag: [BM] section 4.2.
         """
         alpha, beta = air_data.alpha, air_data.beta
         V = jnp.maximum(air_data.V, 1.0)
@@ -92,10 +88,7 @@ class DerivativeAircraft(AbstractAirframe):
         return jnp.concatenate([jnp.stack([lift, drag]), total[2:]])
 
     def flow_separation(self, alpha: Scalar) -> Scalar:
-        """Return the weight of the flat plate in the lift, 0 (attached flow) to 1 (separated flow).
-
-        The function sigma of [BM] equation 4.10, written without overflow.
-        """
+        """Return the weight of the flat plate in the lift, 0 (attached) to 1 (separated flow): [BM] equation 4.10."""
         M, alpha0 = self.stall_sharpness, self.stall_alpha
         positive_stall, negative_stall = jax.nn.sigmoid(M * (alpha - alpha0)), jax.nn.sigmoid(-M * (alpha + alpha0))
         return positive_stall + negative_stall - positive_stall * negative_stall
@@ -103,8 +96,7 @@ class DerivativeAircraft(AbstractAirframe):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the force (N) and the moment about the centre of gravity (N m), in body axes.
 
-        Lift and drag are rotated into body axes by alpha alone; the moment is transferred from the reference point of
-        the coefficients to the centre of gravity. Arguments: `AbstractAirframe.aerodynamics`.
+        Lift and drag are rotated into body axes by alpha alone. Arguments: `AbstractAirframe.aerodynamics`.
         """
         CL, CD, CY, Cl, Cm, Cn = self.coefficients(air_data, rates_b, surfaces)
         sa, ca = jnp.sin(air_data.alpha), jnp.cos(air_data.alpha)
@@ -114,8 +106,5 @@ class DerivativeAircraft(AbstractAirframe):
         return Wrench(force_b=force_b, moment_b=moment_b - cross(self.cg_offset_b, force_b))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition is outside the valid range of the aerodynamic data or of the engine's data.
-
-        The valid range of the aerodynamic data limits alpha, beta, airspeed, altitude and Mach number.
-        """
+        """Whether alpha, beta, airspeed, altitude or Mach number is outside the aerodynamic or the engine data."""
         return super().outside_tables(air_data) | self.validity.excludes(air_data)

@@ -1,7 +1,4 @@
-"""Dispersed aircraft: airframes whose data deviate from the published values.
-
-The deviations concern mass, inertia, centre of gravity, actuators, thrust and aerodynamic coefficients.
-"""
+"""Dispersed aircraft: airframes with data that deviate from the published values."""
 
 from typing import TypeVar, cast
 
@@ -20,28 +17,22 @@ AnyAirframe = TypeVar("AnyAirframe", bound=AbstractAirframe)
 
 
 class BodyDispersion(eqx.Module):
-    """Deviations of an aircraft apart from aerodynamics: factors (1: no change) and a shift (0: no change).
+    """Deviations of mass, inertia, centre of gravity, actuators and thrust: factors (1: no change) and a shift."""
 
-    The factors act on thrust, mass, second moments of mass along body x, y, z (`dispersed_mass`), and actuator
-    bandwidth; `cg_shift` is the shift of the centre of gravity, a fraction of the mean chord, positive aft.
-    """
-
-    # factors on thrust and mass
-    thrust: Scalar
-    mass: Scalar
-    # positive factors on the second moments of mass along body x, y, z, shape (3,). See `dispersed_mass`.
-    second_moments: Vector3
+    thrust: Scalar  # factor on the thrust
+    mass: Scalar  # factor on the mass
+    second_moments: Vector3  # positive factors on the second moments of mass along body x, y, z (`dispersed_mass`)
     actuator_bandwidth: Scalar  # positive factor on the bandwidth of every actuator
-    cg_shift: Scalar  # shift of the centre of gravity, fraction of the mean chord, positive aft
+    cg_shift: Scalar  # shift of the centre of gravity, fraction of the mean chord, positive aft; 0: no shift
 
 
 def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vector3) -> MassProperties:
-    """Return mass properties with the mass and the second moments of mass (along body x, y, z) scaled by factors.
+    """Return mass properties with the mass and the second moments of mass (along body x, y, z) multiplied by factors.
 
-    The second moments are the integrals of x^2, y^2 and z^2 over the mass; Jxx is the sum of the second and third, and
-    so on. A product of inertia is scaled by the square roots of the factors of its two axes. The body is thus stretched
-    along its axes: the principal moments stay positive and within the triangle inequality for any positive factors.
-    The factor on the mass does not change the inertia.
+    The second moments are the integrals of x^2, y^2 and z^2 over the mass; Jxx is the sum of the second and the third.
+    A product of inertia is multiplied by the square roots of the factors of its two axes. Positive factors thus keep
+    the principal moments positive and within the triangle inequality. The factor on the mass does not change the
+    inertia.
     """
     root = jnp.sqrt(second_moments)
     J_b, eye = properties.inertia_b, jnp.eye(3, dtype=properties.inertia_b.dtype)
@@ -58,7 +49,7 @@ def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vec
 def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: Vector3) -> AnyAirframe:
     """Return a copy of the airframe with dispersed mass, inertia, actuators and thrust; the aerodynamics are unchanged.
 
-    `shift_b` is the former centre of gravity relative to the new one, body axes, m, and shifts the thrust point. The
+    `shift_b` (m, body axes) is the former centre of gravity relative to the new one, and moves the thrust point. The
     caller must shift the reference point of the aerodynamic moments.
     """
     changed = eqx.tree_at(
@@ -74,14 +65,10 @@ def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: V
 
 
 class DerivativeDispersion(eqx.Module):
-    """Dispersion of a `DerivativeAircraft`; factors of 1 mean no change.
+    """Dispersion of a `DerivativeAircraft`; factors of 1 mean no change."""
 
-    `derivatives` are factors on the entries of `DerivativeAircraft.derivatives`; `tables` are factors on the functions
-    of the aircraft's tables, None for an aircraft without tables.
-    """
-
-    derivatives: Float[Array, "6 columns"]
-    tables: Vector | None
+    derivatives: Float[Array, "6 columns"]  # factors on the entries of `DerivativeAircraft.derivatives`
+    tables: Vector | None  # factors on the functions of the aircraft's tables; None for an aircraft without tables
     body: BodyDispersion
 
 
@@ -101,7 +88,7 @@ def dispersed_derivative_aircraft(aircraft: DerivativeAircraft, dispersion: Deri
 def dispersed_dave_ml_aircraft(
     aircraft: DaveMlAircraft, coefficients: Float[Array, "6"], body: BodyDispersion
 ) -> DaveMlAircraft:
-    """Return a copy of the aircraft, with the same pytree structure, whose data deviate by factors and `body`.
+    """Return a copy of the aircraft, with the same pytree structure, whose data deviate by `coefficients` and `body`.
 
     `coefficients` are factors on CX, CY, CZ, Cl, Cm, Cn about the moment reference centre of the file.
     """
@@ -131,8 +118,7 @@ def no_dispersion() -> F16Dispersion:
 def dispersed_f16(f16: AnyF16, dispersion: F16Dispersion) -> AnyF16:
     """Return a copy of the F-16, with the same class and pytree structure, whose data deviate by `dispersion`.
 
-    A factor scales a whole table or coefficient, hence its contribution to the build-up; the table arguments are
-    unchanged. The terms of Cm and Cn that depend on the centre of gravity follow its shift.
+    The terms of Cm and Cn that depend on the centre of gravity follow the shift of the centre of gravity.
     """
     scaled = dispersed_body(f16.with_coefficients_scaled(dispersion.coefficients), dispersion, jnp.zeros(3))
     return cast(AnyF16, eqx.tree_at(lambda a: a.x_cg, scaled, f16.x_cg + dispersion.cg_shift))

@@ -22,11 +22,9 @@ class EnginePower(eqx.Module):
 class AbstractEngine(eqx.Module):
     """Interface of an engine, propeller included.
 
-    The engine's `power` is its setting in percent of maximum, not watts. Each class defines its own engine state; every
-    state has an attribute `power`. Thrust is a function of power and air data; controllers use the inverse functions.
-
-    A new class can be used in any airframe. For a description of the engine or for a table in aircraft files, extend
-    `anser.analysis.airframes` or `anser.aircraft_files`.
+    The engine's `power` is a setting in percent of the maximum, not watts. Each class defines its own engine state;
+    every state has an attribute `power`. A new class can be used in any airframe; for a table in aircraft files,
+    `anser.aircraft_files` must be extended.
     """
 
     @property
@@ -43,11 +41,11 @@ class AbstractEngine(eqx.Module):
         """Return the time derivative of the engine state at a throttle (0..1), as an object of the state's class."""
 
     def before_step(self, state: Any, throttle: ScalarLike) -> Any:
-        """Return the engine state with which an integration step at a throttle (0..1) starts: by default `state`."""
+        """Return the engine state at the start of an integration step at a throttle (0..1); by default `state`."""
         return state
 
     def steady_power(self, throttle: ScalarLike) -> Scalar:
-        """Return the power (0..100 percent) at which the engine runs steadily at a throttle (0..1), by bisection."""
+        """Return the power (0..100 percent) at which the engine runs steadily at a throttle (0..1)."""
 
         def halve(_: object, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             low, high = bounds
@@ -136,16 +134,16 @@ class NoEngine(AbstractEngine):
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Return False: without an engine there are no engine data."""
+        """Return False."""
         return air_data.V < 0.0
 
     def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "NoEngine":
-        """Return `self`: without an engine there is no thrust to scale."""
+        """Return `self`."""
         return self
 
 
 def thrust_along_body_x(thrust: Scalar) -> Wrench:
-    """Return the force (thrust, N, along body x) and the zero moment of a thrust through the centre of gravity."""
+    """Return the force (N) and the zero moment of a thrust (N) along body x through the centre of gravity."""
     zero = jnp.zeros_like(thrust)
     return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
 
@@ -164,7 +162,7 @@ class AbstractLaggedEngine(AbstractEngine):
         return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Return the throttle (0..1) at which the engine runs steadily at a power (percent): power / 100, limited."""
+        """Return the throttle of steady running at a power (percent): power / 100, limited to 0..1."""
         return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
@@ -183,7 +181,7 @@ def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
 
 
 class JetEngine(AbstractLaggedEngine):
-    """Jet engine with a thrust linear in the power, from idle to full; the power follows the throttle with a lag."""
+    """Jet engine with a thrust linear in the power, from idle to full, and a first-order lag of the power."""
 
     thrust_tables: Tables  #: Idle and full thrust (N) over altitude (m) and Mach number.
     lag: Scalar  #: Time constant from throttle to power, s.
@@ -196,10 +194,7 @@ class JetEngine(AbstractLaggedEngine):
         return self.thrust_factor * idle, self.thrust_factor * full
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Compute the thrust along body x (N), and its moment about the centre of gravity (N m), at a power (percent).
-
-        The thrust is idle + (full - idle) power / 100, from the thrusts of `idle_and_full_thrust`.
-        """
+        """Compute the thrust along body x (N) and its moment about the centre of gravity (N m) at a power (percent)."""
         idle, full = self.idle_and_full_thrust(air_data)
         return thrust_at_point(idle + (full - idle) * power / 100.0, jnp.zeros_like(idle), self.point_b)
 
@@ -217,17 +212,17 @@ class JetEngine(AbstractLaggedEngine):
 
 
 class InstantEngine(AbstractEngine):
-    """An engine without lag: the power jumps to its steady value for the throttle at the start of each step."""
+    """An engine without lag: at the start of each step, the power jumps to its steady value for the throttle."""
 
-    engine: AbstractEngine  #: Engine with lag, which defines the thrust and the steady relation of throttle and power.
-    step: Scalar  #: Sampling period, s, in which a commanded rate of power reaches its power.
+    engine: AbstractEngine  #: Engine with lag; defines the thrust and the steady relation of throttle and power.
+    step: Scalar  #: Sampling period, s.
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
         """Return the engine state of steady running at a power (percent)."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Return a zero rate: the power changes between the integration steps only, by `before_step`."""
+        """Return a zero rate: the power changes only between the integration steps, by `before_step`."""
         return EnginePower(jnp.zeros_like(state.power))
 
     def before_step(self, state: EnginePower, throttle: ScalarLike) -> EnginePower:
@@ -247,7 +242,7 @@ class InstantEngine(AbstractEngine):
         return self.engine.throttle_for_power(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Return the throttle (0..1) of the power to which `power_rate` (percent/s) leads within a sampling period."""
+        """Return the throttle (0..1) whose steady power is `power` + `step` * `power_rate` (percent)."""
         return self.engine.throttle_for_power(power + self.step * power_rate)
 
     def outside_tables(self, air_data: AirData) -> Flag:

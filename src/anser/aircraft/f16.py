@@ -1,7 +1,6 @@
-"""The F-16 of Stevens & Lewis.
+"""The F-16 of Stevens & Lewis: engine, base class of all F-16 models, and the variants of the textbook's tables.
 
-Engine, base class of all F-16 models, and the three published variants of the textbook's tables (theory section 4;
-[SL] appendix A; [S119]; [TH]).
+Sources: theory section 4; [SL] appendix A; [S119]; [TH].
 """
 
 import abc
@@ -35,7 +34,7 @@ class F16Engine(AbstractEngine):
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Return the rate of the power (percent/s): `power_rate` for the power command of `gearing` at the throttle."""
+        """Return the rate of the power (percent/s) at a throttle (0..1)."""
         return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -50,7 +49,7 @@ class F16Engine(AbstractEngine):
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
         """Return the throttle (0..1) for a commanded power (percent): the inverse of `gearing`.
 
-        The published gearing falls by 0.0012 percent at throttle 0.77; powers in this gap are assigned to the upper
+        The published gearing falls by 0.0012 percent at throttle 0.77. Powers in this gap are assigned to the upper
         branch.
         """
         power = jnp.clip(power, 0.0, 100.0)
@@ -64,7 +63,7 @@ class F16Engine(AbstractEngine):
         return jnp.where(power < 50, low, high)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Return the power (percent, 0..100) whose thrust is nearest to `thrust` (N), from the thrust tables."""
+        """Return the power (percent, 0..100) whose thrust is nearest to `thrust` (N)."""
         idle, military, maximum = self.thrust_tables(air_data.altitude, air_data.mach)[0]
         dry = 50 * (thrust - idle) / jnp.maximum(military - idle, 1.0)
         wet = 50 + 50 * (thrust - military) / jnp.maximum(maximum - military, 1.0)
@@ -83,7 +82,7 @@ class F16Engine(AbstractEngine):
         return jnp.where(is_afterburning, 5.0, slow) * gap
 
     def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "F16Engine":
-        """Return a copy with the thrust tables times `thrust`; `shift_b` is ignored: the thrust has no moment arm."""
+        """Return a copy with the thrust tables times `thrust`. `shift_b` is ignored: the thrust has no moment arm."""
         cells = self.thrust_tables.cells[0] * thrust
         return eqx.tree_at(lambda e: e.thrust_tables.cells[0], self, cells)
 
@@ -94,10 +93,8 @@ class F16Engine(AbstractEngine):
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """Return the power command (0..100 percent) for a required power rate (percent/s), the inverse of `power_rate`.
 
-        The rate is k times (command - power). From 50 percent of power on (afterburner) k is 5 1/s. Below, k is 1 1/s
-        up to a difference of 25 percent, the limit of the command here, because k decreases beyond. Certain rates near
-        50 percent are impossible; the power then usually changes faster than required, so a closed loop cannot stick at
-        50 percent.
+        Below 50 percent of power, rates above 25 percent/s are reduced to 25 percent/s. Near 50 percent of power
+        certain rates are impossible; the power then usually changes faster than required.
         """
         command_with_afterburner = power + power_rate / 5.0
         command_without = power + jnp.minimum(power_rate, 25.0)
@@ -109,7 +106,7 @@ class F16Engine(AbstractEngine):
 
 
 class F16Coefficients(eqx.Module):
-    """Dimensionless force and moment coefficients in body axes, moments about the centre of gravity."""
+    """Dimensionless force and moment coefficients in body axes; moments are about the centre of gravity."""
 
     CX: Scalar
     CY: Scalar
@@ -120,10 +117,7 @@ class F16Coefficients(eqx.Module):
 
 
 class AbstractF16(AbstractAirframe):
-    """Base class of the F-16 models: engine, geometry and forces; subclasses define the aerodynamic coefficients.
-
-    `x_cg` and `x_cg_reference` (moment reference) are fractions of the mean chord.
-    """
+    """Base class of the F-16 models: engine, geometry and forces; subclasses define the aerodynamic coefficients."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -140,7 +134,7 @@ class AbstractF16(AbstractAirframe):
 
     @abc.abstractmethod
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
-        """Compute force and moment coefficients; `rates_b` relative to the air, rad/s; deflections `surfaces`, rad."""
+        """Compute the coefficients; `rates_b` are relative to the air, rad/s; `surfaces` are deflections, rad."""
 
     @abc.abstractmethod
     def with_coefficients_scaled(self, factors: Float[Array, " coefficients"]) -> "AbstractF16":
@@ -167,36 +161,31 @@ TABLE_COEFFICIENTS = (
 """Names of the functions in each group of `F16.tables`: over alpha; alpha and elevator; alpha and sideslip."""
 _GROUPS = (*TABLE_COEFFICIENTS, ("CYb", "CYda", "CYdr"), ("CZde",))
 F16_COEFFICIENTS = tuple(itertools.chain(*_GROUPS))
-"""Names of all coefficients of the build-up (theory section 4): those of `F16.tables`, then of the linear terms."""
+"""Names of all coefficients of the build-up (theory section 4): tables of `F16.tables`, then linear terms."""
 _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
 class F16(AbstractF16):
     """F-16 with the tables of Stevens & Lewis; `f16_from_data` builds the published variants.
 
-    Angles in the fields are in deg: `surface_reference` has the deflections (elevator, aileron, rudder) for which
-    `normal_force_elevator` (CZ) and the last two of `side_force` (CY; the first is per deg of sideslip) hold. The
-    textbook's elevator table ends at 24 deg, the surface moves to 25 deg: `outside_tables` does not report the last
-    degree.
+    The textbook's elevator table ends at 24 deg, but the surface moves to 25 deg. `outside_tables` does not report the
+    last degree.
     """
 
     surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
-    side_force: Vector3  #: CY per degree of sideslip, and CY at the reference deflections of aileron and rudder.
+    side_force: Vector3  #: CY per deg of sideslip, CY at the aileron's and CY at the rudder's reference deflection.
     normal_force_elevator: Scalar  #: CZ at the reference deflection of the elevator.
-    #: Tables over angle of attack, sideslip and elevator, degrees. Groups: functions of alpha, of (alpha, elevator),
-    #: and of (alpha, beta).
-    tables: Tables
+    tables: Tables  #: Tables over alpha, beta and elevator, deg; the groups of functions are `TABLE_COEFFICIENTS`.
 
     @property
     def symmetric(self) -> bool:
-        """True: side force depends only on sideslip, aileron, rudder and rates."""
+        """True: the side force depends only on sideslip, aileron, rudder and rates."""
         return True
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Compute the force and moment coefficients (theory section 4).
 
-        Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients of an
-        aircraft at rest finite.
+        Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s.
         """
         V = jnp.maximum(air_data.V, 1.0)
         alpha_deg = air_data.alpha * RAD_DEG
@@ -227,10 +216,7 @@ class F16(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16":
-        """Return a copy of the aircraft with each coefficient of `F16_COEFFICIENTS` multiplied by its factor.
-
-        A factor on a tabulated coefficient multiplies the whole table.
-        """
+        """Return a copy of the aircraft with each coefficient of `F16_COEFFICIENTS` multiplied by its factor."""
         splits = np.cumsum([len(names) for names in _GROUPS])[:-1]
         *tables, side_force, normal_force = jnp.split(factors, splits)
         return eqx.tree_at(
@@ -257,7 +243,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     Raises
     ------
     ValueError
-        The variant is unknown, or a table entry that the variant replaces differs from the textbook value stated there.
+        The variant is unknown, or a table entry that the variant replaces differs from the value stated by the variant.
     """
     if variant not in data["variants"]:
         raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(data['variants'])}")
@@ -307,7 +293,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
 
 
 def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
-    """Return all tables of `data` by name, in the units of the file, after a variant has changed its entries.
+    """Return all tables of `data` by name, with the changes of a variant, in the units of the file.
 
     Raises ValueError if an entry to be changed differs from the textbook value that the variant states.
     """
@@ -321,11 +307,7 @@ def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarra
 
 
 def _on_all_sideslips(name: str, table: np.ndarray) -> np.ndarray:
-    """Return a table on beta = -30, -25, ..., 30 deg.
-
-    The tables of `_ODD_IN_SIDESLIP`, given on |beta| = 0, 5, ..., 30 deg, are extended as odd functions; all others,
-    given on beta = -30, -20, ..., 30 deg, are refined, which does not change the bilinear function.
-    """
+    """Return a table on beta = -30, -25, ..., 30 deg, from a half table (`_ODD_IN_SIDESLIP`) or a coarse table."""
     if name in _ODD_IN_SIDESLIP:
         return np.concatenate([-table[:, :0:-1], table], axis=1)
     fine = np.empty((table.shape[0], 2 * table.shape[1] - 1))
@@ -335,7 +317,10 @@ def _on_all_sideslips(name: str, table: np.ndarray) -> np.ndarray:
 
 
 def f16_engine_from_data(data: Mapping[str, Any]) -> F16Engine:
-    """Build the textbook's engine, extrapolated linearly beyond its tables, from the content of `data/f16.json`."""
+    """Build the textbook's engine from `data`, the content of `data/f16.json`.
+
+    Beyond the thrust tables, the thrust is extrapolated linearly.
+    """
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     return _engine(data["axes"], tables, clamp=False)
 
@@ -350,14 +335,14 @@ def _engine(axes: Mapping[str, Any], tables: Mapping[str, np.ndarray], *, clamp:
 
 
 def range_from_deg(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
-    """Return minimum and maximum of an angle range in rad, from the pair in deg."""
+    """Return minimum and maximum of an angle range in rad, from a pair in deg."""
     return as_array(range_deg[0] * DEG_RAD), as_array(range_deg[1] * DEG_RAD)
 
 
 def f16_mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
     """Return mass properties from a mass (kg) and the section `airframe` (inertia, slug ft^2) of a data file.
 
-    If `spinning`, the angular momentum of the engine is included; otherwise the angular momentum is 0.
+    If `spinning` is True, the angular momentum of the engine is included.
     """
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])

@@ -1,7 +1,7 @@
 """The global aerodynamic model of Grauer and Morelli (polynomials over the envelope), and the F-16 with the model.
 
-Smooth in all arguments, in contrast to tables. Source: [GM15] J. A. Grauer, E. A. Morelli, A Generic Global Aerodynamic
-Model for Aircraft, Journal of Aircraft 52(1), 2015 (NTRS 20140011902).
+Source: [GM15] J. A. Grauer, E. A. Morelli, A Generic Global Aerodynamic Model for Aircraft, Journal of Aircraft 52(1),
+2015 (NTRS 20140011902).
 """
 
 from collections.abc import Mapping
@@ -48,11 +48,8 @@ _ARGUMENTS = ("alpha", "beta", "p", "q", "r", "elevator", "aileron", "rudder")
 def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array, "... _"]]:
     """Compute the values of the terms of each coefficient, in the order of `GLOBAL_TERMS` along the last axis.
 
-    Parameters
-    ----------
-    arguments
-        alpha and beta (rad), p b/2V, q c/2V, r b/2V, and the deflections of elevator, aileron and rudder (rad) along
-        the last axis; NumPy or JAX.
+    `arguments` (NumPy or JAX) has along the last axis alpha and beta (rad), p b/2V, q c/2V, r b/2V, and the deflections
+    of elevator, aileron and rudder (rad).
     """
     xp = namespace(arguments)
     values = {name: arguments[..., k] for k, name in enumerate(_ARGUMENTS)}
@@ -69,10 +66,7 @@ def global_regressors(arguments: Float[Array, "... 8"]) -> dict[str, Float[Array
 
 
 def _factor_name(coefficient: str, term: str) -> str:
-    """Return the name in `F16_COEFFICIENTS` of the table that corresponds to a `term` of the global model.
-
-    The term belongs to the polynomial of `coefficient`.
-    """
+    """Return the entry of `F16_COEFFICIENTS` that scales a `term` of the polynomial of `coefficient`."""
     table = {"CD": "CX", "CL": "CZ"}.get(coefficient, coefficient)
     rates = [rate for rate in "pqr" if rate in term.split()]
     if rates:
@@ -90,10 +84,7 @@ _FACTOR_INDICES = np.array(
 
 
 class F16Global(AbstractF16):
-    """F-16 with Grauer and Morelli's global aerodynamic model, and with engine and actuators of the textbook's F-16.
-
-    `parameters` are the 45 coefficients of polynomials in angles, dimensionless rates and deflections (rad).
-    """
+    """F-16 with Grauer and Morelli's global aerodynamic model, and with engine and actuators of the textbook's F-16."""
 
     parameters: Float[Array, "45"]  #: Parameters of all terms in the order of `GLOBAL_TERMS`.
 
@@ -105,8 +96,7 @@ class F16Global(AbstractF16):
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Compute the force and moment coefficients in body axes, the moments about the centre of gravity.
 
-        Lift and drag are rotated into body axes by alpha alone. Rates in rad/s are made dimensionless with b/2V and
-        c/2V, where V is at least 1 m/s.
+        Rates in rad/s are made dimensionless with b/2V and c/2V, where V is at least 1 m/s.
         """
         lengths = jnp.stack([self.span, self.mean_chord, self.span])
         reduced = rates_b * lengths / (2.0 * jnp.maximum(air_data.V, 1.0))
@@ -126,8 +116,10 @@ class F16Global(AbstractF16):
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16Global":
         """Return a copy with each term multiplied by the factor of the `F16_COEFFICIENTS` entry with the same effect.
 
-        Factors of CX act on the drag and factors of CZ on the lift: CX0 on the drag terms without q, CXq on the drag
-        terms with q. Cm0 acts on the terms of Cm without q; Cl0 and Cn0 act on the terms of the sideslip alone.
+        - CX0: terms of the drag without q; CXq: terms of the drag with q.
+        - CZ0, CZde, CZq: terms of the lift.
+        - Cm0: terms of Cm without q.
+        - Cl0, Cn0: terms of the sideslip alone.
         """
         return eqx.tree_at(lambda a: a.parameters, self, self.parameters * factors[_FACTOR_INDICES])
 

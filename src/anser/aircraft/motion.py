@@ -1,8 +1,4 @@
-"""Six-degree-of-freedom motion of one aircraft.
-
-Air data and forces; equations of motion over a flat Earth in local axes and over a rotating round Earth in Earth-fixed
-axes; conversion between the two states.
-"""
+"""Six-degree-of-freedom motion of one aircraft over a flat Earth (local axes) and a round Earth (Earth-fixed axes)."""
 
 from typing import Any, TypeVar, cast
 
@@ -28,11 +24,7 @@ from anser.spatial.rotations import (
 
 
 class AirDataAndForces(eqx.Module):
-    """Air data, forces and moments of one aircraft at one time.
-
-    `R_bn` rotates from NED to body axes; `wind_n` (m/s) is the mean wind, whereas the air data include gusts; `earth`
-    has the Earth's terms of the equations of motion.
-    """
+    """Air data, forces and moments of one aircraft at one time."""
 
     R_bn: Matrix33  #: Rotation matrix from NED to body axes.
     wind_n: Vector3  #: Mean wind over ground, without gusts, NED, m/s; the air data include gusts.
@@ -58,9 +50,9 @@ def air_data_and_forces(
 ) -> AirDataAndForces:
     """Compute air data, forces and moments of a state at a time (s).
 
-    Aerodynamic damping depends on the body rates relative to the Earth, with which the air rotates: `rates_air_b`,
-    rad/s. None: computed from the rates relative to the NED axes, which are singular at the poles. `disturbance` adds
-    gusts and a factor on the thrust; None: undisturbed.
+    `rates_air_b` are the body rates (rad/s) relative to the Earth, with which the air rotates. If `rates_air_b` is
+    None, the rates relative to the NED axes are converted, which fails at the poles. `disturbance` None: neither gust
+    nor loss of thrust.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
@@ -89,10 +81,10 @@ def air_data_and_forces(
 def modelled_air_data_and_forces(
     airframe: AbstractAirframe, condition: AirDataAndForces, data: AirData, state: AircraftState
 ) -> AirDataAndForces:
-    """Return a copy of `condition` with other air data, `data`, and with the forces of an airframe model at these.
+    """Return a copy of `condition` with the air data `data` and the forces of an airframe model in these air data.
 
-    Attitude, wind and Earth are those of `condition`; deflections, power and rates those of `state`. The model knows
-    neither a loss of thrust nor the rotation of the air in gusts.
+    Deflections, power and rates are taken from `state`. The model knows neither a loss of thrust nor the rotation of
+    the air in gusts.
     """
     rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
     return AirDataAndForces(
@@ -131,8 +123,7 @@ def flat_earth_derivative(
 ) -> AircraftState:
     """Return the time derivative of the state over a flat Earth, as an `AircraftState` of rates per second.
 
-    Wind enters only through the velocity relative to the air. `disturbance` None: neither gust nor loss of thrust. For
-    a round Earth see `earth_fixed_derivative`.
+    `disturbance` None: neither gust nor loss of thrust. For a round Earth see `earth_fixed_derivative`.
     """
     condition = air_data_and_forces(airframe, environment, time, state, disturbance=disturbance)
     wrench = condition.wrench
@@ -149,18 +140,14 @@ def flat_earth_derivative(
 
 
 class EarthFixedState(eqx.Module):
-    """State of one aircraft in Earth-fixed axes for integration over a round Earth; regular at poles and date line.
+    """State of one aircraft in Earth-fixed axes for integration over a round Earth; regular at poles and date line."""
 
-    Position in ECEF axes (m), velocity relative to the rotating Earth (body axes, m/s), attitude from ECEF to body axes
-    (scalar first), inertial angular velocity (body axes, rad/s), states of actuators and engine.
-    """
-
-    position_e: Vector3
-    velocity_b: Vector3
-    quaternion: Quaternion
-    rates_b: Vector3
-    actuators: Any
-    engine: Any
+    position_e: Vector3  #: Position in ECEF axes, m.
+    velocity_b: Vector3  #: Velocity relative to the rotating Earth, body axes, m/s.
+    quaternion: Quaternion  #: Attitude from ECEF to body axes, scalar first.
+    rates_b: Vector3  #: Inertial angular velocity, body axes, rad/s.
+    actuators: Any  #: State of the actuators.
+    engine: Any  #: State of the engine.
 
 
 def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedState:
@@ -181,7 +168,7 @@ def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedS
 def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
     """Convert an Earth-fixed state to a state in the chart (local map), with attitude and rates relative to local NED.
 
-    At a pole, at which north is undefined, the attitude is relative to longitude 0 and the rates of the NED axes are
+    At a pole the attitude is relative to longitude 0, because north is undefined, and the rates of the NED axes are
     unbounded.
     """
     position_n = earth.chart_from_ecef(state.position_e)
@@ -201,10 +188,7 @@ def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
 
 
 def _quaternion_ned_from_ecef(lat: Scalar, lon: Scalar) -> Quaternion:
-    """Return the quaternion of the rotation from ECEF to NED axes at a geodetic latitude and longitude (rad).
-
-    The Euler angles are yaw = longitude, pitch = -latitude - pi/2 and roll = 0.
-    """
+    """Return the quaternion of the rotation from ECEF to NED axes at a geodetic latitude and longitude (rad)."""
     return quaternion_from_euler(jnp.zeros_like(lat), -lat - 0.5 * jnp.pi, lon)
 
 
@@ -225,10 +209,15 @@ def earth_fixed_derivative(
 ) -> EarthFixedState:
     """Return the time derivative of the state over the environment's round Earth, as a state of rates per second.
 
-    p_e' = R_eb v_b; v_b' = F/m + R_be g(p_e) - (w_bi + R_be w_E) x v_b with g = gravitation - w_E x (w_E x p_e);
-    q' from w_bi - R_be w_E; w_bi' = J^-1 [M - w_bi x (J w_bi + h)]. Symbols: position p_e (ECEF), velocity v_b over
-    ground, inertial body rates w_bi, rate of the Earth w_E, force F, moment M, angular momentum h of the engine.
-    Source: [SL] eq. 1.7-18. Raises TypeError if the environment's Earth is not a `RotatingEarth`.
+    Raises TypeError if the environment's Earth is not a `RotatingEarth`. Source: [SL] eq. 1.7-18:
+
+    - p_e' = R_eb v_b
+    - v_b' = F/m + R_be g(p_e) - (w_bi + R_be w_E) x v_b, with g = gravitation - w_E x (w_E x p_e)
+    - q' from the rates w_bi - R_be w_E
+    - w_bi' = J^-1 [M - w_bi x (J w_bi + h)]
+
+    Symbols: position p_e (ECEF), velocity v_b over ground, inertial body rates w_bi, rate of the Earth w_E, force F,
+    moment M, angular momentum h of the engine.
     """
     earth = require_round_earth(environment)
     R_be = rotation_from_quaternion(state.quaternion)

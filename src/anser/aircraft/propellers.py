@@ -14,11 +14,14 @@ _TINY = 1e-12
 class ElectricPropeller(AbstractLaggedEngine):
     """Motor with voltage proportional to power, and a propeller with coefficients quadratic in the advance ratio.
 
-    R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers: C_T(J) and
-    C_Q(J) with J = V / (n D); thrust rho n^2 D^4 C_T and torque rho n^2 D^5 C_Q at n revolutions per second. The motor
-    has the angular velocity Omega = 2 pi n and the torque K_Q ((V_in - K_V Omega) / R - i0), with voltage V_in,
-    resistance R, no-load current i0, and K_Q = K_V in SI. Equating the torques gives a quadratic equation for Omega. A
-    slow propeller at high airspeed brakes (negative thrust) and drives the motor; Omega is never negative.
+    Source: R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers:
+
+    - advance ratio J = V / (n D) at n revolutions per second;
+    - thrust rho n^2 D^4 C_T(J), propeller torque rho n^2 D^5 C_Q(J);
+    - motor torque K_Q ((V_in - K_V Omega) / R - i0) at Omega = 2 pi n.
+
+    Omega (at least 0) follows from the balance of the torques. A slow propeller at high airspeed brakes (negative
+    thrust) and drives the motor.
     """
 
     diameter: Scalar  #: Propeller diameter D, m.
@@ -26,13 +29,10 @@ class ElectricPropeller(AbstractLaggedEngine):
     thrust_polynomial: Vector3
     torque_polynomial: Vector3
     motor_constant: Scalar  #: Motor constant: K_V in V s / rad, equal to K_Q in N m / A.
-    #: Resistance R (ohm), no-load current i0 (A), and motor voltage V_in at full power (V).
-    resistance: Scalar
-    no_load_current: Scalar
-    voltage_max: Scalar
-    #: 1 for a propeller that turns to the right as seen from behind, whose reaction rolls the aircraft to the left;
-    #: otherwise -1.
-    direction: Scalar
+    resistance: Scalar  #: Resistance R, ohm.
+    no_load_current: Scalar  #: No-load current i0, A.
+    voltage_max: Scalar  #: Motor voltage V_in at full power, V.
+    direction: Scalar  #: 1 for a propeller that turns to the right as seen from behind (reaction to the left); else -1.
     lag: Scalar  #: Time constant from throttle to power, s.
     point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
     thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
@@ -68,8 +68,8 @@ class ElectricPropeller(AbstractLaggedEngine):
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Compute the thrust along body x (N), negative for a braking propeller, and its moment (N m).
 
-        The moment about the centre of gravity includes the torque reaction. Outside 0..100 percent, for trim solvers,
-        the thrust is extrapolated with the slope of the static thrust.
+        The moment about the centre of gravity includes the torque reaction. Trim searches may pass a power outside
+        0..100 percent; the thrust is then extrapolated linearly.
         """
         available_power = jnp.clip(power, 0.0, 100.0)
         thrust, torque = self.thrust_and_torque(available_power, air_data)
@@ -80,8 +80,8 @@ class ElectricPropeller(AbstractLaggedEngine):
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N), in closed form.
 
-        At very low propeller speed (advance ratio beyond the minimum of C_T n^2) the thrust falls with the propeller
-        speed; the returned power is on the branch on which the thrust rises.
+        At very low propeller speeds the thrust falls with the speed; the returned power is on the branch of rising
+        thrust.
         """
         rho, D, V = air_data.density, self.diameter, air_data.V
         T = self.thrust_polynomial
@@ -98,7 +98,7 @@ class ElectricPropeller(AbstractLaggedEngine):
         return jnp.clip(100.0 * voltage / self.voltage_max, 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Return False: the polynomials have no range of their own; the aircraft's airspeed range limits their use."""
+        """Return False: the polynomials have no limits."""
         return air_data.V < 0.0
 
 
@@ -111,17 +111,18 @@ _LEAST_SHARE = 0.01
 class PistonPropeller(AbstractLaggedEngine):
     """Piston engine with a propeller of constant efficiency, limited by the static thrust at low speed.
 
-    Shaft power P at full throttle falls with the density rho as in an engine without supercharger: P = P0 (1.132 rho /
-    rho0 - 0.132) with its value P0 at sea level (F. Gagg, E. Farrar, *Altitude performance of aircraft engines equipped
-    with gear-driven superchargers*, SAE Transactions 29, 1934). Thrust is eta P / sqrt(V^2 + V0^2) with the efficiency
-    eta and V0 = eta P0 / T0: eta P / V in fast flight, and the static thrust T0 at rest at sea level.
+    - Shaft power at full throttle: P = P0 (1.132 rho / rho0 - 0.132), rho0 at sea level, without supercharger. Source:
+      F. Gagg, E. Farrar, *Altitude performance of aircraft engines equipped with gear-driven superchargers*, SAE
+      Transactions 29, 1934.
+    - Thrust: eta P / sqrt(V^2 + V0^2) with V0 = eta P0 / T0. The limits are eta P / V in fast flight, and the static
+      thrust T0 at rest at sea level.
     """
 
     shaft_power: Scalar  #: P0, shaft power at full throttle at sea level, W.
     efficiency: Scalar  #: eta, propeller efficiency in fast flight.
     static_thrust: Scalar  #: Static thrust T0, N.
-    #: Reaction torque about body x per shaft power, N m / W, of a constant-speed propeller: 1 / angular velocity,
-    #: positive for a propeller that turns to the left as seen from behind.
+    #: Reaction torque about body x per shaft power, N m / W: 1 / angular velocity of a constant-speed propeller.
+    #: Positive for a propeller that turns to the left as seen from behind.
     torque_per_power: Scalar
     lag: Scalar  #: Time constant from throttle to power, s.
     point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
@@ -137,7 +138,7 @@ class PistonPropeller(AbstractLaggedEngine):
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Compute the thrust along body x (N) and its moment (N m), both proportional to the power (percent).
 
-        The moment about the centre of gravity includes the torque reaction about body x.
+        The moment about the centre of gravity includes the torque reaction.
         """
         thrust, shaft_power = self._full_throttle(air_data)
         return thrust_at_point(

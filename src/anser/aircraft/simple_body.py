@@ -16,20 +16,16 @@ from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class SimpleBody(AbstractAirframe):
-    """A body with a constant drag coefficient, and with damping moments proportional to the body rates.
-
-    `damping` has Clp, Cmq, Cnr with respect to p b/2V, q c/2V, r b/2V, in which V is at least `speed_min` (m/s).
-    """
+    """A body with a constant drag coefficient, and with damping moments proportional to the body rates."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
     engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
-    # reference area (m^2), reference length for roll and yaw (m), and reference length for pitch (m)
-    area: Scalar
-    span: Scalar
-    chord: Scalar
+    area: Scalar  # reference area, m^2
+    span: Scalar  # reference length for roll and yaw, m
+    chord: Scalar  # reference length for pitch, m
     drag_coefficient: Scalar  # CD, drag over qbar S; the drag is opposite to the velocity through the air
     damping: Vector3  # derivatives Clp, Cmq, Cnr with respect to p b/2V, q c/2V, r b/2V
     speed_min: Scalar  # lower limit of the speed in p b/2V, m/s, for finite damping at rest

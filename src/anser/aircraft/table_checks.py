@@ -19,54 +19,50 @@ _LINE_POINTS, _LINE_AROUND = 5, 3  # minimum size of a table with one axis; poin
 
 
 class GriddedTable(NamedTuple):
-    """A table: breakpoints of each axis, strictly rising, and values with a dimension for each axis."""
+    """A table: strictly rising breakpoints of each axis, and values with a dimension for each axis."""
 
     axes: tuple[np.ndarray, ...]
     values: np.ndarray
 
 
 class SuspectPoint(NamedTuple):
-    """A table entry that departs from its neighbours, or a point at which most tables depart (`table` "all").
-
-    `location` has the coordinates along the axes, `score` the departure in units of the scatter around, `neighbours`
-    the locations in the same row whose departures probably stem from this entry. `value` is NaN for "all".
-    """
+    """A table entry that departs from its neighbours, or a point at which most tables depart (`table` "all")."""
 
     table: str
-    location: tuple[float, ...]
-    value: float
-    score: float
-    neighbours: tuple[tuple[float, ...], ...]
+    location: tuple[float, ...]  #: Coordinates along the axes.
+    value: float  #: NaN for `table` "all".
+    score: float  #: Departure in units of the scatter of the entries around.
+    neighbours: tuple[tuple[float, ...], ...]  #: Entries in the same row whose departures stem from this entry.
 
 
 def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPECT) -> tuple[SuspectPoint, ...]:
     """Return the table entries that depart from their neighbours and mirror images, highest score first.
 
-    Tests of an entry in a table with two or three axes (angle of attack, sideslip, elevator):
+    Entries of a table with two or three axes (angle of attack, sideslip, elevator) undergo these tests:
 
-    1. departure from the line through the neighbours along the first axis; at its ends, the difference to the next row
-       is compared along the second axis;
+    1. departure from the line through the neighbours along the first axis;
     2. departure from the line through the neighbours along the second axis;
-    3. departure from the mirror image in the second axis, if that axis is symmetric about 0 (even or odd about the
-       value in the middle, whichever fits the table better);
+    3. departure from the mirror image in the second axis, if that axis is symmetric about 0;
     4. difference to the neighbours along the third axis, compared along the second.
 
-    A departure is divided by the noise: the median departure of the surrounding rows, plus 4 % of the standard
-    deviation of the values, plus three last digits. The score is the geometric mean of the three greatest departures
-    (of two in the absence of a third test): an outlier departs in several tests, its neighbours and mirror image in
-    one. Entries in the same row, close to a suspect entry and with more than a third of its score, are listed as its
-    neighbours. In a table with one axis, the score is the departure of an entry from the line through its neighbours,
-    divided by the greatest departure nearby without the entry, plus the last two terms of the noise.
+    A departure is divided by the noise: the median departure of the surrounding rows (entries with equal first
+    argument), plus 4 % of the standard deviation of the values, plus three last digits. The score is the geometric mean
+    of the three greatest departures, or of two departures if the axes allow two tests only.
 
-    A point of the first two axes is suspect in every table ("all") if the median departure along the second axis, over
-    five or more tables with this point, exceeds 3, in units of the noise of row and column; only the worst of each row
-    is reported, and its entries are not reported again for single tables.
+    In a table with one axis, the score is the departure of an entry from the line through its neighbours. The unit is
+    the greatest departure nearby plus the last two terms of the noise.
+
+    A point of the first two axes is suspect in every table ("all") if the median of the departures along the second
+    axis, over five or more tables, exceeds 3. Only the worst point of each row is reported as "all".
 
     Parameters
     ----------
     tables
-        Tables by name. Skipped are tables with more than three axes, with fewer than three breakpoints on either of the
-        first two of several axes, and with fewer than five breakpoints on a single axis.
+        Tables by name. Skipped are:
+
+        - tables with more than three axes;
+        - tables with two or three axes and fewer than three breakpoints on the first or second axis;
+        - tables with one axis and fewer than five breakpoints.
     threshold
         Minimum score of a reported entry of a single table.
     """
@@ -142,10 +138,7 @@ def _table_suspects(
 
 
 def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
-    """Return the points of the first two axes at which most tables depart from neighbours along the second axis.
-
-    At least five tables must have the point; of each row, only the worst point is returned.
-    """
+    """Return the points of the first two axes that are suspect in all tables, at most one point per row."""
     departures_by_location: dict[tuple[float, ...], list[float]] = {}
     for table in tables.values():
         departure = _departure_from_line(table.axes[1], table.values, 1)
@@ -169,10 +162,9 @@ def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
 
 
 def _departures(table: GriddedTable) -> np.ndarray:
-    """Return the absolute departure of each entry in each test, in units of the noise around; shape (test, *table).
+    """Return the absolute departures of the entries in the tests of `suspect_points`, over the noise.
 
-    The tests are those of `suspect_points` that the table's axes allow. The departure is 0 at an entry that lacks the
-    neighbours for a test.
+    The shape is (test, *table). The departure is 0 at an entry that lacks the neighbours for a test.
     """
     values, (axis_1, axis_2) = table.values, table.axes[:2]
     tests = [_departure_from_line(axis_1, values, 0), _departure_from_line(axis_2, values, 1)]
@@ -192,10 +184,7 @@ def _departures(table: GriddedTable) -> np.ndarray:
 
 
 def _departure_from_line(points: np.ndarray, values: np.ndarray, axis: int) -> np.ndarray:
-    """Return the values minus the linear interpolation between their neighbours along an axis; NaN at the ends.
-
-    `points` are the breakpoints of the axis.
-    """
+    """Return the values minus the linear interpolation between their neighbours along an axis; NaN at the ends."""
     leading = np.moveaxis(values, axis, 0)
     shape = (-1,) + (1,) * (values.ndim - 1)
     share = ((points[1:-1] - points[:-2]) / (points[2:] - points[:-2])).reshape(shape)
@@ -211,21 +200,14 @@ def _departure_from_mirror(values: np.ndarray) -> np.ndarray:
 
 
 def _noise(departure: np.ndarray, values: np.ndarray, spread_share: float, digit: float) -> np.ndarray:
-    """Return the noise around each row along the first axis, in the unit of `values`, above 0; shape (rows, 1, ...).
-
-    The noise is a sum: the median of |departure|, plus `spread_share` times the standard deviation of the values (both
-    over the row and two rows on either side), plus `digit`.
-    """
+    """Return the noise around each row (equal first argument), in the unit of `values`; shape (rows, 1, ...)."""
     windows = [slice(max(0, k - _NEIGHBOURS), k + _NEIGHBOURS + 1) for k in range(values.shape[0])]
     noise = np.array([_median(np.abs(departure[window])) + spread_share * np.std(values[window]) for window in windows])
     return (noise + digit + 1e-12).reshape((-1,) + (1,) * (values.ndim - 1))
 
 
 def _column_noise(departure: np.ndarray) -> np.ndarray:
-    """Return the noise of each column (second axis) over the table's noise, at least 1; shape (1, columns, 1, ...).
-
-    The noise of a column is the median |departure| of the column and its mirror image.
-    """
+    """Return the noise of each column over the table's noise, at least 1; shape (1, columns, 1, ...)."""
     column_medians = np.array([_median(np.abs(departure[:, [j, -1 - j]])) for j in range(departure.shape[1])])
     factor = np.maximum(column_medians / (_median(np.abs(departure)) + 1e-12), 1.0)
     return factor.reshape((1, -1) + (1,) * (departure.ndim - 2))
@@ -237,10 +219,7 @@ def _median(values: np.ndarray) -> float:
 
 
 def _last_digit(values: np.ndarray) -> float:
-    """Return the unit (1, 0.1, ..., 1e-8) of the last decimal digit of the values; a tenth of the values may have more.
-
-    Values with more than eight decimals, such as computed ones, give 0.
-    """
+    """Return the unit (1, 0.1, ..., 1e-8) of the last decimal digit of the values; 0 for more than eight decimals."""
     for count in range(9):
         scaled = values * 10.0**count
         tolerance = np.minimum(1e-9 * np.abs(scaled), 1e-3)

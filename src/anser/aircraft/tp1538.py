@@ -1,7 +1,4 @@
-"""The F-16 with the complete data of NASA TP-1538.
-
-Leading-edge flap on a schedule, alpha from -20 to 90 deg, asymmetric coefficients.
-"""
+"""The F-16 with the complete data of NASA TP-1538: scheduled leading-edge flap, alpha from -20 to 90 deg."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -32,22 +29,18 @@ _FLAP = 3
 
 
 class ScheduledFlap(eqx.Module):
-    """State of `ScheduledFlapActuators`: `position` of the four surfaces, and low-passed angle of attack, rad.
+    """State of `ScheduledFlapActuators`."""
 
-    The surfaces are elevator, aileron, rudder and leading-edge flap; `alpha_lag` belongs to the flap's schedule.
-    """
-
-    position: Vector
-    alpha_lag: Scalar
+    position: Vector  # deflections of elevator, aileron, rudder and leading-edge flap, rad
+    alpha_lag: Scalar  # low-passed angle of attack of the flap's schedule, rad
 
 
 class ScheduledFlapActuators(AbstractActuators):
     """First-order actuators of elevator, aileron, rudder, and a leading-edge flap that follows a schedule.
 
-    The schedule is gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within the stops (TP-1538), with
-    dynamic over static pressure qbar/ps = 0.7 M^2; the flap follows with lag and rate limit. The lead-lag is
-    2 alpha - x with the state x' = pole (alpha - x). Above `alpha_down` the flap is commanded fully down regardless of
-    the schedule, as in all wind-tunnel tests at such angles.
+    The schedule of TP-1538 is gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within the stops. The
+    pressure ratio is qbar/ps = 0.7 M^2. The lead-lag is 2 alpha - x with the state x' = pole (alpha - x). Above
+    `alpha_down` the flap is commanded fully down, as in all wind-tunnel tests at such angles.
     """
 
     # lag (s), position limits (rad) and rate limits (rad/s), shape (4,); see `AbstractActuators`
@@ -57,15 +50,14 @@ class ScheduledFlapActuators(AbstractActuators):
     rate_limit: Vector
     gain: Scalar  # flap deflection per angle of attack
     pole: Scalar  # pole of the schedule's filter, 1/s
-    # coefficient of qbar/ps, and constant term of the schedule, rad
-    compression: Scalar
-    offset: Scalar
+    compression: Scalar  # coefficient of qbar/ps, rad
+    offset: Scalar  # constant term of the schedule, rad
     alpha_down: Scalar  # angle of attack, rad, above which the flap is fully down
     names: tuple[str, ...] = eqx.field(static=True, default=("elevator", "aileron", "rudder", "leading_edge_flap"))
 
     @property
     def is_commanded(self) -> tuple[bool, ...]:
-        """Whether each surface is commanded by the controller: True except for the flap."""
+        """True for each surface except the flap, which follows the schedule."""
         return (True, True, True, False)
 
     @property
@@ -74,19 +66,16 @@ class ScheduledFlapActuators(AbstractActuators):
         return (*self.names, "alpha_lag")
 
     def steady_state(self, position: Vector) -> ScheduledFlap:
-        """Return the state at rest at `position` (rad); the filtered alpha fits the flap position at Mach 0."""
+        """Return the state at rest at `position` (rad); `alpha_lag` is set to fit the flap position at Mach 0."""
         position = jnp.asarray(position)
         return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> ScheduledFlap:
-        """Return the actuator state at rest in a steady flow: `position` (rad) with the leading-edge flap on schedule.
-
-        The low-passed alpha of the schedule is the angle of attack of the flow.
-        """
+        """Return the state at rest in a steady flow: `position` (rad), with the leading-edge flap on schedule."""
         return ScheduledFlap(self.scheduled_position(position, air_data), jnp.asarray(air_data.alpha))
 
     def rate(self, state: ScheduledFlap, command: Vector, air_data: AirData) -> ScheduledFlap:
-        """Return the rates of positions (limited) and filtered alpha, rad/s; the command of the flap is ignored."""
+        """Return the rates of `position` (limited) and `alpha_lag`, rad/s; the command of the flap is ignored."""
         flap = self._flap(2.0 * air_data.alpha - state.alpha_lag, air_data)
         target = self.limit_command(jnp.concatenate([command[:_FLAP], flap[None]]))
         unlimited_rate = (target - state.position) / self.time_constant
@@ -115,30 +104,26 @@ TP1538_FUNCTIONS = (
 )
 """For each function in the groups of `F16TP1538.tables`, the entry of `F16_COEFFICIENTS` that scales the function.
 
-Functions of alpha: damping, damping increments with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta. Functions of
-alpha and beta: CZ and CY without surfaces; increments with the flap at 0; increments with 30 deg of rudder; increments
-with 20 deg of aileron, and the additional increments with the flap at 0. Functions of alpha, beta and elevator: CX, CZ
-less CZ at zero elevator, Cm, Cl, Cn."""
+- Functions of alpha: damping, increments of the damping with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta.
+- Functions of alpha and beta: CZ and CY at zero deflections; increments with the flap at 0, with 30 deg of rudder, with
+  20 deg of aileron; additional increments with aileron and flap at 0.
+- Functions of alpha, beta and elevator: CX, CZ minus CZ at zero elevator, Cm, Cl, Cn."""
 
 
 class F16TP1538(AbstractF16):
-    """F-16 with the complete wind-tunnel tables of NASA TP-1538, over alpha, beta and elevator (deg).
-
-    `surface_reference` has the deflections (aileron, rudder, leading-edge flap; deg) at which the increments of these
-    surfaces were measured.
-    """
+    """F-16 with the complete wind-tunnel tables of NASA TP-1538, over alpha, beta and elevator (deg)."""
 
     surface_reference: Vector3  #: Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
-    #: Tables over angle of attack, sideslip and elevator, degrees, constant beyond the ends: see `TP1538_FUNCTIONS`;
-    #: the last group is the elevator effectiveness. Increments with the flap at 0 were measured up to 45 deg. Above,
-    #: the flap is fully down and the increments fade to 0 over one interval of the tables.
+    #: Tables over alpha, beta and elevator, deg, constant beyond the ends. The groups of functions are
+    #: `TP1538_FUNCTIONS` and the elevator effectiveness. Increments with the flap at 0 end at 45 deg of alpha: above,
+    #: the flap is fully down, and the increments fall to 0 over one interval of the tables.
     tables: Tables
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Compute the force and moment coefficients by the build-up of TP-1538.
 
         `surfaces` are elevator, aileron, rudder and leading-edge flap, rad. Rates in rad/s are made dimensionless with
-        b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients finite at rest.
+        b/2V and c/2V, where V is at least 1 m/s.
         """
         V = jnp.maximum(air_data.V, 1.0)
         beta_deg = air_data.beta * RAD_DEG
@@ -176,8 +161,7 @@ class F16TP1538(AbstractF16):
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16TP1538":
         """Return a copy of the aircraft with each coefficient of `F16_COEFFICIENTS` multiplied by its factor.
 
-        The flap's increments are scaled too. CX0 and Cm0 are functions of angle of attack, sideslip and elevator, CZ0
-        and CYb of angle of attack and sideslip; CZde is the elevator's increment of CZ.
+        The flap's increments are scaled too; see `TP1538_FUNCTIONS`.
         """
         factors_by_group = [factors[np.array([F16_COEFFICIENTS.index(n) for n in names])] for names in TP1538_FUNCTIONS]
         *cells, effectiveness = self.tables.cells
@@ -191,9 +175,9 @@ class F16TP1538(AbstractF16):
 def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: float | None = None) -> F16TP1538:
     """Build the F-16 from `data`, the content of `aircraft/data/tp1538.json`, and an engine.
 
-    `engine` is the textbook's engine (`f16_engine_from_data`), with the thrust tables of TP-1538. `x_cg_over_c` is the
-    centre of gravity as a fraction of the mean chord; None: value of the report. Raises ValueError if the axes of the
-    tables differ from those expected by the build-up.
+    `engine` must be the textbook's engine (`f16_engine_from_data`), which has the thrust tables of TP-1538.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: value of the report. Raises ValueError
+    if the axes of the tables differ from the axes that the build-up expects.
     """
     airframe, actuators, schedule, deflections = (
         data[key] for key in ("airframe", "actuators", "flap_schedule", "deflections")
@@ -247,11 +231,11 @@ def _tables(data: Mapping[str, Any]) -> Tables:
         return points[data["tables"][name]["axes"][2]]
 
     def faded(increment: np.ndarray) -> np.ndarray:
-        """Extend an increment (flap at 0, measured up to 45 deg of alpha) by zeros to the full range of alpha."""
+        """Extend an increment, measured up to 45 deg of alpha, by zeros to the full range of alpha."""
         return np.concatenate([increment, np.zeros((len(alphas) - len(flap_alphas), *increment.shape[1:]))])
 
     def on_all_elevators(name: str) -> np.ndarray:
-        """Return the table `name` with fewer elevator deflections, interpolated linearly to the deflections `dh1`."""
+        """Return the table `name`, interpolated linearly to the elevator deflections `dh1`."""
         own_elevators = _elevators_of(name)
         return np.stack(
             [np.stack([np.interp(elevators, own_elevators, r) for r in by_alpha]) for by_alpha in values_by_name[name]]

@@ -81,7 +81,7 @@ def build_mass(mass: schema_tables.Mass) -> MassProperties:
 
 
 def build_actuators(surface: Sequence[schema_tables.ActuatedSurface]) -> AbstractActuators:
-    """Build the actuators of the surfaces: first order if the surfaces have a lag, otherwise second order."""
+    """Build the actuators of the surfaces, first order if the surfaces have a lag, second order if not."""
     names = tuple(s.name for s in surface)
     lower, upper = zip(*(s.stops_deg for s in surface), strict=True)
     lower, upper = (as_array(np.asarray(stops) * DEG_RAD) for stops in (lower, upper))
@@ -97,7 +97,7 @@ def build_actuators(surface: Sequence[schema_tables.ActuatedSurface]) -> Abstrac
 
 
 def build_engine(engine: schema_tables.Engine | None) -> AbstractEngine:
-    """Build the engine of a table [engine]; return `NoEngine` if the file has no such table."""
+    """Build the engine of a table [engine]; return `NoEngine` for None."""
     if engine is None:
         return NoEngine()
     builders = {"jet": _jet, "electric_propeller": _electric, "piston_propeller": _piston}
@@ -148,9 +148,10 @@ _REQUIRED_OUTPUTS: Mapping[str, Sequence[str]] = {
 
 
 def file_models(file: DaveMlFile) -> dict[str, Model]:
-    """Read the DAVE-ML models of an aircraft file, by part (`DAVE_ML_PARTS`); raises DaveMlError for an invalid model.
+    """Read the DAVE-ML models of an aircraft file, by part (`DAVE_ML_PARTS`).
 
-    The result has no entry for a part without DAVE-ML file. Variables keep their names in the DAVE-ML files.
+    The result has no entry for a part without DAVE-ML file. Variables keep their names in the DAVE-ML files. Raises
+    DaveMlError if a model is invalid.
     """
     return {part: _read_cached(text.text, text.file) for part, text in _file_texts(file)}
 
@@ -166,7 +167,10 @@ def _read_cached(text: str, name: str) -> Model:
 
 
 def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
-    """Build the airframe of a validated aircraft file with DAVE-ML models; raises ValueError for unsuitable models."""
+    """Build the airframe of a validated aircraft file with DAVE-ML models.
+
+    Raises ValueError if a model is unsuitable.
+    """
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
     (alpha_min, alpha_max), (beta_min, beta_max) = file.validity.alpha_deg, file.validity.beta_deg
@@ -189,17 +193,13 @@ def _has_variable(model: Model, name: str) -> bool:
 
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
-    """Return a DAVE-ML model with the additional variable names and constant inputs of an aircraft file's [dave_ml]."""
     names = {name: variable for name, variable in file.dave_ml.names.items() if _has_variable(model, variable)}
     defaults = {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
     return adapt_model(model, names, defaults)
 
 
 def model_problems(file: DaveMlFile) -> list[Problem]:
-    """List the faults of the DAVE-ML models of an aircraft file: invalid, incomplete or inconsistent models.
-
-    An empty list means that `build_dave_ml` can build the airframe.
-    """
+    """List the faults of the DAVE-ML models of an aircraft file; empty if `build_dave_ml` can build the airframe."""
     for part, text in _file_texts(file):
         try:
             _read_cached(text.text, text.file)
@@ -250,10 +250,7 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """List unsuitable inputs of surfaces, and model inputs without a value.
-
-    The input of a surface must be an angle, in the aerodynamics, and neither air data nor the input of another surface.
-    """
+    """List unsuitable inputs of surfaces, and model inputs without a value."""
     problems = []
     surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():
@@ -304,12 +301,12 @@ def build_airframe(file: DaveMlFile) -> DaveMlAircraft: ...
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft: ...
 @jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft:
-    """Build the airframe of a validated file; files of equal content share one airframe, which is cached."""
+    """Build the airframe of a validated file, or return the cached airframe of a file with equal content."""
     return _build_cached(content_hash(file), _UnhashedFile(file))
 
 
 class _UnhashedFile:
-    """Wrapper of a file as an argument of a cached function: all wrappers are equal, so the cache ignores the file."""
+    """Wrapper of a file for a cached function; all wrappers are equal, so that the cache ignores the file."""
 
     def __init__(self, file: AirframeFile | DaveMlFile) -> None:
         self.file = file
@@ -356,10 +353,7 @@ def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
 
 
 def _has_still_side_force(derivatives: np.ndarray, table_indices: Sequence[tuple[int, int]]) -> bool:
-    """Whether CY has a derivative or a table that acts without sideslip, rates and deflections.
-
-    `table_indices` are row and column in `derivatives` of each table function.
-    """
+    """Whether CY has a derivative or a table that acts while sideslip, rates and deflections are zero."""
     row = COEFFICIENTS.index("CY")
     constant_columns = [column for column, name in enumerate(DERIVATIVE_ARGUMENTS) if name in STATIC_ARGUMENTS]
     return bool(np.any(derivatives[row, constant_columns])) or any(
@@ -368,7 +362,7 @@ def _has_still_side_force(derivatives: np.ndarray, table_indices: Sequence[tuple
 
 
 def angle_factors(file: AirframeFile) -> np.ndarray:
-    """Return the factor on each column of the derivatives, shape (8 + surfaces,), from the file's angle unit to rad."""
+    """Return factors from the file's angle unit to rad, one for each column of the derivatives: (8 + surfaces,)."""
     per_rad = RAD_DEG if file.aerodynamics.per == "deg" else 1.0
     factors = {"_alpha": per_rad, "_beta": per_rad, "_alpha2": per_rad**2, "_beta2": per_rad**2}
     return np.asarray([*(factors.get(column, 1.0) for column in DERIVATIVE_ARGUMENTS), *[per_rad] * len(file.surface)])
@@ -381,10 +375,7 @@ def _derivatives(file: AirframeFile) -> np.ndarray:
 
 
 def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
-    """Return the distinct axes of all coefficient tables with their indices.
-
-    An axis is a tuple: name of the argument, breakpoints (deg), and whether values beyond the ends are held.
-    """
+    """Return the distinct axes (argument, breakpoints in deg, is clamped) of all tables, with their indices."""
     axis_numbers: dict[tuple[str, tuple[float, ...], bool], int] = {}
     for file_table in file.table:
         for name, points in zip(file_table.over, file_table.breakpoints_deg, strict=True):
@@ -420,7 +411,8 @@ def with_derivatives(
 ) -> DerivativeAircraft:
     """Return a copy of the airframe of `file` with some derivatives replaced.
 
-    `replacements` are values in the file's units by name, such as `Cm_q`; derivatives of surfaces are not supported.
+    `replacements` are values in the file's units by name, such as `Cm_q`. Derivatives by surface deflections are not
+    supported.
     """
     values, scale = np.array(airframe.derivatives), angle_factors(file)
     for name, value in replacements.items():
@@ -437,9 +429,9 @@ _FORCE_KEYS = ("drag", "lift_slope")
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
     """Return the nominal airframe with a constant deviation applied, as the simulation flies it.
 
-    The deviation's factors on coefficients multiply the coefficients of an F-16, the `derivatives` of a
-    `DerivativeAircraft`, or CX to Cn of a DAVE-ML aircraft. Raises TypeError for airframes of other classes, and for an
-    engine that cannot be dispersed.
+    The factors on coefficients apply to the coefficients of an F-16, to the `derivatives` of a `DerivativeAircraft`, or
+    to CX to Cn of a DAVE-ML aircraft. Raises TypeError for an airframe of another class, and for an engine that cannot
+    be dispersed.
     """
     dispersed = _with_coefficients_and_body(nominal, deviation)
     if not deviation.changes_forces:
@@ -459,13 +451,10 @@ def _change(airframe: AbstractAirframe, deviation: Deviation, body: Mapping[str,
 def build_changes(
     airframe: AbstractAirframe, deviations: Sequence[tuple[float, Deviation]], source: str
 ) -> AirframeChanges:
-    """Build the changes of an airframe during a flight from pairs of a time (s) and the deviation from then on.
+    """Build the changes of an airframe during a flight from pairs (start time in s, deviation).
 
-    Raises
-    ------
-    ScenarioError
-        A deviation shifts the centre of gravity of an airframe without mean chord, or changes the effectiveness of a
-        surface that the airframe lacks; `source` names the origin of the deviations in the message.
+    Raises ScenarioError if a deviation shifts the centre of gravity of an airframe without mean chord, or changes the
+    effectiveness of a surface that the airframe lacks. `source` names the origin of the deviations in the message.
     """
     problems = []
     for index, (_, deviation) in enumerate(deviations):

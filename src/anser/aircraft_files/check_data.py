@@ -42,15 +42,11 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 
 @dataclass(frozen=True)
 class CheckedValue:
-    """Comparison of one number of a file's check data (`expected`) with the computed number (`obtained`).
+    """Comparison of one number of a file's check data (`expected`) with the computed number (`obtained`)."""
 
-    `location` is a key, such as ``check.forces[0].force_N[2]``, or, for check shots, an optional prefix and the varID;
-    `name` is the name of the check. All numbers, `tolerance` included, are in `unit`.
-    """
-
-    location: str
-    name: str
-    unit: str
+    location: str  #: Key, such as ``check.forces[0].force_N[2]``; for check shots, an optional prefix and the varID.
+    name: str  #: Name of the check.
+    unit: str  #: Unit of all numbers, `tolerance` included.
     expected: float
     obtained: float
     tolerance: float
@@ -62,7 +58,7 @@ class CheckedValue:
 
 
 def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
-    """Compare all check data of a file with computed values: check shots, then forces, then trims."""
+    """Compare all check data of a file with computed values, in the order check shots, forces, trims."""
     airframe = build_airframe(file)
     checked_values = []
     if isinstance(file, DaveMlFile):
@@ -78,8 +74,8 @@ def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
 def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
     """Compare the check shots of a DAVE-ML model with computed values; locations are `prefix` and the varID.
 
-    Raises ScenarioError, with `source` as the name of the file, if a shot sets a variable that is not an input, or
-    omits an input without default.
+    Raises ScenarioError if a shot sets a variable that is not an input, or omits an input without default. `source` is
+    the name of the file in the message.
     """
     try:
         results = model.check()
@@ -148,7 +144,7 @@ _NEAR_LEVEL = {
     "angleOfAttack": 0.035, "angleOfSideslip": 0.0,
     "bodyAngularRate_Roll": 0.0, "bodyAngularRate_Pitch": 0.0, "bodyAngularRate_Yaw": 0.0,
 }  # fmt: skip
-"""Flight condition for the check of slopes, SI units and rad; other inputs have their default, or 0."""
+"""Flight condition for the check of slopes, SI units and rad; other inputs are at their default value or 0."""
 _SLOPES = (
     ("aeroBodyForceCoefficient_Z", "angleOfAttack", "the lift falls with the angle of attack"),
     ("aeroBodyForceCoefficient_Y", "angleOfSideslip", "the side force points to where the air comes from"),
@@ -156,7 +152,7 @@ _SLOPES = (
     ("aeroBodyMomentCoefficient_Pitch", "bodyAngularRate_Pitch", "the pitch rate drives itself on"),
     ("aeroBodyMomentCoefficient_Yaw", "bodyAngularRate_Yaw", "the yaw rate drives itself on; damping is negative"),
 )
-"""Coefficient and input whose slope is negative for every ordinary aircraft, and the meaning of a positive slope."""
+"""Slopes (coefficient, input) that are negative for every ordinary aircraft, and the meaning of a positive slope."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +196,6 @@ def check_model(path: str | os.PathLike[str]) -> ModelCheck:
 
 
 def _unit_findings(model: Model) -> Iterator[Finding]:
-    """Yield a finding for each unknown unit, with the variables in that unit."""
     unknown: dict[str, list[Variable]] = {}
     for variable in model.definition.variables.values():
         try:
@@ -214,7 +209,7 @@ def _unit_findings(model: Model) -> Iterator[Finding]:
 
 
 def _unused_findings(model: Model) -> Iterator[Finding]:
-    """Yield a finding for each unused table and unused input, and for a file without outputs."""
+    """Yield a finding for each unused table and each unused input, or one finding if the file has no outputs."""
     definition, structure = model.definition, model.evaluator.structure
     used = {function.table for function in definition.functions}
     for name, table in {**definition.gridded, **definition.ungridded}.items():
@@ -240,10 +235,7 @@ def _body_findings(model: Model) -> Iterator[Finding]:
 
 
 def _first_inputs(model: Model) -> dict[str, float]:
-    """Return the inputs of the first check shot by varID, in the file's units; empty without check shots.
-
-    Inputs that the shot states in other units than the variable's are left out.
-    """
+    """Return the inputs of the first check shot by varID, in the file's units; inputs in other units are left out."""
     shots, variables = model.definition.shots, model.definition.variables
     signals = shots[0].inputs if shots else ()
     return {

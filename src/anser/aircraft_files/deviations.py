@@ -16,9 +16,7 @@ _MOMENT_FACTORS = {
     "pitch_inertia": ("Jyy", "second_moment_x and second_moment_z"),
     "yaw_inertia": ("Jzz", "second_moment_x and second_moment_y"),
 }
-"""Keys of earlier versions, with the moment of inertia of each and the present keys that scale the moment.
-
-Independent factors on moments of inertia could violate the triangle inequality."""
+"""Keys of earlier versions, with the moment of inertia of each key and the present keys that scale the moment."""
 
 
 def _factor(description: str) -> float:
@@ -109,7 +107,7 @@ class Deviation(Table):
 
     @property
     def second_moments(self) -> tuple[float, float, float]:
-        """Factors on the second moments of mass, the integrals of x^2, y^2 and z^2 over the mass in body axes."""
+        """Factors on the integrals of x^2, y^2 and z^2 over the mass, in body axes."""
         return self.second_moment_x, self.second_moment_y, self.second_moment_z
 
     @property
@@ -120,10 +118,7 @@ class Deviation(Table):
     @model_validator(mode="before")
     @classmethod
     def _without_moment_factors(cls, values: object) -> object:
-        """Drop factors of 1 on moments of inertia, which files of earlier versions contain.
-
-        Raises ScenarioError for any other factor on a moment of inertia.
-        """
+        """Drop factors of 1 on moments of inertia (earlier versions); raise ScenarioError for other factors."""
         if not isinstance(values, dict):
             return values
         problems = [

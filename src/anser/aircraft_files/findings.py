@@ -1,8 +1,4 @@
-"""Search for probable errors in aircraft files and in the F-16's tables.
-
-Checked are signs, units, proportions, lift, thrust, and table points that do not fit their neighbours. A finding is
-reported; the file is not refused.
-"""
+"""Search for probable errors in aircraft files and in the F-16's tables; a file with findings remains valid."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,7 +32,7 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 
 @dataclass(frozen=True)
 class Finding:
-    """Probable error in a file: key or line, and a text with value, reason for the suspicion and expected value."""
+    """Probable error in a file: key or line, and a text with value, reason and expected value."""
 
     location: str
     text: str
@@ -72,7 +68,7 @@ def table_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def describe_suspect(point: SuspectPoint) -> str:
-    """Return the sentence of a finding that says by how much a suspect point differs from its neighbours."""
+    """Return the text of a finding about a suspect point and its neighbours."""
     start = "most tables stand out from their" if math.isnan(point.value) else f"{point.value:.4g} stands out from its"
     neighbours = f", with {len(point.neighbours)} beside it in its row" if point.neighbours else ""
     return f"{start} neighbours by {point.score:.1f} times their scatter{neighbours}"
@@ -123,9 +119,9 @@ def model_table_findings(file: DaveMlFile) -> Iterator[Finding]:
 
 
 def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield table name ("all" for all tables) and text for each suspect point in the gridded tables of a DAVE-ML file.
+    """Yield table name ("all": all tables) and text for each suspect point in the gridded tables of a DAVE-ML file.
 
-    `aliases` map standard names (ANSI/AIAA S-119) to the names of the variables in the file.
+    `aliases` maps standard names (ANSI/AIAA S-119) to the names of the variables in the file.
     """
     definition = model.definition
     axes = {name: _axes(aliases, model, name) for name in definition.gridded}
@@ -141,10 +137,7 @@ def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[t
 
 
 def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[int]:
-    """Return the indices of a gridded table's axes, sorted: angle of attack, sideslip, remaining arguments.
-
-    `aliases` map standard names (ANSI/AIAA S-119) to the names in the file. A table without function keeps its order.
-    """
+    """Return the indices of a gridded table's axes in the order angle of attack, sideslip, remaining arguments."""
     function = next((f for f in model.definition.functions if f.table == table), None)
     axes = range(len(model.definition.gridded[table].axes))
     if function is None:
@@ -174,10 +167,9 @@ def _sorted_model_table(definition: Definition, name: str, axis_order: list[int]
 _GRAVITY_M_S2 = 9.80665
 _SMALL_ALPHA_DEG = 2.0
 _GYRATION = {"Jxx_kg_m2": (0.04, 0.4), "Jyy_kg_m2": (0.04, 0.6), "Jzz_kg_m2": (0.06, 0.7)}
-"""Radii of gyration as fractions of the span, lower and upper bound.
+"""Radii of gyration as fractions of the span, lower and upper bound; wide, to detect wrong units only.
 
-Raymer, *Aircraft Design*, table 16.1, has 0.17 to 0.25 of the span in roll; in pitch and yaw the table refers to the
-length and to the mean of span and length. The bounds are wide, to detect wrong units only."""
+Raymer, *Aircraft Design*, table 16.1, has 0.17 to 0.25 of the span in roll."""
 _CHORD = (0.5, 2.0)
 """Bounds of the mean chord over S/b: 1 for a rectangle, 4/3 for the mean aerodynamic chord of a triangle."""
 _SLOPE_RATIO_MAX = 5
@@ -213,8 +205,7 @@ def level_air_data(
 def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
     """Return the stability and control derivatives by name, such as "Cm_alpha", and the drag coefficient "CD".
 
-    The derivatives, tables included, are per rad or per dimensionless rate, at alpha = 2 deg (or the nearest valid
-    angle) and the middle of the airspeed range, without sideslip, rates and deflections, at sea level. Moments are
+    The derivatives are per rad or per dimensionless rate, in straight flight at alpha = 2 deg at sea level. Moments are
     about the centre of gravity.
     """
     alpha_min_deg, alpha_max_deg = file.validity.alpha_deg
@@ -242,8 +233,8 @@ def _derivatives(
 ) -> tuple[Any, jax.Array]:
     """Return the derivatives of `COEFFICIENTS` in the flight condition `at`, and the coefficients.
 
-    The derivatives are three arrays (coefficient, argument): by `angles` (alpha, beta), rad; by the dimensionless rates
-    `reduced` (p b/2V, q c/2V, r b/2V); and by the deflections `surfaces`, rad. Moments are about the centre of gravity.
+    The derivatives are three arrays (coefficient, argument), with respect to `angles` (alpha, beta), `reduced` (p b/2V,
+    q c/2V, r b/2V) and `surfaces`; angles in rad. Moments are about the centre of gravity.
     """
     b, c, S = airframe.span, airframe.mean_chord, airframe.wing_area
 
@@ -273,7 +264,7 @@ _EXPECTED_SIGNS = (
 
 
 def _sign_findings(file: _File, slopes: dict[str, float]) -> Iterator[Finding]:
-    """Yield findings for derivatives of unusual sign or of 0, drag not above 0, and missing roll or pitch control."""
+    """Yield findings for derivatives of unusual sign or of 0, no positive drag, and no roll or pitch control."""
     for name, sign, meaning in _EXPECTED_SIGNS:
         location, value = _derivative_key(file, name), slopes[name]
         if value * sign < 0.0:
@@ -298,7 +289,7 @@ def _mirror_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _derivative_key(file: _File, name: str) -> str:
-    """Return the key of a derivative in the file, or of the table that replaces the derivative."""
+    """Return the key of a derivative in the file, or the key of the table that replaces the derivative."""
     if isinstance(file, DaveMlFile):
         return f"dave_ml.aerodynamics ({name})"
     coefficient, ending = name[:2], name[2:].removeprefix("_")
@@ -309,7 +300,7 @@ def _derivative_key(file: _File, name: str) -> str:
 
 
 def _slope_unit_findings(file: AirframeFile, slopes: dict[str, float]) -> Iterator[Finding]:
-    """Yield a finding for a lift slope that differs from wing theory as if the angle unit were wrong."""
+    """Yield a finding if the lift slope differs so much from wing theory that the angle unit is probably wrong."""
     aspect = file.geometry.span_m**2 / file.geometry.wing_area_m2
     wing = 2.0 * math.pi * aspect / (aspect + 2.0)
     value = slopes["CL_alpha"]
@@ -358,11 +349,7 @@ def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
-    """Yield findings for level flight at sea level, over the valid airspeeds and angles of attack.
-
-    Findings are a lift that carries the weight at no airspeed, or else not at the least; and a full thrust that exceeds
-    the drag at no airspeed.
-    """
+    """Yield findings on level flight at sea level: lift below the weight, or full thrust below the drag."""
     speed_min, speed_max = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2
     alphas, speeds = np.linspace(*file.validity.alpha_deg, 46) * DEG_RAD, np.linspace(speed_min, speed_max, 28)
@@ -410,7 +397,7 @@ _SURFACE_NAMES = {"dh": "elevator"}  # name of the horizontal tail in TP-1538
 def f16_findings(variant: str) -> tuple[Finding, ...]:
     """Return findings for the suspect points in the tables of an F-16 variant, worst first.
 
-    The search is `anser.aircraft.suspect_points`; the result is empty for the variant "global", which has no tables.
+    The result is empty for the variant "global", which has no tables.
     """
     if variant == "global":
         return ()  # a model without tables
@@ -425,7 +412,6 @@ def f16_findings(variant: str) -> tuple[Finding, ...]:
 
 
 def _tp1538() -> tuple[dict[str, tuple[str, ...]], dict[str, GriddedTable]]:
-    """Return the names of the arguments of each table of NASA TP-1538, and the tables; both by table name."""
     data = library_data("tp1538")
     values = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     names, tables = _gridded(data["tables"], values, data["breakpoints_deg"])

@@ -29,7 +29,7 @@ from anser.aircraft_files.sources import (
 )
 
 _concrete = jax.ensure_compile_time_eval()
-"""Decorator for loaders of cached airframes: the arrays are concrete even if the first caller is being traced."""
+"""Decorator for loaders of cached airframes: the arrays are concrete even if JAX traces the first caller."""
 
 
 @functools.cache
@@ -43,8 +43,8 @@ def library_data(name: str) -> dict[str, Any]:
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
     """Load an F-16 with the reduced tables of Stevens & Lewis, variant "textbook", "s119" or "founding".
 
-    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; default: the variant's. Raises ValueError
-    for another variant; the message lists the known variants.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: value of the variant. Raises
+    ValueError if the variant is unknown.
     """
     return f16_from_data(library_data("f16"), variant, x_cg_over_c)
 
@@ -54,7 +54,7 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
 def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
     """Load the complete F-16 of NASA TP-1538.
 
-    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord (default: the report's).
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: value of the report.
     """
     return tp1538_from_data(library_data("tp1538"), f16_engine_from_data(library_data("f16")), x_cg_over_c)
 
@@ -64,7 +64,7 @@ def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
 def load_global_f16(x_cg_over_c: float | None = None) -> F16Global:
     """Load the F-16 with the global aerodynamic model, with actuators and engine of the textbook's F-16.
 
-    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord (default: the source's).
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: value of the source.
     """
     textbook = load_f16()
     return global_f16_from_data(library_data("f16-global"), textbook.actuators, textbook.engine, x_cg_over_c)
@@ -79,17 +79,20 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     name
         Element of `sources.AIRFRAMES`, name of an entry point, or path of an aircraft file.
     variant
-        Element of `VARIANTS["f16"]` if `name` is "f16"; otherwise "textbook".
+        Element of `VARIANTS["f16"]` if `name` is "f16"; must be "textbook" for other aircraft.
     x_cg_over_c
         Centre of gravity of the F-16 as a fraction of the mean chord; None: value of the variant.
 
     Raises
     ------
     ValueError
-        If the name or variant is unknown (the message lists the known names), a variant or `x_cg_over_c` is given for
-        another aircraft than the F-16, or an entry point returns no airframe or an impossible mass or inertia.
+        Any of these faults:
+
+        - the name or variant is unknown (the message lists the known names);
+        - a variant or `x_cg_over_c` is given for another aircraft than the F-16;
+        - an entry point returns no airframe, or an airframe with an impossible mass or inertia.
     ScenarioError
-        If an aircraft file cannot be read or is invalid.
+        An aircraft file cannot be read or is invalid.
     """
     if name == "f16":
         if variant not in VARIANTS[name]:
@@ -112,7 +115,7 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
 def is_aircraft_path(name: str | os.PathLike[str]) -> bool:
     """Whether a name is the path of an aircraft file (suffix .toml) or of a DAVE-ML file (suffix .dml).
 
-    A DAVE-ML file alone is no aircraft: `read_airframe` refuses its path.
+    `read_airframe` refuses the path of a DAVE-ML file, because a DAVE-ML file alone is no aircraft.
     """
     return Path(name).suffix in (*SUFFIXES, DAVE_ML_SUFFIX)
 
@@ -120,7 +123,7 @@ def is_aircraft_path(name: str | os.PathLike[str]) -> bool:
 def airframe_of_table(
     kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | DaveMlFile | None
 ) -> AbstractAirframe:
-    """Load the airframe of a scenario's [[aircraft]] table: from `file`, or by the type `kind` if `file` is None."""
+    """Load the airframe of a scenario's [[aircraft]] table, from `file`; None: by the type `kind`."""
     return load_airframe(kind, variant, x_cg_over_c) if file is None else build_airframe(file)
 
 
@@ -135,7 +138,7 @@ def _load_entry_point(name: str) -> AbstractAirframe:
 
 
 def span_of(airframe: AbstractAirframe) -> Any:
-    """Return the wing span of an airframe, m, which turbulence needs; raises ValueError if the airframe has none."""
+    """Return the wing span of an airframe, m. Raises ValueError if the airframe has none."""
     if isinstance(airframe, AbstractF16 | DerivativeAircraft):
         return airframe.span
     span = getattr(airframe, "span", None)
@@ -149,6 +152,6 @@ def span_of(airframe: AbstractAirframe) -> Any:
 def load_body(name: str) -> SimpleBody:
     """Load an unpowered rigid body of the library (sphere or brick) by a name of `sources.BODIES`.
 
-    Raises ValueError if the name is unknown; the message lists the known names.
+    Raises ValueError if the name is unknown.
     """
     return body_from_data(library_data("bodies"), name)

@@ -55,7 +55,7 @@ class AnyAirframeFile(Table):
 
 
 def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
-    """List the problems of check data with deflections of surfaces that the aircraft does not have."""
+    """List problems of check data: deflections of surfaces that the aircraft does not have."""
     problems = []
     expected = f"names of surfaces of this file ({', '.join(surfaces)})"
     for kind, checks in (("forces", check.forces), ("trim", check.trim)):
@@ -69,7 +69,7 @@ def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
 
 
 def surface_problems(surface: Sequence[ActuatedSurface]) -> list[Problem]:
-    """List repeated surface names, and actuators whose order (first or second) differs from the first surface's."""
+    """List repeated surface names, and surfaces with actuators of another order than the first surface's."""
     problems = []
     names = [item.name for item in surface]
     for k, item in enumerate(surface):
@@ -112,10 +112,7 @@ class AirframeFile(AnyAirframeFile):
         return [*problems, *check_problems(self.check, self.surfaces)]
 
     def _replacement_problems(self) -> list[Problem]:
-        """List the values for derivatives in [[check.forces]] (key `instead`) that have no effect because of a table.
-
-        A coefficient table of the file already replaces the derivative.
-        """
+        """List the derivatives under `instead` in [[check.forces]] that a table of the file already replaces."""
         replaced: dict[str, str] = {}
         for j, table in enumerate(self.table):
             index = coefficient_index(table.replaces, self.surfaces)
@@ -149,10 +146,7 @@ class AirframeFile(AnyAirframeFile):
         return problems
 
     def _overridden_derivatives(self, k: int, table: CoefficientTable, index: tuple[int, int]) -> list[Problem]:
-        """List nonzero derivatives of the file that have no effect because table number `k` replaces them.
-
-        `index` is row and column of the coefficient or derivative of the table, from `coefficient_index`.
-        """
+        """List nonzero derivatives of the file that have no effect because table number `k` replaces them."""
         coefficient, argument_count = COEFFICIENTS[index[0]], len(DERIVATIVE_ARGUMENTS)
         expected = f"nothing, or 0: table[{k}] of {table.replaces} takes its place"
         columns = list(replaced_columns(table, index))
@@ -182,8 +176,8 @@ def coefficient_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] |
 def replaced_columns(table: CoefficientTable, index: tuple[int, int]) -> tuple[int, ...]:
     """Return the columns of the derivatives that a table replaces; `index` is row and column of its coefficient.
 
-    A table of a whole coefficient replaces the constant, and the derivatives by alpha and beta as far as these angles
-    are arguments of the table. Columns of surfaces are not included.
+    A table of a whole coefficient replaces the constant, and the derivatives by alpha and beta if these angles are
+    arguments of the table. Columns of surfaces are not included.
     """
     if table.replaces not in COEFFICIENTS:
         return (index[1],)

@@ -45,7 +45,7 @@ def body_vector(description: str, unit: str, default: object = PydanticUndefined
 
 
 def unordered_range_problems(table: Table, *keys: str) -> list[Problem]:
-    """List the ranges among `keys` whose minimum is not less than the maximum; keys without value are skipped."""
+    """List the ranges among `keys` whose minimum is not less than the maximum; a key without value is no problem."""
     ranges = [(key, getattr(table, key)) for key in keys if getattr(table, key) is not None]
     expected = "the lesser of two numbers first"
     return [Problem(key, format_range(bounds), expected) for key, bounds in ranges if not bounds[0] < bounds[1]]
@@ -355,7 +355,7 @@ class CoefficientTable(Table):
 def shape_problems(values: object, shape: tuple[int, ...], path: str) -> list[Problem]:
     """List the faults of nested lists: lengths that differ from `shape`, and entries that are not finite numbers.
 
-    `path` is the key of `values`, to which the problems add indices.
+    `path` is the key of `values` in the problems.
     """
     if not shape:
         is_number = isinstance(values, int | float) and not isinstance(values, bool) and math.isfinite(values)
@@ -404,10 +404,7 @@ class Jet(Table):
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """List a missing axis, breakpoints that do not rise, values whose shape does not fit the axes, and no thrust.
-
-        An engine has no thrust if the full thrust nowhere exceeds the idle thrust.
-        """
+        """List faults of axes and values, and a full thrust that nowhere exceeds the idle thrust."""
         if bool(self.altitude_m) != bool(self.mach):
             missing_key = "mach" if self.altitude_m else "altitude_m"
             return [Problem(missing_key, "nothing", "both altitude_m and mach, or none of them")]
@@ -489,7 +486,7 @@ class Engine(Table):
         return next(name for name in type(self).model_fields if getattr(self, name) is not None)
 
     def consistency_problems(self) -> list[Problem]:
-        """List the problem of a table [engine] with several kinds of engine or without any."""
+        """List the problem of a table [engine] that does not have exactly one kind of engine."""
         kinds = [name for name in type(self).model_fields if getattr(self, name) is not None]
         if len(kinds) == 1:
             return []

@@ -25,7 +25,7 @@ from anser.config.validation_messages import validation_problems
 from anser.files import XML_ENCODINGS, decode_xml, read_file
 
 LIBRARY_FILES = {"aerosonde": "aircraft/data", "nasa-f16": "dave_ml/nasa"}
-"""Library airframes defined by aircraft files: folder of each within the package `anser`."""
+"""Folders, within the package `anser`, of the library airframes that aircraft files define."""
 AIRFRAMES = ("f16", *LIBRARY_FILES)
 """Names of the airframes of the library."""
 BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
@@ -40,9 +40,9 @@ _RATE_DERIVATIVES = {f"{coefficient}_{angle}dot" for coefficient in COEFFICIENTS
 def validate_airframe(values: dict[str, Any], source: str, *, is_stored: bool = False) -> AirframeFile | DaveMlFile:
     """Validate the values of an aircraft file, nested dictionaries and lists as in TOML, and return the file.
 
-    In a table `dave_ml`, each referenced file must be a table of file name and text. Contradictions between keys are
-    accepted in a file within stored results (`is_stored`). Raises ScenarioError if the values are invalid; the message
-    gives `source` (the file), key, value and expected value.
+    In a table `dave_ml`, each referenced file must be a table of file name and text. If `is_stored` (file within stored
+    results), contradictions between keys are accepted. Raises ScenarioError if the values are invalid. `source` is the
+    name of the file in the message.
     """
     check_file_kind("aircraft", values, source)
     version = values.get("format")
@@ -69,10 +69,7 @@ def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Return a problem with advice in place of the expected value, if its key is a derivative such as `Cm_alphadot`.
-
-    Derivatives by the rate of an angle are not supported. A problem with another key is returned unchanged.
-    """
+    """Return a problem, with advice if its key is an unsupported derivative such as `Cm_alphadot`."""
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem
@@ -83,7 +80,7 @@ def _explain_rate_derivative(problem: Problem) -> Problem:
 
 
 ENTRY_POINTS = "anser.airframes"
-"""Group of the entry points for airframes: each names a callable without arguments that returns an airframe."""
+"""Group of the entry points for airframes: callables without arguments that return an airframe."""
 SUFFIXES = (".toml",)
 """File suffixes of aircraft files."""
 DAVE_ML_SUFFIX = ".dml"
@@ -91,10 +88,7 @@ DAVE_ML_SUFFIX = ".dml"
 
 
 def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
-    """Read and validate an aircraft file.
-
-    Raises ScenarioError if the file cannot be read or is no valid aircraft; the message gives key and expected value.
-    """
+    """Read and validate an aircraft file. Raises ScenarioError if the file cannot be read or is no valid aircraft."""
     source = os.fspath(path)
     values = airframe_values(path)
     with attach_line_numbers(read_text(path, "aircraft"), source):
@@ -117,10 +111,7 @@ def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, source: str) -> dict[str, Any]:
-    """Return the values with the paths of DAVE-ML files, relative to `folder`, replaced by tables of name and text.
-
-    `source` names the aircraft file in messages.
-    """
+    """Return the values with the paths of DAVE-ML files, relative to `folder`, replaced by tables of name and text."""
     dave_ml = values.get("dave_ml")
     if not isinstance(dave_ml, dict):
         return values
@@ -134,7 +125,7 @@ def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, so
 
 
 def _text_of(path: Path | Traversable, key: str, source: str) -> str:
-    """Read the text of a DAVE-ML file in its declared encoding; raises ScenarioError if the file cannot be read."""
+    """Read the text of a DAVE-ML file. Raises ScenarioError if the file cannot be read."""
     try:
         return decode_xml(read_file(path))
     except LookupError as error:
@@ -168,13 +159,13 @@ def library_file(name: str) -> AirframeFile | DaveMlFile:
 
 @functools.cache
 def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Return the entry points of installed packages for airframes, by name; names of library airframes are left out."""
+    """Return the entry points of installed packages for airframes, by name, except for names of library airframes."""
     points = importlib.metadata.entry_points(group=ENTRY_POINTS)
     return {point.name: point for point in sorted(points, key=lambda point: point.name) if point.name not in AIRFRAMES}
 
 
 def entry_point_origin(name: str) -> str:
-    """Return object reference, distribution and version of an entry point; empty if no entry point has the name."""
+    """Return object reference, distribution and version of an entry point; an empty text if the name is unknown."""
     point = entry_points().get(name)
     if point is None:
         return ""
@@ -182,12 +173,12 @@ def entry_point_origin(name: str) -> str:
 
 
 def aircraft_types() -> tuple[str, ...]:
-    """Return the names of all airframes: those of the library, then those of entry points."""
+    """Return the names of all airframes: library airframes, then entry points."""
     return (*AIRFRAMES, *entry_points())
 
 
 def unknown_type_hint(name: str) -> str:
-    """Return the text of a message that suggests the names of airframes for an unknown name."""
+    """Return a text, for a message about an unknown name, that suggests names of airframes."""
     matches = difflib.get_close_matches(name, aircraft_types(), n=1)
     return (f'perhaps "{matches[0]}"; ' if matches else "") + f"one of {', '.join(aircraft_types())}"
 
@@ -201,25 +192,23 @@ _VARIANTS_ALPHA_DEG = {"tp1538": (-20.0, 90.0), "global": (-4.0, 30.0)}
 
 @dataclass(frozen=True)
 class AirframeRange:
-    """Ranges (minimum, maximum) of true airspeed, altitude and angle of attack of an airframe's data.
+    """Ranges (minimum, maximum) of an airframe's data; None if a range is unknown before the airframe is built.
 
-    A range is None if it is unknown before the airframe is built; the altitude also if a file states no range. The
-    default limits of a scenario stay within the range of alpha, and, for an aircraft file (`is_from_file`), also of
-    airspeed.
+    The default limits of a scenario stay within the range of alpha. If `is_from_file`, these limits also stay within
+    the range of airspeed.
     """
 
     name: str
-    airspeed_m_s: tuple[float, float] | None
-    altitude_m: tuple[float, float] | None
+    airspeed_m_s: tuple[float, float] | None  #: True airspeed.
+    altitude_m: tuple[float, float] | None  #: None also if an aircraft file states no range.
     alpha_deg: tuple[float, float] | None
-    is_from_file: bool
+    is_from_file: bool  #: True for the range of an aircraft file.
 
 
 def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None, variant: str = "textbook") -> AirframeRange:
-    """Return the data ranges of an airframe: from `file`, or by the airframe type `kind` if `file` is None.
+    """Return the data ranges of an airframe, from `file`; if `file` is None, of the airframe type `kind`.
 
-    For "f16" the angles of attack are those of the data of `variant`. The ranges are None for a type without file that
-    is neither "f16" nor a key of `LIBRARY_FILES`.
+    For "f16" the range of alpha depends on `variant`. If the type has no file and is not "f16", the ranges are None.
     """
     if file is None and kind in LIBRARY_FILES:
         file = library_file(kind)
@@ -244,7 +233,7 @@ def airframe_starter() -> str:
 
 
 def write_airframe_starter(path: str | os.PathLike[str]) -> Path:
-    """Write the starter to a new file, with the JSON Schema beside it unless a schema exists; return the file's path.
+    """Write the starter and, if missing, its JSON Schema; return the path of the starter.
 
     Raises ScenarioError if `path` exists already or cannot be written.
     """

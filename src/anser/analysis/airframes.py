@@ -41,7 +41,7 @@ _ANGLES, _SPEEDS = 61, 28
 _ALPHA = 2.0 * DEG_RAD
 """Fixed angle of attack of the coefficients over sideslip, rad."""
 _F16_SPEEDS_M_S = (60.0, 320.0)
-"""Airspeeds of the F-16 and of airframes whose data have no range of airspeeds, m/s."""
+"""Airspeeds of the F-16, and of airframes whose data have no range of airspeeds, m/s."""
 _COEFFICIENT_MEANINGS = ("Lift", "Drag", "Side force", "Roll moment", "Pitch moment", "Yaw moment")
 POWERS = (0.0, 25.0, 50.0, 75.0, 100.0)
 """Engine powers for the thrust curves, percent."""
@@ -53,20 +53,20 @@ def survey_airframe(
     variant: str = "textbook",
     *,
     altitude_m: float = 0.0,  # altitude of the thrust curves and of the level flights
-    # least and greatest airspeed; None: the range of the airframe's data, 60 to 320 m/s for data without a range
+    # least and greatest airspeed; None: the range of the airframe's data, or 60 to 320 m/s if unknown
     airspeeds_m_s: tuple[float, float] | None = None,
 ) -> "xr.Dataset":
-    """Compute the coefficients over alpha and beta, the thrust, and the level flights of an airframe over airspeed.
+    """Survey an airframe: aerodynamic coefficients, thrust, and level flight over airspeed.
 
-    Raises ValueError if the aircraft is unknown or impossible, or unless the airspeeds are positive and ascending;
-    ScenarioError if the aircraft file is not valid.
+    Raises ValueError if the airspeeds are not positive and ascending. Errors of the aircraft: see `resolve_airframe`.
 
     Returns
     -------
     xr.Dataset
-        CL, CD, CY, Cl, Cm, Cn over `alpha` and over `beta` (deg; at 2 deg of alpha), thrust (N) over `airspeed` (m/s)
-        and `power` (percent), and level flights over `airspeed`: alpha (deg), power (percent), deflections (deg), NaN
-        without a trim, and the flag `trimmable` for flights within all limits.
+        - `over_alpha`, `over_beta`: CL, CD, CY, Cl, Cm, Cn over `alpha` (deg), and over `beta` (deg) at 2 deg of alpha
+        - `thrust` (N) over `airspeed` (m/s) and `power` (percent)
+        - `trimmable` over `airspeed`: True if level flight is within all limits
+        - `trim_alpha_deg`, `trim_power` (percent), `trim_surface_deg` over `airspeed`; NaN if no trim exists
     """
     enable_compilation_cache()
     airframe, attributes = resolve_airframe(aircraft, variant)
@@ -117,7 +117,7 @@ def survey_airframe(
 
 
 def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
-    """Return least and greatest airspeed (m/s) for which an airframe's data are valid; if unknown, 60 and 320 m/s."""
+    """Return the least and the greatest airspeed (m/s) of an airframe's data; 60 and 320 m/s if unknown."""
     if isinstance(airframe, DerivativeAircraft | DaveMlAircraft):
         low, high = (float(end) for end in airframe.validity.airspeed)
         if low > 0.0 and high < np.inf:
@@ -135,9 +135,10 @@ def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
 def _coefficients(
     airframe: AbstractAirframe, environment: Environment, V: Scalar, alphas: Array, betas: Array
 ) -> Float[Array, "angle 6"]:
-    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad), without rates, surfaces neutral.
+    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad) for zero body rates and neutral surfaces.
 
-    Without reference area and lengths, forces (N) and moments (N m) are divided by the dynamic pressure (Pa) only.
+    If the airframe lacks one of its `_sizes`, forces (N) and moments (N m) are divided by the dynamic pressure (Pa)
+    only.
     """
     sizes = _sizes(airframe)
     S, b, c = (jnp.ones(()),) * 3 if sizes is None else sizes
@@ -170,9 +171,9 @@ def _thrusts(
 
 @dataclass(frozen=True)
 class AirframeEntry:
-    """Entry in the list of airframes: name, origin, mass, span, valid airspeeds and surfaces.
+    """Entry in the list of airframes; `airspeed_m_s` is the range in which the data are valid.
 
-    If an entry point could not be loaded, `problem` states the reason, and mass to surfaces are missing.
+    If an entry point could not be loaded, `problem` is the reason, and only `name` and `origin` are set.
     """
 
     name: str
@@ -185,7 +186,7 @@ class AirframeEntry:
 
 
 def list_airframes() -> list[AirframeEntry]:
-    """Return the airframes of the library, then those of entry points (plug-ins of installed packages)."""
+    """Return the airframes of the library, then the airframes of entry points (plug-ins of installed packages)."""
     entries = [_library_entry(name, "library, file" if name in LIBRARY_FILES else "library") for name in AIRFRAMES]
     for name, point in entry_points().items():
         origin = f"entry point {point.value}"
@@ -250,13 +251,13 @@ def describe_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
 
 
 def trim_speed_range(dataset: Any) -> tuple[float, float] | None:
-    """Return the slowest and the fastest trimmable airspeed of a dataset of `survey_airframe`, m/s; None if none is."""
+    """Return the range of trimmable airspeeds (m/s) in a dataset of `survey_airframe`; None if the range is empty."""
     speeds: Sequence[float] = dataset["airspeed"].values[dataset["trimmable"].values]
     return (float(min(speeds)), float(max(speeds))) if len(speeds) else None
 
 
 def check_dave_ml(path: str) -> ModelCheck:
-    """Return the comparison of a DAVE-ML file with its check data, suspicious data, and lists of inputs and outputs.
+    """Check a DAVE-ML file: comparison with the check data, suspicious data, lists of inputs and outputs.
 
     Raises ScenarioError if the file is not a DAVE-ML file.
     """
@@ -267,9 +268,8 @@ def check_dave_ml(path: str) -> ModelCheck:
 def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[CheckedValue, ...], tuple[Finding, ...]]:
     """Return the comparison of an aircraft with the check data of its file, and probable errors of the data.
 
-    The F-16 has no check data: the comparison is empty, and probable errors are those of the tables. Raises ValueError
-    if the airframe comes from an entry point (no file and no tables can be checked), ScenarioError if the aircraft file
-    is not valid.
+    The F-16 has no check data, and the comparison is empty. Raises ValueError if the airframe comes from an entry
+    point, which has no file to check; ScenarioError if the aircraft file is not valid.
     """
     enable_compilation_cache()
     file = find_aircraft_file(aircraft)

@@ -27,16 +27,12 @@ _SPEED_STEPS = 60
 
 
 class PitchBranch(eqx.Module):
-    """Points on a curve of pitch trims (Cm = 0) over angle of attack and centre of gravity.
+    """Points on a curve of pitch trims (Cm = 0) over angle of attack and centre of gravity."""
 
-    Per point: alpha (rad), x_cg (fraction of the mean chord), slope dCm/dalpha (1/rad, negative: stable), and whether
-    Cm is zero there (`balanced`; False if no trim was reached).
-    """
-
-    alpha: Vector
-    x_cg: Vector
-    slope: Vector
-    balanced: Bool[Array, " points"]
+    alpha: Vector  # rad
+    x_cg: Vector  # fraction of the mean chord
+    slope: Vector  # dCm/dalpha, 1/rad; negative: stable
+    balanced: Bool[Array, " points"]  # False for a point at which no trim was reached
 
 
 class SteadyDescent(eqx.Module):
@@ -50,10 +46,10 @@ class SteadyDescent(eqx.Module):
 def pitching_moment(
     airframe: AbstractF16, mach: ScalarLike, elevator: ScalarLike, alpha: ScalarLike, x_cg: ScalarLike
 ) -> Scalar:
-    """Return the pitching-moment coefficient Cm of an F-16 without sideslip and rates.
+    """Return the pitching-moment coefficient Cm of an F-16 at zero sideslip and body rates.
 
-    Elevator and angle of attack are in rad, `x_cg` replaces the airframe's centre of gravity (fraction of the chord).
-    Aileron and rudder are at 0, the flap is at its schedule for the Mach number.
+    Elevator and alpha are in rad; `x_cg` (fraction of the mean chord) replaces the airframe's centre of gravity.
+    Aileron and rudder are 0; the flap follows the schedule for the Mach number.
     """
     shifted = eqx.tree_at(lambda a: a.x_cg, airframe, jnp.asarray(x_cg))
     data = _flow(mach, alpha)
@@ -83,10 +79,8 @@ def follow_pitch_trim(
 ) -> PitchBranch:
     """Return `count` points on the curve Cm(alpha, x_cg) = 0 through a start point, also around folds of the curve.
 
-    At a fold, x_cg has an extremum along the curve. Pseudo-arclength continuation in (alpha in rad, x_cg): a step along
-    the tangent of the curve, then Newton steps back to Cm = 0 perpendicular to the tangent (H. B. Keller, "Numerical
-    solution of bifurcation and nonlinear eigenvalue problems", 1977). Slopes of tables jump at the breakpoints; the
-    next Newton step uses the slope of the neighbouring interval.
+    At a fold, x_cg has an extremum along the curve. Method: pseudo-arclength continuation (H. B. Keller, "Numerical
+    solution of bifurcation and nonlinear eigenvalue problems", 1977).
     """
 
     def Cm(point: Float[Array, "2"]) -> Scalar:
@@ -130,7 +124,7 @@ def steady_descent(
 ) -> SteadyDescent:
     """Return the steady descent in which aerodynamic force and idle thrust balance the weight at a given alpha.
 
-    Altitude in m, elevator and alpha in rad, gravity in m/s^2. Pitching moment and lateral axes need not balance.
+    Units are m (altitude), rad (elevator, alpha) and m/s^2 (gravity). Moments and side force need not be zero.
     """
     air = atmosphere.at(altitude)
     weight = airframe.mass_properties.mass * gravity
@@ -191,11 +185,11 @@ def deep_stall(
     mach: float = 0.2,
     altitude_m: float = 5000.0,
 ) -> xr.Dataset:
-    """Compute the deep stalls of the F-16: pitch trims (Cm = 0) at high alpha with a fixed elevator, and descents.
+    """Compute the deep stalls of the F-16: pitch trims (Cm = 0) at high alpha with a fixed elevator.
 
-    Sideslip and rates are 0; the flap follows its schedule. The angles of attack of the trims against the centre of
-    gravity form a curve. The curve is computed from the stable trim with the rearmost of `x_cg_over_c`; at its fold,
-    the foremost centre of gravity with a deep stall, the stable and the unstable trim merge.
+    Sideslip and body rates are 0; the flap follows its schedule. The trims form a curve of alpha over centre of gravity
+    through the stable trim at the rearmost of `x_cg_over_c`. The fold of the curve, where the stable and the unstable
+    trim merge, is the foremost centre of gravity with a deep stall.
 
     Raises ValueError if the deflection is beyond the stops, the data do not contain `alpha_from_deg`, or `x_cg_over_c`
     is empty.
@@ -218,10 +212,11 @@ def deep_stall(
     Returns
     -------
     xr.Dataset
-        Coefficient `pitching_moment` over (x_cg, alpha); the curve of trims `branch_alpha` (deg), `branch_x_cg`,
-        `branch_slope` (dCm/dalpha, 1/rad) over (point), a single NaN without a stable trim; the trims at the requested
-        centres of gravity `trim_alpha` (deg), `trim_x_cg`, `trim_stable`, with the steady descent `trim_speed` (m/s),
-        `trim_path_angle` and `trim_pitch` (deg), over (trim).
+        - over (x_cg, alpha): `pitching_moment`, the coefficient Cm
+        - over (point), the curve of trims: `branch_alpha` (deg), `branch_x_cg`, `branch_slope` (dCm/dalpha, 1/rad);
+          a single NaN if no trim is stable
+        - over (trim), the trims at `x_cg_over_c`: `trim_alpha` (deg), `trim_x_cg`, `trim_stable`
+        - over (trim), the steady descents in the trims: `trim_speed` (m/s), `trim_path_angle`, `trim_pitch` (deg)
     """
     enable_compilation_cache()
     airframe, environment = cast(AbstractF16, load_airframe("f16", variant)), standard_environment()
@@ -292,7 +287,7 @@ _TRIM_KEYS = {
 def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
     """Return the dataset of `deep_stall` as plain data for JSON, with the greatest pitching moment at each x_cg.
 
-    Key `appears`: the foremost centre of gravity with a deep stall and the alpha there, or None (`deep_stall_onset`).
+    The entry `appears` is the result of `deep_stall_onset`.
     """
     onset = deep_stall_onset(dataset)
     return {
@@ -318,8 +313,7 @@ def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
 def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
     """Return the foremost centre of gravity with a deep stall (fraction of the mean chord), and the alpha there, deg.
 
-    The point is the fold of the curve of trims in a dataset of `deep_stall`. None without a curve, or if the curve ends
-    before the fold.
+    The result is None if the dataset of `deep_stall` has no curve of trims, or the curve ends before its fold.
     """
     x_cg = dataset["branch_x_cg"].values
     finite = np.flatnonzero(np.isfinite(x_cg))
@@ -332,11 +326,7 @@ def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
 
 
 def _roots(alphas: np.ndarray, moments: np.ndarray) -> list[tuple[float, bool]]:
-    """Return the angles of attack (deg) at which the pitching moment is 0, each with a flag: stable (Cm falls).
-
-    The trims are the angles of the grid with a moment of exactly 0, and zeros between two angles with moments of
-    opposite signs. NaN is no moment.
-    """
+    """Return the angles of attack (deg) with zero pitching moment, each with a flag: True if the trim is stable."""
     signs, last = np.sign(moments), len(moments) - 1
     roots = []
     for k, (alpha, moment) in enumerate(zip(alphas, moments, strict=True)):
@@ -354,10 +344,9 @@ def _branch(
     alpha_range_deg: tuple[float, float],
     x_cg_max: float,
 ) -> PitchBranch:
-    """Return the curve of trims through the stable trim with the greatest alpha; a NaN point without a stable trim.
+    """Return the curve of trims through the stable trim with the greatest alpha; one NaN point if no trim is stable.
 
-    `case` is airframe, Mach number and elevator (rad); `trims` are (x_cg, alpha in deg, stable). The curve ends where
-    alpha leaves its range, x_cg leaves 0.1 to `x_cg_max`, or no trim is reached.
+    `case`: airframe, Mach number, elevator (rad); `trims`: x_cg, alpha (deg), True if stable.
     """
     stable = [trim for trim in trims if trim[2]]
     if not stable:

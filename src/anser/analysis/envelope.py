@@ -1,7 +1,4 @@
-"""Flight envelope of an aircraft: trims over altitude and Mach number, and path commands flown from the trim points.
-
-Commands, accepted errors and autopilot limits are shared with the surveys of margins and robustness.
-"""
+"""Flight envelope of an aircraft: trims over altitude and Mach number, and path commands flown from the trim points."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -43,11 +40,7 @@ GRID_DIMENSIONS = ("condition", "altitude", "mach")
 
 
 class TrimMap(NamedTuple):
-    """Trims over a grid of steady flight (`CONDITIONS`: level, climb, ...), altitude (m) and Mach number.
-
-    `targets` and `points` have one leading axis over the grid, Mach number fastest; `airspeeds` (m/s) has the shape
-    (altitude, mach); `is_commanded` is False for a surface on a schedule.
-    """
+    """Trims over a grid of steady flight (`CONDITIONS`: level, climb, ...), altitude (m) and Mach number."""
 
     # axes of the grid: altitude in m, and Mach number
     altitudes: np.ndarray
@@ -56,7 +49,7 @@ class TrimMap(NamedTuple):
     # trim targets and trim points; leaves of shape (conditions x altitudes x machs, ...), Mach number fastest
     targets: TrimTarget
     points: TrimMapPoint
-    is_commanded: tuple[bool, ...]  # whether each surface is commanded; the others follow a schedule
+    is_commanded: tuple[bool, ...]  # whether each surface is commanded; False: on a schedule
 
     def gridded(self, values: Any) -> np.ndarray:
         """Return values of shape (points, ...) with the shape (condition, altitude, mach, ...) of the grid."""
@@ -71,11 +64,7 @@ class TrimMap(NamedTuple):
         return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
 
     def with_reserve(self) -> Any:
-        """Return a dataset variable: whether each trim is flyable with a tenth (`RESERVE_MIN`) of all controls left.
-
-        A tenth of full power must remain both up to full and down to idle, and of each commanded surface's travel to
-        the stop.
-        """
+        """Return a dataset variable: whether each trim is flyable with a tenth (`RESERVE_MIN`) of all controls left."""
         points = self.points
         power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
         reserve = np.minimum(power_reserve, np.asarray(points.surface_margin)[:, list(self.is_commanded)].min(axis=1))
@@ -105,7 +94,7 @@ class SteadyFlight:
 
 @dataclasses.dataclass(frozen=True)
 class StepCommand:
-    """Step of the commanded airspeed (m/s), path angle (deg) and course (deg); 0 for a channel without a step."""
+    """Step of the commanded airspeed (m/s), path angle (deg) and course (deg); 0: no step of the channel."""
 
     name: str
     meaning: str
@@ -135,13 +124,13 @@ COMMANDS = (
     StepCommand("all", "+10 m/s, +3 deg, +20 deg", speed_m_s=10.0, path_angle_deg=3.0, course_deg=20.0),
 )
 ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
-"""Default altitudes, m. The lowest is above 0, the bound of the data, which any command would leave from there."""
+"""Default altitudes, m. The lowest is above 0, the lower bound of the data: a descent from 0 would leave the data."""
 MACHS = np.linspace(0.15, 0.95, 18)
 _COARSE_MACHS = [0, 4, 8, 13, 17]
 _F16_SPEED_M_S = 150.0
 """Airspeed of the F-16's step tests, to which the sizes of the speed steps refer, m/s."""
 TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
-"""Accepted error of airspeed, path angle and course: the greater of a part of the step and m/s, rad, rad."""
+"""Accepted errors of airspeed, path angle, course: fraction of the step, but at least the values in m/s, rad, rad."""
 
 
 def trim_map(
@@ -150,8 +139,8 @@ def trim_map(
     """Return the trims of all steady flights in `CONDITIONS` over a grid of altitudes (m) and Mach numbers.
 
     An axis that is None has the values of `default_axes`, fewer if `coarse`. Raises ValueError if an axis does not
-    consist of finite, increasing numbers, a Mach number is negative, no default altitude lies within the aircraft's
-    data, or the grid has no trimmable point.
+    consist of finite, increasing numbers, if a Mach number is negative, if no point of the grid is trimmable, or as
+    `default_axes` does.
     """
     survey.report("trimming", 0.0)
     airframe, environment = survey.airframe, survey.environment
@@ -172,9 +161,9 @@ def default_axes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the default altitudes (m) and Mach numbers of an aircraft's grid.
 
-    The altitudes are those of `ALTITUDES_M` within the aircraft's data (ValueError if there is none). The Mach numbers
-    are `MACHS` for an F-16; otherwise equally spaced over the airspeeds of the aircraft's data at the lowest altitude.
-    `coarse`: every fifth altitude and five Mach numbers.
+    The altitudes are the values of `ALTITUDES_M` within the aircraft's data. The Mach numbers are `MACHS` for an F-16,
+    and cover the valid airspeeds at the lowest altitude for another aircraft. `coarse`: every fifth altitude and five
+    Mach numbers. Raises ValueError if no default altitude is within the data.
     """
     if isinstance(airframe, AbstractF16):
         return ALTITUDES_M[5::5] if coarse else ALTITUDES_M, MACHS[_COARSE_MACHS] if coarse else MACHS
@@ -190,12 +179,12 @@ def default_axes(
 
 
 def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray:
-    """Return factors on speed steps and accepted speed errors: airspeed (m/s) / 150 m/s, or 1 for an F-16."""
+    """Return factors on speed steps and accepted speed errors: airspeed / (150 m/s), or 1 for an F-16."""
     return np.ones_like(airspeeds) if isinstance(airframe, AbstractF16) else airspeeds / _F16_SPEED_M_S
 
 
 def command_meanings(airframe: AbstractAirframe) -> list[str]:
-    """Return the descriptions of `COMMANDS`; speed steps are 10 m/s for an F-16, otherwise 1/15 of the airspeed."""
+    """Return the descriptions of `COMMANDS`; speed steps are 1/15 of the airspeed, or 10 m/s for an F-16."""
     if isinstance(airframe, AbstractF16):
         return [command.meaning for command in COMMANDS]
     return [command.meaning.replace("10 m/s", "1/15 of the airspeed") for command in COMMANDS]
@@ -214,13 +203,15 @@ def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.nda
 def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike = (0.0,)) -> FlightLimits:
     """Return the autopilot limits of the surveys, wide enough not to interfere with the commands.
 
-    For the F-16: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg within its data, -2 to 7 g. A level turn at 4 g has
-    a bank of 75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For another airframe: half
-    the least to twice the greatest of the surveyed airspeeds (m/s), and the range of alpha of the airframe's data.
+    - F-16, or `airframe` None: 40 to 340 m/s, 78 deg of bank, alpha from -5 to 25 deg (F-16: within its data), -2 to 7
+      g
+    - Another airframe: half the least to twice the greatest of `airspeeds` (m/s), alpha within its data, bank and load
+      factor as for the F-16
     """
     limits = FlightLimits(
         speed_min=jnp.asarray(40.0),
         speed_max=jnp.asarray(340.0),
+        # a level turn at 4 g has 75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path
         bank_max=jnp.asarray(78 * DEG_RAD),
         alpha_min=jnp.asarray(-5 * DEG_RAD),
         alpha_max=jnp.asarray(25 * DEG_RAD),
@@ -249,10 +240,7 @@ def _steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float
 
 
 def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray) -> np.ndarray:
-    """Return the requested values of a grid axis, or `default` if None.
-
-    Raises ValueError unless the values are finite and increase, and Mach numbers are not negative.
-    """
+    """Return the requested axis of the grid, or `default` if None; raise ValueError if the values are not valid."""
     axis = default if requested is None else np.asarray(requested, dtype=float)
     minimum = 0.0 if name == "machs" else -np.inf
     increases = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and (np.diff(axis) > 0).all()
@@ -263,16 +251,15 @@ def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey(SurveyResult):
-    """Result of `survey_envelope`: dataset with trims over (condition, altitude, mach) and flights from them.
+    """Result of `survey_envelope`: dataset with trims over (condition, altitude, mach) and flights from the trims.
 
-    Variables of the flights also have the axis (command). Without a trim or flight, numbers are NaN and codes 0.
+    Variables of the flights also have the axis (command). Missing numbers are NaN, missing codes 0.
     """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
         """Return the number of flights by "outcome: reason", then by condition (level, climb, ...).
 
-        `with_reserve` counts only flights from trims that leave a tenth of power and deflections
-        (`TrimMap.with_reserve`).
+        If `with_reserve` is True, only flights from trims with a reserve (`TrimMap.with_reserve`) count.
         """
         outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
         if with_reserve:
@@ -287,9 +274,9 @@ class EnvelopeSurvey(SurveyResult):
         return counts
 
     def shortfalls(self) -> list[str]:
-        """Return a line for each failed flight that no limit explains; only flights whose trim has reserve count.
+        """Return a line for each failed flight that no limit explains.
 
-        The reserve is a tenth of power and deflections (`TrimMap.with_reserve`).
+        Only flights from trims with a reserve (`TrimMap.with_reserve`) count.
         """
         data = self.dataset
         unexplained = data["with_reserve"] & (data["reason"] == REASONS.index("unexplained"))
@@ -320,8 +307,8 @@ def survey_envelope(
 
     Level flight, climb, descent and turns (`anser.analysis.envelope.CONDITIONS`) are trimmed at each altitude and Mach
     number in the standard atmosphere and still air. From each trimmable point the autopilot flies steps of airspeed,
-    path angle and course (`COMMANDS`), with the published gains for an F-16, otherwise gains derived at the point.
-    Speed steps of an aircraft other than an F-16 are in proportion to the airspeed.
+    path angle and course (`COMMANDS`). An F-16 has the published gains; another aircraft has gains derived at the
+    point, and its speed steps are in proportion to the airspeed.
 
     Raises ValueError if the aircraft is unknown, an axis does not consist of increasing numbers, no point can be
     trimmed, or a flight has fewer than 100 samples.

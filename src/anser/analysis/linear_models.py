@@ -1,7 +1,4 @@
-"""Linear model of an aircraft about a trim point, with its modes.
-
-The result can be had as a labelled dataset, as JSON and as a system of the python-control library.
-"""
+"""Linear model of an aircraft about a trim point, with its modes, as a dataset, JSON or a python-control system."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -92,10 +89,13 @@ def linear_dataset(
 ) -> xr.Dataset:
     """Return a linear model and its modes (`modes_of`) as a labelled dataset; `attributes`: aircraft and condition.
 
-    The dataset has A (state_rate, state), B (state_rate, input), C (output, state), D (output, input), the reference
-    condition, figures such as the damping ratio over (mode), and participation factors over (mode, wind_state), see
-    `wind_axis_states`. The unit of an element of A or B is the row's unit (per second in continuous time) divided by
-    the column's unit; units are the coordinates `state_unit`, `input_unit`, `output_unit`. Infinite times are inf.
+    - matrices A (state_rate, state), B (state_rate, input), C (output, state), D (output, input)
+    - states, their rates, inputs and outputs at the reference condition
+    - figures such as the damping ratio over (mode), infinite times as inf; participation factors over (mode,
+      wind_state), see `wind_axis_states`
+
+    The coordinates `state_unit`, `input_unit` and `output_unit` are the units of the signals. An element of a matrix
+    has the unit of the row divided by the unit of the column; rows of A and B are per second in continuous time.
     """
     sampled = float(model.step) > 0
     wind_states, _ = wind_axis_states(model)
@@ -136,7 +136,7 @@ def linear_document(
 ) -> dict[str, Any]:
     """Return the content of `linear_dataset` as plain data for JSON.
 
-    Infinite times are None; participation factors below 0.005 are left out.
+    Infinite times are None; participation factors below 0.005 are omitted.
     """
     return {
         "format_version": LINEAR_FORMAT_VERSION,
@@ -180,7 +180,7 @@ def _figure(mode: Mode, figure: str) -> float:
 _ERROR_TOLERANCE = 0.01
 """Largest control error at which a loop holds a trim point, in rad, rad/s or m/s.
 
-In a steady turn the loop commands zero sideslip, and the trim point has some tenths of a millirad."""
+The trim point of a steady turn has a sideslip below 0.001 rad, but the loop commands zero sideslip."""
 
 _MODE_COLUMNS = ("mode", "natural frequency, rad/s", "damping ratio", "time constant, s")
 
@@ -191,7 +191,7 @@ _open_model = compiled(linear_model)
 class LinearizationResult:
     """Result of a linearization: linear model, modes (fastest first) and trim point; prints as a table of the modes.
 
-    `condition` contains aircraft, linearized loop, airspeed, altitude, angles and rates, with units in the names.
+    `condition` has aircraft, linearized loop, airspeed, altitude, angles and rates, with units in the names.
     """
 
     model: LinearModel
@@ -256,7 +256,7 @@ class LinearizationResult:
     def write(self, path: Path) -> None:
         """Write the model and its modes to a new file: NetCDF or JSON, by the suffix .nc or .json.
 
-        Raises FileExistsError if `path` exists, and ValueError for another suffix.
+        Raises FileExistsError if `path` exists, and ValueError if the suffix is neither .nc nor .json.
         """
         if path.suffix == ".nc":
             write_netcdf(self.dataset, path)
@@ -288,8 +288,9 @@ def linearize(
 ) -> LinearizationResult:
     """Trim an aircraft, and return the linear model of the airframe alone or with a loop of its autopilot closed.
 
-    Raises ConditionError, with the reason, if the steady flight does not exist, the loop does not hold the flight, or
-    the nose or the path is within 1 deg of the vertical; ValueError if an argument is not valid, as for `trim`.
+    Raises ConditionError, with the reason, if the steady flight does not exist, if the loop does not hold the flight,
+    or if the nose or the path is within 1 deg of the vertical. Raises ValueError if an argument is not valid, as `trim`
+    does.
 
     Parameters
     ----------
@@ -302,8 +303,8 @@ def linearize(
     path_rate_deg_s
         Rate of the climb angle, up positive.
     loop
-        "open": the airframe alone, in continuous time. Otherwise the outermost closed loop of the autopilot, whose
-        commands are the inputs of a sampled model.
+        "open": the airframe alone, in continuous time. Another value: the outermost closed loop of the autopilot; the
+        model is sampled, and its inputs are the commands to this loop.
     actuators
         True: in the open loop, the inputs are commands to the actuators, and the deflections are states. False: the
         inputs are the deflections themselves. A closed loop always contains the actuators.
@@ -312,8 +313,8 @@ def linearize(
     environment
         Air, wind and gravity; None: standard atmosphere and gravity, no wind.
     gains
-        Gains of the autopilot; None: the published gains of the F-16, or gains derived from the aircraft. Limits are
-        those of the step tests: default limits of the F-16, or limits derived from the aircraft.
+        Gains of the autopilot; None: the published gains of the F-16, or gains derived from the aircraft. The F-16 has
+        default limits of the autopilot, another aircraft has derived limits.
     """
     enable_compilation_cache()
     require_step(step_s)
@@ -353,10 +354,7 @@ def linearize(
 
 
 def _check_held(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
-    """Raise ConditionError if the closed loop leaves the trim point at once.
-
-    The cause, named in the message, is an airspeed outside the limits of the velocity loop, or a command at a limit.
-    """
+    """Raise ConditionError, with the cause, if the closed loop leaves the trim point at once."""
     V, low, high = (float(speed) for speed in (model.x[0], limits.speed_min, limits.speed_max))
     if loop == "velocity" and not low <= V <= high:
         raise ConditionError(

@@ -80,7 +80,7 @@ def coordinates_of(environment: Environment, state: AircraftState) -> Coordinate
 def state_at(environment: Environment, coordinates: Coordinates, template: AircraftState) -> AircraftState:
     """Return the aircraft state of a vector `coordinates`, the inverse of `coordinates_of`.
 
-    North, east and the structure of engine and actuators are those of `template`.
+    North, east, and the structure of the states of engine and actuators come from `template`.
     """
     V, alpha, beta, phi, theta, psi = coordinates[:6]
     position_n = jnp.stack([template.position_n[0], template.position_n[1], -coordinates[9]])
@@ -99,10 +99,7 @@ def state_at(environment: Environment, coordinates: Coordinates, template: Aircr
 
 
 def air_outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Float[Array, "4"]:
-    """Return the values of `AIR_OUTPUTS` in a state: normal load factor, then path angle, course and bank, in rad.
-
-    The path angle, the course and the axis of the bank are those of the velocity relative to the air.
-    """
+    """Return the values of `AIR_OUTPUTS` in a state: normal load factor, path angle, course and bank (rad)."""
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     _, alpha, beta = flow_angles(velocity_air_b)
     gamma, chi = path_angles(velocity_air_n)
@@ -115,8 +112,7 @@ def air_outputs(airframe: AbstractAirframe, environment: Environment, state: Air
 def is_regular(environment: Environment, state: AircraftState) -> Flag:
     """Return whether Euler angles, course and flow angles are well defined at a state.
 
-    False within 1 deg of a vertical nose (roll and yaw coincide), of a vertical path (no course) and of 90 deg of
-    sideslip (no angle of attack), and without airspeed.
+    The result is False if the airspeed is zero, or within 1 deg of a vertical nose or path or of 90 deg of sideslip.
     """
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     V, _, beta = flow_angles(velocity_air_b)
@@ -136,9 +132,7 @@ def _through_air(environment: Environment, state: AircraftState) -> tuple[Vector
 class LinearModel(eqx.Module):
     """Linear model of small deviations d from a reference flight condition; SI units, radians, engine power in percent.
 
-    Continuous time: dx_dot = A dx + B du, dy = C dx + D du. If `step` (s) is not 0, the model is sampled: dx(k+1) = A
-    dx(k) + B du(k). `x`, `u`, `y` and `x_dot` are the values at the reference; `regular` is False within 1 deg of a
-    vertical nose or path or of 90 deg of sideslip.
+    Continuous time (`step` 0): dx_dot = A dx + B du, dy = C dx + D du. Sampled: dx(k+1) = A dx(k) + B du(k).
     """
 
     # matrices; rows and columns in the order of the names
@@ -150,8 +144,8 @@ class LinearModel(eqx.Module):
     x: Float[Array, " state"]
     u: Float[Array, " input"]
     y: Float[Array, " output"]
-    # rates of the states at the reference condition. Only heading, altitude and the pitch angle of a pull-up may have
-    # nonzero rates in steady flight. Sampled models: mean rates over a step
+    # rates of the states at the reference condition (sampled models: mean rates over a step). In steady flight only
+    # heading, altitude and the pitch angle of a pull-up may have nonzero rates
     x_dot: Float[Array, " state"]
     step: Scalar  # sampling period, s; 0 for continuous time
     regular: Flag  # False within 1 deg of a vertical nose or path, or of 90 deg of sideslip: see `is_regular`
@@ -173,19 +167,18 @@ def linearize(
 ) -> LinearModel:
     """Linearize the six-degree-of-freedom motion over a flat Earth about any condition, in continuous time.
 
-    The derivatives are exact. At a kink of a table or of the engine's lag, the derivative is that of the side used by
-    the look-up (the cell above a breakpoint); at a stop of the throttle or of an actuator, the mean of both sides.
+    The derivatives are exact. At a kink of a table or of the engine's lag, the derivative is one-sided (table: the cell
+    above the breakpoint); at a stop of the throttle or of an actuator, the derivative is the mean of both sides.
 
-    Raises TypeError if the Earth is not flat: the classical states are defined over a flat Earth.
+    Raises TypeError if the Earth is not flat.
 
     Parameters
     ----------
     state, controls
         Reference condition, for instance of a `TrimPoint`.
     actuators
-        False: the inputs are the throttle and the deflections of the airframe's surfaces, with the values in
-        `controls`. True: the inputs are the throttle and the commands to the actuators, and the actuators' states are
-        added to the states.
+        False: the inputs are the throttle and the deflections of the surfaces. True: the inputs are the throttle and
+        the commands to the actuators, and the states of the actuators are added.
     """
     require_flat_earth(environment)
     names = all_states(airframe) if actuators else body_states(airframe)
@@ -227,16 +220,14 @@ class Linearization(NamedTuple):
 
 
 def linearize_function(function: Callable[[Array], Array], point: Float[Array, " column"]) -> Linearization:
-    """Return value and Jacobian of a vector function at a point, by forward-mode differentiation column by column.
-
-    `jax.jacfwd` gives the same Jacobian, but takes twice as long to compile.
-    """
+    """Return value and Jacobian of a vector function at a point."""
+    # `jax.jacfwd` gives the same Jacobian, but takes twice as long to compile
     values, columns = jax.lax.map(lambda tangent: jax.jvp(function, (point,), (tangent,)), jnp.eye(point.size))
     return Linearization(values[0], columns.T)
 
 
 def require_flat_earth(environment: Environment) -> None:
-    """Raise TypeError unless the environment's Earth is flat, as the states V to altitude require."""
+    """Raise TypeError unless the environment's Earth is flat, as the states of `all_states` require."""
     if not isinstance(environment.earth, FlatEarth):
         raise TypeError(
             f"linearization: the environment's Earth is a {type(environment.earth).__name__}; "
@@ -261,7 +252,7 @@ _LOOP_STATE_FIELDS: dict[Loop, tuple[str, ...]] = {
     "attitude": ("attitude_integral", "rates_filter", "surfaces_slow"),
     "velocity": ("velocity_integral", "attitude_filter"),
 }
-"""For each loop, the fields of `AutopilotState` that the loop adds to those of its inner loops."""
+"""Fields of `AutopilotState` that each loop adds to the fields of its inner loops."""
 SENSOR_STATE_FIELDS = (
     "residual",
     (
@@ -276,15 +267,15 @@ _EULER_ANGLES = slice(3, 6)
 
 
 def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
-    """Linearize a sampled loop about a trim point: dx(k+1) = A dx(k) + B dc(k).
+    """Linearize a sampled loop of the autopilot about a trim point: dx(k+1) = A dx(k) + B dc(k).
 
-    States x: aircraft with actuators, then the autopilot's integrals and filters; for incremental inversion (sensor
-    bandwidth above 0) also the onboard model's residual, from measured forces and accelerations. Inputs c: commands to
-    the three channels of the loop, constant over a step; the throttle stays at trim unless `loop` is "velocity". In
-    each step the control law is evaluated, then the motion is integrated. At a limit of a command, a surface or the
-    throttle the loop is open, and so is the model.
+    - States x: aircraft with actuators, then integrals and filters of the autopilot; for incremental inversion (sensor
+      bandwidth above 0) also the onboard model's residual, the difference between measured and modelled accelerations.
+    - Inputs c: commands to the three channels of the loop, constant over a step. The throttle stays at trim unless
+      `loop` is "velocity".
 
-    The sensor bandwidth must be a number that JAX does not trace. Raises TypeError if the Earth is not flat.
+    If a command, a surface or the throttle is at a limit, the loop is open, and so is the model. The sensor bandwidth
+    must be a number that JAX does not trace. Raises TypeError if the Earth is not flat.
     """
     require_flat_earth(case.environment)
     # Compiled in two parts: the motion, by far the larger part, is common to the loops.
@@ -323,10 +314,9 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
 
 @compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Linearization]:
-    """Return the states and the commands at the trim point, and the linearized control law.
+    """Return states and commands at the trim point, and the linearized control law.
 
-    The law maps states, then commands, to surfaces (rad), throttle and the next values of `fields`, the fields of
-    `AutopilotState` that take part in the loop.
+    The law maps (states, commands) to (surfaces in rad, throttle, next values of `fields` of `AutopilotState`).
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
@@ -355,8 +345,8 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
 def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linearization:
     """Linearize one sampling step of the motion about a trim point.
 
-    Arguments of the linear function: state (`all_states`), then surfaces (rad) and throttle, at the values `controls`.
-    Values: the next state, then the outputs `AIR_OUTPUTS` before the step.
+    The function maps (state, surfaces, throttle), the last two at the values `controls` (rad, 0 to 1), to (next state,
+    `AIR_OUTPUTS` before the step). A state has the elements of `all_states`.
     """
     airframe, environment, start = case.airframe, case.environment, case.trim.state
     aircraft_size = len(all_states(airframe))
@@ -377,7 +367,7 @@ def split_like(flat: Float[Array, " element"], templates: Sequence[Array]) -> li
 
 
 def state_fields_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
-    """Return pairs of a field of `AutopilotState` and the names of its elements, for a loop and its inner loops."""
+    """Return the fields of `AutopilotState` for a loop and its inner loops, each with the names of its elements."""
     elements, fields = {**CHANNELS, "surfaces": airframe.actuators.names}, []
     for inner in CHANNELS:
         for field in _LOOP_STATE_FIELDS[inner]:

@@ -1,10 +1,13 @@
 """Stability margins of sampled loops: gain, phase, delay and disk margins at breakpoints of the autopilot.
 
-The margins with a single loop broken are computed from the closed-loop response to a test input w at the breakpoint:
-with u = z + w there and z = T_zw w in the closed loop, the loop transfer function of negative feedback is
-L = -T_zw / (1 + T_zw), the sensitivity S = 1 / (1 + L) = 1 + T_zw, the complementary sensitivity T = 1 - S, and
-S - T = 1 + 2 T_zw. Disk margin: P. Seiler, A. Packard, P. Gahinet, "An Introduction to Disk Margins", *IEEE Control
-Systems* 40(5), 2020, with skew 0.
+At a breakpoint the test input w is added to the signal z, u = z + w. The closed-loop response z = T_zw w gives
+
+- the loop transfer function of negative feedback L = -T_zw / (1 + T_zw),
+- the sensitivity S = 1 / (1 + L) = 1 + T_zw,
+- the complementary sensitivity T = 1 - S, hence S - T = 1 + 2 T_zw.
+
+Disk margin: P. Seiler, A. Packard, P. Gahinet, "An Introduction to Disk Margins", *IEEE Control Systems* 40(5), 2020,
+with skew 0.
 """
 
 import dataclasses
@@ -49,9 +52,7 @@ from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
 
 INNER_BREAKPOINTS = ("throttle", "P", "Q", "R", "mu", "alpha")
-"""Breakpoints besides the commands to the actuators: engine command, body-rate commands and attitude commands.
-
-The commanded sideslip is always 0: no loop runs through it."""
+"""Breakpoints besides the commands to the actuators: engine command, body-rate commands and attitude commands."""
 SATURABLE_COMMANDS = ("thrust", "alpha or load factor", "bank", "body rates", "surfaces")
 """Commands of the autopilot that can be at a limit, which opens the loop; "surfaces": deflection or rate limit."""
 
@@ -61,8 +62,7 @@ StateFields = tuple[str, ...]
 class ExcitedLoop(eqx.Module):
     """Closed loop about a trim point with test inputs w: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
 
-    At each breakpoint u = z + w: the autopilot computes the command z, w is the test input, u is passed on. `limited`
-    tells which of `SATURABLE_COMMANDS` are at a limit, so that the autopilot does not hold the trim.
+    At each breakpoint the autopilot computes z, and u = z + w is passed on.
     """
 
     # matrices; w and z in the order of `breakpoints`. A command never depends on its test input within a sample: the
@@ -71,7 +71,7 @@ class ExcitedLoop(eqx.Module):
     B: Float[Array, "state breakpoint"]
     C: Float[Array, "breakpoint state"]
     D: Float[Array, "breakpoint breakpoint"]
-    # True for each of `SATURABLE_COMMANDS` at a limit in the trim point: the autopilot does not hold the trim
+    # for each of `SATURABLE_COMMANDS`, whether the command is at a limit and the autopilot does not hold the trim
     limited: Bool[Array, "5"]
 
 
@@ -81,10 +81,7 @@ def breakpoints(airframe: AbstractAirframe) -> tuple[str, ...]:
 
 
 def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> StateFields:
-    """Return the fields of `AutopilotState` that take part in the closed loop; the gains must not be traced.
-
-    The residual of the onboard model is omitted for model-based inversion, the attitude integrals if their gain is 0.
-    """
+    """Return the fields of `AutopilotState` that take part in the closed loop; JAX must not trace the gains."""
     fields = [field for field, _ in state_fields_of("velocity", airframe)]
     if not bool(jnp.any(gains.attitude.integral != 0.0)):
         fields.remove("attitude_integral")
@@ -94,11 +91,8 @@ def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> Stat
 def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     """Linearize the sampled closed loop about a trim point, with a test input at each breakpoint.
 
-    In each step the control law is evaluated, then the motion is integrated. The command is the steady flight of the
-    trim point; in a steady turn, the commanded course turns with the aircraft.
-
-    `fields` is the result of `loop_state_fields`, a static argument of compiled functions. Raises TypeError if the
-    Earth is not flat.
+    The command is the steady flight of the trim point; in a steady turn, the commanded course turns with the aircraft.
+    `fields` is the result of `loop_state_fields`. Raises TypeError if the Earth is not flat.
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     require_flat_earth(environment)
@@ -133,8 +127,8 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     state_slope = state_slope.at[:, :aircraft_size].add(by_state)
     A, B = jnp.split(jnp.concatenate([state_slope, autopilot_slope]), [x.size - 5], axis=1)
     C, D = jnp.split(z, [x.size - 5], axis=1)
-    # A surface without an immediate response to its command is at a stop or at its rate limit: the autopilot does not
-    # hold the trim, for instance because of a sideslip.
+    # A surface that does not respond at once to its command is at a stop or at its rate limit; the autopilot then does
+    # not hold the trim, for instance because of a sideslip.
     commanded, is_stuck = jnp.asarray(airframe.actuators.is_commanded), jnp.all(by_command[:, :-1] == 0.0, axis=0)
     # Test inputs at the commands to surfaces and throttle act downstream of the autopilot.
     to_controls = jnp.concatenate([by_command, jnp.zeros((autopilot_slope.shape[0], controls_size))])
@@ -154,8 +148,8 @@ FREQUENCY_COUNT = 240
 NEUTRAL_POLE_TOLERANCE = 1e-6
 """Distance outside the unit circle up to which a pole counts as stable.
 
-Altitude is not controlled and has a pole on the circle, which rounding moves by less. Motion of a pole at this distance
-doubles in 2 h."""
+Altitude is not controlled and has a pole on the circle, which rounding moves by less. At this distance the amplitude of
+a mode doubles in 2 h."""
 
 _BISECTIONS = 30
 _SECANT_STEPS = 14
@@ -163,45 +157,35 @@ _REAL_AXIS_TOLERANCE = 5.0 * DEG_RAD
 _STATIC_SLOPE = 0.01
 """Greatest slope of log |L| over log omega at which a response counts as static.
 
-A first-order lag five degrees from the real axis has this slope, an integrator -1."""
+A first-order lag has this slope at a phase of 5 deg; an integrator has -1."""
 _BALANCING_STEPS = 6
 
 
 class Margins(eqx.Module):
-    """Gain, phase, delay and disk margins of a loop that is broken at one breakpoint; inf (`gain_down`: 0) for none.
+    """Gain, phase, delay and disk margins of a loop that is broken at one breakpoint."""
 
-    Gains are factors; `phase` is in rad, `delay` in s, `disk` the radius of the symmetric disk margin, 0 to 2. Beyond
-    the factors `..._searched`, a boundary of stability could lie below the lowest frequency. `..._at` and `crossover`
-    (rad/s) are the frequencies of gain and phase margins.
-    """
-
-    # factors of gain increase and decrease up to the boundary of stability, a pole on the unit circle; inf and 0 if no
-    # boundary was found
+    # factors of gain increase and decrease up to the boundary of stability; inf and 0 if no boundary was found
     gain_up: Scalar
     gain_down: Scalar
-    # bounds of the searched factors: a boundary beyond would lie below the lowest frequency. inf and 0 if the response
-    # at the lowest frequency excludes a boundary below
+    # bounds of the searched factors: beyond the bounds, a boundary would lie below the lowest frequency. inf and 0 if
+    # the response at the lowest frequency excludes such a boundary
     gain_up_searched: Scalar
     gain_down_searched: Scalar
-    phase: Scalar  # least phase margin over the gain crossovers, in either direction, rad; inf without a crossover
-    # least destabilizing delay, s: remaining phase lag over frequency, least over the gain crossovers. Exact for whole
+    phase: Scalar  # least phase margin over the gain crossovers, in either direction, rad; inf: no crossover
+    # least destabilizing delay, s: minimum over the gain crossovers of remaining phase lag / frequency. Exact for whole
     # sampling periods
     delay: Scalar
     # radius alpha of the symmetric disk margin, 0 to 2: simultaneous gain factor from (2 - alpha)/(2 + alpha) to the
     # reciprocal and phase up to 2 atan(alpha/2)
     disk: Scalar
-    # frequencies of the gain margins and of the phase margin, rad/s; nan without a margin
+    # frequencies of the gain margins and of the phase margin, rad/s; NaN: no margin
     gain_up_at: Scalar
     gain_down_at: Scalar
     crossover: Scalar
 
 
 class LoopAnalysis(eqx.Module):
-    """Sampled closed loop about a trim point: state matrix, commands at a limit, and margins at the breakpoints.
-
-    `limited` has a flag for each of `SATURABLE_COMMANDS`; `actuators_disk` is the disk margin for independent changes
-    at all actuators at once.
-    """
+    """Sampled closed loop about a trim point: state matrix, commands at a limit, and margins at the breakpoints."""
 
     A: Float[Array, "state state"]
     limited: Bool[Array, "5"]  # for each of `SATURABLE_COMMANDS`, whether the command is at a limit
@@ -210,24 +194,17 @@ class LoopAnalysis(eqx.Module):
 
 
 class LoopResponse(eqx.Module):
-    """Frequency responses over `omega` (rad/s) at each breakpoint, with the loop broken there and closed elsewhere.
+    """Frequency responses of the loops that are broken at one breakpoint each; the remaining loops stay closed."""
 
-    `open` is the loop transfer function L of negative feedback, `difference` sensitivity less complementary
-    sensitivity, S - T; `actuators_difference` bounds the structured singular value of S - T with all actuators broken
-    at once.
-    """
-
-    omega: Float[Array, " frequency"]
-    open: Complex[Array, "frequency breakpoint"]
-    difference: Complex[Array, "frequency breakpoint"]
+    omega: Float[Array, " frequency"]  # rad/s
+    open: Complex[Array, "frequency breakpoint"]  # loop transfer function L of negative feedback
+    difference: Complex[Array, "frequency breakpoint"]  # S - T, sensitivity minus complementary sensitivity
+    # bound of the structured singular value of S - T with all actuators broken at once
     actuators_difference: Float[Array, " frequency"]
 
 
 def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, LoopResponse]:
-    """Return margins and frequency responses at every breakpoint of the autopilot at a trim point.
-
-    `fields` is the result of `loop_state_fields`.
-    """
+    """Return margins and frequency responses of the loop at every breakpoint; `fields`: see `loop_state_fields`."""
     loop = excited_loop(case, fields)
     response = loop_response(loop, case.step, frequencies(case.step))
     margins, actuators_disk = loop_margins(loop, case.step, response)
@@ -242,8 +219,8 @@ def analyse_rows(
 ) -> tuple[LoopAnalysis, LoopResponse]:
     """Return margins and frequency responses at each of several trim points (leading axis), in one compiled batch.
 
-    `fixed` contains airframe, environment, gains, limits, sampling period (s) and onboard model (None: the airframe);
-    gains in `rows`, if any, replace the common gains; `fields` is the result of `loop_state_fields`.
+    `fixed`: airframe, environment, gains, limits, sampling period (s), onboard model (None: the airframe). Gains in
+    `rows` replace the common gains unless None. `fields`: see `loop_state_fields`.
     """
     airframe, environment, common_gains, limits, step, model = fixed
 
@@ -276,7 +253,7 @@ def _response_at(w: Scalar, step: ScalarLike, A: Array, B: Array, C: Array, D: A
 def loop_margins(loop: ExcitedLoop, step: ScalarLike, response: LoopResponse) -> tuple[Margins, Scalar]:
     """Return the margins at each breakpoint, and the disk margin for simultaneous changes at all actuators.
 
-    Margins are meaningful only if the closed loop is stable: see `largest_pole`. `response` is the result of
+    Margins are meaningful only if the closed loop is stable (`largest_pole`). `response` must be the result of
     `loop_response` for the same loop and step (s).
     """
 
@@ -302,17 +279,13 @@ def margins_of(
 ) -> Margins:
     """Return the margins of a loop from its frequency response.
 
-    The frequencies `omega` (rad/s) have equal logarithmic steps; the last is the Nyquist frequency or beyond the loop's
-    dynamics. `open_loop` is the loop transfer function L of negative feedback, `difference` is S - T; `loop_at` returns
-    L at any frequency (rad/s).
-
-    Between two frequencies the logarithm of the response is interpolated by a cubic through four frequencies, to choose
-    the crossing with the least margin; that crossing is then solved with `loop_at`. A resonance narrower than the
-    spacing of the frequencies can be missed. The response at the last frequency, and at the first if it has reached its
-    static value, counts as a crossing if it lies on the negative real axis.
+    `omega` (rad/s) must have equal logarithmic steps and end at the Nyquist frequency or beyond the loop's dynamics.
+    `open_loop` is the loop transfer function L of negative feedback, `difference` is S - T; `loop_at` returns L at any
+    frequency (rad/s). A resonance narrower than the spacing of the frequencies can be missed.
     """
     logs, size = jnp.log(omega), jnp.log(jnp.abs(open_loop))
     angle = jnp.unwrap(jnp.angle(-open_loop))  # 0: on the negative real axis
+    # Cubics through four frequencies choose the crossing with the least margin, which `loop_at` then refines.
     stencil_start = jnp.clip(jnp.arange(omega.size - 1) - 1, 0, omega.size - 4)
     interval_start = jnp.arange(omega.size - 1) - stencil_start
     stencil = stencil_start[:, None] + jnp.arange(4)[None, :]
@@ -348,6 +321,7 @@ def margins_of(
     phase = jnp.where(exists[0], jnp.minimum(lag[0], 2 * jnp.pi - lag[0]), jnp.inf)
     delay = jnp.where(exists[1], lag[1] / frequency[1], jnp.inf)
 
+    # The responses at the first frequency (if static) and the last count as crossings on the negative real axis.
     # A static response ends on the real axis; there a real pole passes 1. An integrator's response goes to infinity,
     # even along the negative axis, without a boundary. At the Nyquist frequency (pole at -1) every response is real.
     slope = (size[1] - size[0]) / (logs[1] - logs[0])
@@ -386,7 +360,7 @@ def margins_of(
 
 
 def largest_pole(A: np.ndarray) -> np.ndarray:
-    """Return the pole of largest modulus, imaginary part >= 0, of each sampled state matrix, (..., state, state)."""
+    """Return the pole of largest modulus (imaginary part >= 0) of each sampled state matrix, (..., state, state)."""
     poles = np.linalg.eigvals(A)
     pole = np.take_along_axis(poles, np.abs(poles).argmax(axis=-1)[..., None], axis=-1)[..., 0]
     return pole.real + 1j * np.abs(pole.imag)
@@ -400,7 +374,7 @@ def _actuators(breakpoints: int) -> slice:
 def _least_with_frequency(
     values: Float[Array, " n"], frequency: Float[Array, " n"], is_candidate: Bool[Array, " n"]
 ) -> tuple[Scalar, Scalar]:
-    """Return the least value among the candidates, and its frequency (rad/s); inf and nan without a candidate."""
+    """Return the least value among the candidates, and its frequency (rad/s); inf and NaN if no candidate exists."""
     k = jnp.argmin(jnp.where(is_candidate, values, jnp.inf))
     return jnp.where(is_candidate[k], values[k], jnp.inf), jnp.where(is_candidate[k], frequency[k], jnp.nan)
 
@@ -420,7 +394,7 @@ def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval
 def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tuple[Array, Float[Array, " interval"]]:
     """Return, for each cubic through `values` at 0 to 3, whether it crosses zero, and the position of the zero.
 
-    A zero is searched from `interval_start` to `interval_start` + 1; without a zero, the position has no meaning.
+    The zero is searched from `interval_start` to `interval_start` + 1; the position has no meaning if no zero exists.
     """
     low = interval_start.astype(values.dtype)
     sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)

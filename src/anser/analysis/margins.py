@@ -51,10 +51,7 @@ no_trim: no steady flight exists; held_back: a command of the autopilot is at a 
 
 
 def _response_variables(response: LoopResponse) -> dict[str, Any]:
-    """Return gain (dB) and phase (deg) of the loop transfer function at each breakpoint, for a single trim point.
-
-    The values are dataset variables over (breakpoint, frequency); the phase is unwrapped.
-    """
+    """Return gain (dB) and unwrapped phase (deg) of the open loops, dataset variables over (breakpoint, frequency)."""
     loops = np.asarray(response.open)[0].T
     dimensions = ("breakpoint", "frequency")
     phase = np.unwrap(np.angle(loops), axis=1) * RAD_DEG
@@ -69,12 +66,11 @@ def _response_variables(response: LoopResponse) -> dict[str, Any]:
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
-    """Return the statistics of the dataset of `survey_margins`, a row per breakpoint.
+    """Return the statistics of a dataset of `survey_margins` over the stable points, a row per breakpoint.
 
-    A row has least value, 5th percentile and median of the gain (dB), phase (deg), delay (ms) and disk margin over the
-    stable points, and the number of points with less than `GAIN_MIN_DB` or `PHASE_MIN_DEG`. `with_reserve` counts only
-    points with a tenth of power and deflections left. Infinite statistics are None, and so are all without such a
-    point.
+    A row has minimum, 5th percentile and median of the gain (dB), phase (deg), delay (ms) and disk margins, and the
+    number `short` of points below `GAIN_MIN_DB` or `PHASE_MIN_DEG`. If `with_reserve` is True, only points with a tenth
+    of power and deflections left count. A statistic is None if it is infinite or no point counts.
     """
     is_selected = dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("stable")
     if with_reserve:
@@ -94,10 +90,9 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
 
 
 def _margin_variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> SurveyVariables:
-    """Return margins, poles and flags as dataset variables over all points; NaN (flags: 0) at points without trim.
+    """Return margins, poles and flags as dataset variables over all points; missing numbers are NaN, missing flags 0.
 
-    `analysis` has the points with a trim only, which `trimmable` marks among all points; `step_s` is the sampling
-    period.
+    `trimmable` marks the points that `analysis` contains; `step_s` is the sampling period.
     """
     pole = largest_pole(np.asarray(analysis.A)) if trimmable.any() else np.zeros(0, dtype=complex)
     rate = np.log(pole) / step_s
@@ -266,7 +261,7 @@ def margins_at(
     points = map_points((airframe, environment), (jax.tree.map(lambda leaf: leaf[None], target), None))
     if not bool(points.trimmable[0]):
         raise ConditionError(nearest_trims(airframe, environment, target).message())
-    # a batch of the survey's size: one compiled program for both
+    # a batch of the size in `survey_margins`: one compiled program for the two functions
     limits = survey_limits(airframe, speed_m_s)
     analysis, response = _analyse_rows(
         survey, "breaking the loops", limits, points.trim, step_s, inversion, gains, model
@@ -303,10 +298,9 @@ def survey_margins(
 ) -> MarginSurvey:
     """Compute the stability margins at every trimmable point of a grid of steady flights, altitudes and Mach numbers.
 
-    Steady flights (level, climb, descent, turns), grid and autopilot limits are those of `survey_envelope`, in the
-    standard atmosphere and still air. Parameters: see `survey_envelope`; `gains`: gains of the autopilot, None: the
-    published gains of the F-16, or gains derived from the aircraft. Raises ValueError if the aircraft is unknown, an
-    axis does not increase, or no point can be trimmed.
+    Grid, autopilot limits and parameters are described in `survey_envelope`. `gains` are the gains of the autopilot;
+    None: the published gains of the F-16, or gains derived from the aircraft. Raises ValueError if the aircraft is
+    unknown, an axis does not increase, or no point can be trimmed.
     """
     require_step(step_s)
     require_inversion(inversion)

@@ -1,7 +1,4 @@
-"""Modes of a linear model, with participation factors and classical names.
-
-The poles of the autopilot's loops are compared with those of ideal dynamic inversion.
-"""
+"""Modes of a linear model: participation factors, classical names, and comparison with ideal dynamic inversion."""
 
 import dataclasses
 import math
@@ -27,7 +24,7 @@ _FAMILIES = {
 }
 """Classical oscillations, each with its family: the wind-axis states that mainly participate."""
 _FALLING_APART = ("short period", "phugoid", "Dutch roll")
-"""Oscillations that can become two real modes."""
+"""Oscillations that can split into two real modes."""
 _LONE = {"P_w": "roll", "mu": "spiral", "power": "engine", "altitude": "altitude", "chi": "heading"}
 """Name of a real mode by the state with more than half of the participation; actuators are named separately."""
 _OF_FLIGHT = {"V", "alpha", "beta", "mu", "gamma", "chi", "P_w", "Q", "R_w", "altitude", "power"}
@@ -38,12 +35,12 @@ _OF_REAL = 0.5
 _OF_MERGED = 0.9
 """Least share of the participation that names an oscillation, a real mode, and merged oscillations.
 
-In straight flight of the F-16 from 70 to 300 m/s and of a light aircraft the oscillations have 0.89 or more, roll and
-spiral 0.57 (at 17 deg of angle of attack) or more; mergers have 0.99."""
+In straight flight of the F-16 from 70 to 300 m/s and of a light aircraft, oscillations have at least 0.89, roll and
+spiral at least 0.57, merged oscillations 0.99."""
 
 
 class ModeCandidate(NamedTuple):
-    """Mode before naming: oscillatory or real, participation of each state (0 to 1), reliability of these numbers."""
+    """Mode before naming; `shares` (participations of the states, 0 to 1) have a meaning only if `is_reliable`."""
 
     is_oscillatory: bool
     shares: dict[str, float]
@@ -57,12 +54,12 @@ class ModeCandidate(NamedTuple):
 def classical_names(modes: Sequence[ModeCandidate]) -> list[str]:
     """Return names of the modes of an airframe without autopilot, "unnamed" if no name is certain or a name repeats.
 
-    - An oscillation with over 75 % of its participation in the states of a family is the short period, phugoid, Dutch
-      roll, lateral phugoid (merged roll and spiral), or an actuator mode.
-    - An oscillation with over 90 % in the states of short period and phugoid together is the third oscillatory mode.
-    - A real mode with over 50 % in a single state has its name: roll, spiral, engine, altitude, heading or an actuator.
-    - A further real mode with over 50 % in a family is "speed" if the family has an oscillation and V has over 50 %,
-      and "short period (real)" and so on if the family has no oscillation.
+    - Oscillation with over 75 % of the participation in one family of states: short period, phugoid, Dutch roll,
+      lateral phugoid (merged roll and spiral), or an actuator mode.
+    - Oscillation with over 90 % in the states of short period and phugoid together: third oscillatory mode.
+    - Real mode with over 50 % in one state: roll, spiral, engine, altitude, heading, or an actuator mode.
+    - Real mode with over 50 % in one family: "short period (real)" and so on if the family has no oscillation; "speed"
+      if the family has an oscillation and V has over 50 %.
     """
     names = [_pair_name(mode) if mode.is_oscillatory else _lone_name(mode) for mode in modes]
     for family in _FALLING_APART:
@@ -82,10 +79,7 @@ def classical_names(modes: Sequence[ModeCandidate]) -> list[str]:
 
 
 def state_names(modes: Sequence[ModeCandidate]) -> list[str]:
-    """Return names of modes from the dominant states: the fewest, three at most, with half of the participation.
-
-    A mode whose participation factors are not reliable is "unnamed".
-    """
+    """Return names of modes by their dominant states, at most three; "unnamed" if the participation is not reliable."""
     names = []
     for mode in modes:
         leading, total = [], 0.0
@@ -138,14 +132,9 @@ _ROUNDING = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class Mode:
-    """Mode of a linear model: a real eigenvalue (`order` 1) or a pair of conjugate eigenvalues (`order` 2).
+    """Mode of a linear model: a real eigenvalue (`order` 1) or a pair of conjugate eigenvalues (`order` 2)."""
 
-    `eigenvalue` (1/s, continuous time) has an imaginary part of 0 or more; `shares` are the participation factors of
-    the wind-axis states, 0 to 1, largest first.
-    """
-
-    # airframe without autopilot: classical name, or "unnamed" if the mode fits no family of states. Under an autopilot:
-    # the dominant states
+    # airframe alone: classical name, or "unnamed" if the mode fits no family of states; closed loop: dominant states
     name: str
     # in continuous time, 1/s, imaginary part not negative; log(eigenvalue)/step for a sampled model
     eigenvalue: complex
@@ -156,7 +145,7 @@ class Mode:
 
     @property
     def eigenvalues(self) -> tuple[complex, ...]:
-        """The real eigenvalue, or both eigenvalues of the conjugate pair, 1/s."""
+        """The real eigenvalue, or the two eigenvalues of the conjugate pair, 1/s."""
         return (self.eigenvalue,) if self.order == 1 else (self.eigenvalue, self.eigenvalue.conjugate())
 
     @property
@@ -173,7 +162,7 @@ class Mode:
 
     @property
     def time_constant(self) -> float:
-        """Time in which the amplitude falls by the factor e, s; negative if it grows; infinite if constant."""
+        """Time in which the amplitude falls by the factor e, s; negative for a growing mode; inf if constant."""
         return -1 / self.eigenvalue.real if self.eigenvalue.real else math.inf
 
     @property
@@ -183,16 +172,15 @@ class Mode:
 
     @property
     def time_to_half(self) -> float:
-        """Time to half amplitude, s; for a growing mode, minus the time to double amplitude; infinite if constant."""
+        """Time to half amplitude, s; for a growing mode, minus the time to double amplitude; inf if constant."""
         return math.log(2) * self.time_constant
 
 
 def wind_axis_states(model: LinearModel) -> tuple[tuple[str, ...], np.ndarray]:
     """Return the names of the wind-axis states, and the matrix that converts a model's states to wind-axis states.
 
-    Bank mu, path angle gamma and course chi replace roll, pitch and yaw; P_w and R_w (rates about the velocity and
-    about its normal in the plane of symmetry) replace P and R. Modes separate better in these states: at a high angle
-    of attack, a roll about the velocity has a yaw rate, and pitch is path angle plus angle of attack.
+    Bank mu, path angle gamma and course chi replace roll, pitch and yaw. P_w and R_w, the rates about the velocity and
+    about its normal in the plane of symmetry, replace P and R.
     """
     names, C = list(model.states), np.asarray(model.C)
     matrix = np.eye(len(names))
@@ -210,9 +198,8 @@ def wind_axis_states(model: LinearModel) -> tuple[tuple[str, ...], np.ndarray]:
 def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     """Return the modes of a linear model, continuous or sampled, fastest first.
 
-    Modes of a continuous model (airframe alone) have classical names (`classical_names`), modes of a sampled model
-    (autopilot) the names of the dominant states (`state_names`). Raises ValueError within 1 deg of a vertical nose or
-    path or of 90 deg of sideslip.
+    Modes of a continuous model (airframe alone) have `classical_names`; modes of a sampled model (autopilot) have
+    `state_names`. Raises ValueError if the reference condition is not regular (`is_regular`).
     """
     if not bool(model.regular):
         raise ValueError(
@@ -249,10 +236,9 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
 
 
 def _continuous(value: complex, step: float, largest: float) -> complex:
-    """Return the eigenvalue in continuous time, 1/s: log(value) / step, or `value` itself if `step` (s) is 0.
+    """Return an eigenvalue in continuous time, 1/s; the real part is -inf if the sampled mode vanishes within a step.
 
-    The real part is minus infinity if the sampled mode vanishes within a step: |value| is below 1e-9 of `largest`, the
-    modulus of the largest eigenvalue.
+    `step` (s) is 0 for a continuous model; `largest` is the greatest modulus of the eigenvalues.
     """
     if not step:
         return value
@@ -280,20 +266,15 @@ _LAGS: dict[Loop, tuple[str, ...]] = {
 
 @dataclasses.dataclass(frozen=True)
 class InversionPole:
-    """Pole of a loop under dynamic inversion, 1/s in continuous time, in three versions.
-
-    `ideal` is the pole of perfect inversion, `limit_pole` that of the loop with very fast sampling, filters and
-    actuators, which must agree with `ideal` within `tolerance`, and `sampled_pole` that of the loop as flown.
-    """
+    """Pole of a loop under dynamic inversion in three versions, 1/s in continuous time."""
 
     # root of (1 + K_D) s^2 + K_P s + K_I: the error dynamics of perfect inversion (theory section 5); if K_I is 0, root
     # of (1 + K_D) s + K_P
     ideal: complex
-    # pole of the loop with a sampling period of 0.5 ms and with command filters, actuator and engine inversion 10 to 70
-    # times as fast as the published values
+    # pole of the loop with a sampling period of 0.5 ms, and with command filters, actuators and engine inversion 10 to
+    # 70 times as fast as published
     limit_pole: complex
-    # tolerance of `limit_pole`: the remaining lags, T in sum (sampling period and 1/bandwidths), move a pole s by about
-    # s^2 T
+    # greatest |limit_pole - ideal|: |s|^2 T for a pole s, with the sum T of sampling period and 1/bandwidths
     tolerance: float
     sampled_pole: complex  # pole of the loop with the flown sampling period and bandwidths
 
@@ -301,9 +282,9 @@ class InversionPole:
 def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
     """Return the poles of a loop's three channels: ideal, in the limit of fast sampling and filters, and as flown.
 
-    Each ideal pole is matched with the nearest pole of the linearized loop that is not yet matched, so channels with
-    equal poles cannot be told apart. The trim point of `case` must be a straight flight: a turn has a little sideslip,
-    the velocity loop commands none, and in the fast limit the difference drives the engine to a limit.
+    The trim point of `case` must be a straight flight; with fast sampling, the sideslip of a turn drives the engine to
+    a limit. Each ideal pole is matched with the nearest free pole of the loop; channels with equal poles cannot be told
+    apart.
     """
 
     def poles(loop_case: LoopCase) -> list[complex]:

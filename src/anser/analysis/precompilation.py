@@ -17,9 +17,9 @@ from anser.scenario.schema import Scenario
 def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
     """Compile, or load from the store, the programs of the commands `plan`, `run`, `trim`, `linearize` and `step`.
 
-    Each scenario is planned and flown for a segment; trim, linear model and a step test are those of the F-16. Programs
-    depend on planner, Earth, aircraft and their number, keep-outs and wind layers, not on numerical values. `progress`
-    is called with a description of the current work and the completed part, 0 to 1.
+    The programs of `plan` and `run` depend on planner, Earth, aircraft, number of aircraft, keep-outs and wind layers
+    of the `scenarios`, but not on numerical values. The remaining programs are for the F-16. `progress` is called with
+    a description of the current work and the completed part, 0 to 1.
     """
     report_progress = progress or no_progress
 

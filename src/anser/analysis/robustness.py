@@ -34,15 +34,14 @@ DELAY_MAX_S = 0.2
 """Longest sensor delay of a study, s."""
 
 _BOTH_WAYS = tuple(sign * part for part in (0.1, 0.2, 0.3, 0.4, 0.6, 0.9) for sign in (-1.0, 1.0))
-"""Changes, as fractions, of a single factor that can be changed both ways."""
+"""Changes, as fractions, of a single factor that can be increased or decreased."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Factor:
     """Property of the aircraft or its sensors that a study disperses; the value is `nominal` + `scale` * change.
 
-    At a spread of 20 % the change is uniform in -0.2 to 0.2, or in 0 to 0.2 if `one_way`. `alone` has the changes of
-    flights in which all further factors are nominal.
+    At a spread of 20 % the change is uniform in -0.2 to 0.2, or in 0 to 0.2 if `one_way`.
     """
 
     # name, description and unit of the property
@@ -103,23 +102,18 @@ CONDITIONS = (
 )
 """Default flight points of a study, spread over the airspeeds that the autopilot flies.
 
-At each, a tenth of thrust and deflections is left; equivalent airspeeds are 114 m/s (alpha 10 deg) to 190 m/s (alpha
-3 deg)."""
+Each leaves a tenth of thrust and deflections. Equivalent airspeeds: 114 m/s (alpha 10 deg) to 190 m/s (alpha 3 deg)."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Cases:
-    """Flights of a robustness study; every array has one row per flight.
+    """Flights of a robustness study; every array has one row per flight."""
 
-    Index of the part in `PARTS`, index of the flight point, greatest change as a fraction (`spread`; in part "alone"
-    the change), index of the single changed factor (`alone`; -1 if all are changed), and change of each of `FACTORS`.
-    """
-
-    part: np.ndarray
-    condition: np.ndarray
-    spread: np.ndarray
-    alone: np.ndarray
-    changes: np.ndarray
+    part: np.ndarray  # index into `PARTS`
+    condition: np.ndarray  # index of the flight point
+    spread: np.ndarray  # greatest change as a fraction; in the part "alone", the single change
+    alone: np.ndarray  # index of the single changed factor; -1 if all are changed
+    changes: np.ndarray  # change of each of `FACTORS`, shape (n, factors)
 
     @property
     def values(self) -> np.ndarray:
@@ -137,7 +131,7 @@ def dispersed_cases(
 ) -> Cases:
     """Return `flights` cases with all `FACTORS` changed at random, uniformly and independently, by up to `spread`.
 
-    The flights are distributed evenly over the flight points (`conditions`: their number). `part` is an index into
+    The flights are distributed evenly over the flight points, whose number is `conditions`. `part` is an index into
     `PARTS`; seed and part determine the random numbers.
     """
     draws = np.random.default_rng((seed, part)).uniform(-1.0, 1.0, (flights, len(FACTORS)))
@@ -153,7 +147,7 @@ def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spr
 
 
 def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, ...] | None = None) -> Cases:
-    """Return cases in which a single factor is changed, by each of its `Factor.alone`, at each flight point.
+    """Return cases in which a single factor has each of the changes `Factor.alone`, at each flight point.
 
     `conditions` is the number of flight points; `factors` are names, None: all of `FACTORS`.
     """
@@ -190,7 +184,7 @@ _FLIGHTS_OF_SWEEP = 200
 class RobustnessStudy(SurveyResult):
     """Result of `robustness_study`: dispersions over (flight), metrics and outcomes over (inversion, flight).
 
-    Metrics are NaN and the outcome is 0 ("not_flown") if the dispersed aircraft has no steady flight.
+    If the dispersed aircraft has no steady flight, metrics are NaN and the outcome is 0 ("not_flown").
     """
 
 
@@ -209,10 +203,9 @@ def robustness_study(
 ) -> RobustnessStudy:
     """Fly dispersed F-16s with the autopilot of the nominal F-16, in the standard atmosphere and still air.
 
-    Each dispersed aircraft is trimmed in steady level flight. Then steps of +10 m/s, +3 deg path angle and +20 deg
-    course are commanded together and flown with the published gains and the default limits of a scenario. The autopilot
-    is engaged at the command and has no information on the dispersion. The same aircraft are flown with model-based,
-    incremental and adaptive inversion.
+    From level trim, each dispersed aircraft flies simultaneous steps of +10 m/s, +3 deg path angle and +20 deg course.
+    The autopilot has the published gains, default limits and no information on the dispersion. The same aircraft are
+    flown with model-based, incremental and adaptive inversion.
 
     Raises ConditionError if the nominal aircraft has no steady flight at a condition or the command exceeds the
     autopilot's speed limits, and ValueError if the variant is unknown or a number is out of range.

@@ -1,7 +1,4 @@
-"""Flights of step tests from level trim, and the climb-and-turn, the published test of path tracking.
-
-Flight point, gains, limits and step sizes are derived for aircraft other than the F-16.
-"""
+"""Flights of step tests from level trim, and the climb-and-turn, the published test of path tracking."""
 
 import dataclasses
 import math
@@ -68,9 +65,7 @@ _F16_SPEED_M_S, _ALTITUDE_M = 150.0, 1000.0
 _RANGE_SHARE = 0.5
 """Greatest fraction of the remaining alpha, sideslip, airspeed or climb angle that a step may use."""
 _PATH_TURN = 0.6
-"""Greatest change of the path angle during a step of alpha, rad, about that of the F-16's published step.
-
-A slow aircraft would otherwise fly a loop."""
+"""Greatest change of the path angle during a step of alpha, rad; without a limit, a slow aircraft could fly a loop."""
 _SIDESLIP_SEEN = _ALPHA_SEEN = 1.0 * DEG_RAD
 
 
@@ -90,8 +85,9 @@ class StepCase:
 def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
     """Return the airspeed (m/s) and altitude (m) at which an aircraft's step tests start by default.
 
-    Airspeed: 150 m/s for the F-16, otherwise the geometric mean of the slowest and the fastest level flight (of the
-    airspeeds of the data if there is no level flight). Altitude: 1000 m, or the nearest in the aircraft's data.
+    - Airspeed: 150 m/s for the F-16; for another aircraft the geometric mean of the slowest and the fastest level
+      flight, or of the range of the data if no level flight exists.
+    - Altitude: 1000 m, or the nearest altitude in the aircraft's data.
     """
     if isinstance(airframe, AbstractF16):
         return _F16_SPEED_M_S, _ALTITUDE_M
@@ -136,10 +132,10 @@ def derive_autopilot(
     step_s: float,
     environment: Environment | None = None,
 ) -> tuple[AutopilotGains, FlightLimits, DerivedDefaults | None]:
-    """Return gains and limits of the autopilot of an aircraft at a true airspeed and altitude.
+    """Return gains and limits of the autopilot of an aircraft at a true airspeed and altitude, and derived defaults.
 
-    An F-16 has the published gains and the default limits within its data, without derived defaults (None); for another
-    aircraft, all three are derived. `step_s` is the sampling period of the autopilot; `environment` None: the standard
+    An F-16 has the published gains, the default limits within its data, and None as derived defaults; for another
+    aircraft all three are derived. `step_s` is the sampling period of the autopilot; `environment` None: standard
     atmosphere.
     """
     if isinstance(airframe, AbstractF16):
@@ -150,7 +146,7 @@ def derive_autopilot(
     capability = derived_defaults.capability
     limits = dataclasses.replace(
         limits,
-        # fmin and fmax ignore the NaN of an aircraft without level flight
+        # fmin and fmax ignore a NaN; an aircraft that has no level flight has NaN speeds
         speed_min=as_array(np.fmin(capability.speed_min, speed_m_s)),
         speed_max=as_array(np.fmax(capability.speed_max, speed_m_s)),
         bank_max=as_array(np.fmin(float(limits.bank_max), capability.bank_max)),
@@ -167,9 +163,8 @@ _PUBLISHED_BANDWIDTHS = {"rates": 5.0, "attitude": 2.0, "velocity": 1.0}
 def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
     """Return the step tests of an aircraft: each channel of each loop alone, then all channels of a loop together.
 
-    An F-16 has the published tests. For another aircraft, durations scale with the time constants of its loops, and
-    steps are reduced to at most 75 % of the bank limit and half of the distance to the limits of alpha, sideslip,
-    airspeed and climb angle.
+    An F-16 has the published tests. Another aircraft has durations that scale with its time constants, and steps of at
+    most 75 % of the bank limit and half of the distance to the limits of alpha, sideslip, airspeed and climb angle.
     """
     if case.derived_defaults is None:
         return PUBLISHED_STEPS
@@ -231,7 +226,7 @@ def gallery_steps(
 def step_time_scale(
     aircraft: str | AbstractAirframe, variant: str, speed_m_s: float, altitude_m: float
 ) -> LoopTimeScale:
-    """Return the ratios of the time constants of an aircraft's loops in level flight to those of the F-16 as published.
+    """Return the time constants of an aircraft's loops in level flight, relative to the published loops of the F-16.
 
     Raises ConditionError if the level flight does not exist, ValueError if the aircraft is unknown.
     """
@@ -240,10 +235,7 @@ def step_time_scale(
 
 @compiled
 def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Return the sideslip (rad) at which the first of the surfaces that balance its moments reaches a stop.
-
-    The surfaces start from their deflections in the trim.
-    """
+    """Return the sideslip (rad) at which balancing its moments takes the first surface from the trim to a stop."""
     condition = air_data_and_forces(airframe, environment, 0.0, trim.state)
     data, surfaces = condition.air_data, trim.state.surfaces
     sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
@@ -274,10 +266,9 @@ def fly_steps(
     inversion: Inversion = "model",
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[StepTestResult, ...]:
-    """Fly step tests from level trim in the standard atmosphere and still air.
+    """Fly step tests from level trim in the standard atmosphere and still air; return a result for each of `tests`.
 
-    The F-16 has the published gains; another aircraft has derived gains and limits. Returns a result for each test, in
-    the order of `tests`; tests of the same loop and duration are flown as one batch.
+    The F-16 has the published gains; another aircraft has derived gains and limits.
 
     Raises ConditionError, with the reason, if level trim does not exist or a step leads beyond the autopilot's speed
     limits; ValueError if the aircraft is unknown or an argument is not valid.
@@ -346,7 +337,7 @@ def _fly(
 ) -> dict[str, Float[Array, "tests steps"]]:
     """Fly a batch of steps, and return time histories (tests, steps) by variable key; SI units and rad.
 
-    `sizes` are the steps of the loop's three channels in each test, `count` is the number of steps of the flights.
+    `sizes` are the steps of the loop's three channels in each test; `count` is the number of samples.
     """
     case = LoopCase(*fixed, STEP_S)
     trim_outputs = _outputs(case.airframe, case.environment, case.trim.state)
@@ -363,10 +354,9 @@ def _fly(
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """Return the outputs of the three loops, the surface deflections and the engine power, by variable key.
+    """Return outputs of the three loops, surface deflections and engine power (percent) by variable key; SI units, rad.
 
-    Units are SI and rad; the power is in percent. Path angle and course are those of the velocity relative to the air.
-    The entry `outside_tables` is 1 outside the range of the airframe's data, else 0.
+    Path angle and course are relative to the air. The entry `outside_tables` is 1 outside the airframe's data, else 0.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
@@ -391,10 +381,7 @@ def _outputs(airframe: AbstractAirframe, environment: Environment, state: Aircra
 def _flight(
     test: StepTest, record: dict[str, np.ndarray], airframe: AbstractAirframe, attributes: dict[str, Any]
 ) -> StepTestResult:
-    """Return the result of one step test from the recorded time histories: metrics, and a labelled dataset.
-
-    `record` has the time histories by variable key, `attributes` those of the dataset.
-    """
+    """Return the result of one step test from its time histories by variable key; `attributes` are for the dataset."""
     time = STEP_S * np.arange(len(record["power"]))
     read_count = round(test.read_at_s / STEP_S) + 1
     measured = np.stack([record[key][:read_count] for key in CHANNEL_KEYS[test.loop].values()], axis=1)
@@ -432,9 +419,7 @@ def _flight(
 CLIMB_AND_TURN = "climb-and-turn"
 """Name of the climb-and-turn among the shipped scenarios."""
 _CLIMB_SHARE = 0.4
-"""Greatest mean climb rate of the climb-and-turn, as a fraction of the aircraft's greatest climb rate.
-
-The peak climb rate is 1.9 times the mean."""
+"""Greatest mean climb rate of the climb-and-turn, as a fraction of the greatest; the peak is 1.9 times the mean."""
 
 
 def climb_and_turn(
@@ -445,8 +430,8 @@ def climb_and_turn(
 ) -> Scenario:
     """Return the scenario of the climb-and-turn, a test of path tracking (theory section 5).
 
-    For an aircraft other than the F-16, lengths and the allowed error scale with the distance flown in a time constant
-    of the velocity loop, and the climb is limited to the aircraft's capability.
+    For an aircraft other than the F-16, lengths and the allowed error scale with airspeed times the time constant of
+    the velocity loop, and the climb is limited to the aircraft's capability.
 
     Raises ValueError or ScenarioError if aircraft, variant or inversion is unknown, ConditionError if the aircraft has
     no level flight at the start.
@@ -472,10 +457,7 @@ def climb_and_turn(
 
 
 def _scale_case(values: dict[str, Any], case: StepCase, speed_m_s: float, altitude_m: float) -> None:
-    """Scale duration, distances, climb and requirements of the scenario `values` to an aircraft, in place.
-
-    The flight starts at `speed_m_s` and `altitude_m`. Raises TypeError for an F-16.
-    """
+    """Scale the scenario `values`, in place, to an aircraft other than the F-16 at `speed_m_s` and `altitude_m`."""
     if case.derived_defaults is None:
         raise TypeError("an F-16 flies the case as published")
     aircraft_table, goal = values["aircraft"][0], values["goal"][0]

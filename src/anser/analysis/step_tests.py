@@ -36,7 +36,7 @@ _SIZE_MAX = {"deg/s": 120.0, "deg": 170.0, "m/s": 150.0}
 
 
 class LoopTimeScale(NamedTuple):
-    """Ratios of the time constants of an aircraft's loops to those of the F-16 as published; above 1: slower."""
+    """Time constants of an aircraft's loops relative to the published loops of the F-16; above 1: slower."""
 
     rates: float = 1.0
     attitude: float = 1.0
@@ -48,11 +48,7 @@ PUBLISHED_TIME_SCALE = LoopTimeScale()
 
 @dataclass(frozen=True)
 class StepTest:
-    """Step of the command to one loop of the autopilot, starting in trimmed flight.
-
-    `size` has the steps of the loop's three channels (deg/s, deg or m/s; 0: no step); the response is evaluated up to
-    `read_at_s`.
-    """
+    """Step of the command to one loop of the autopilot, starting in trimmed flight."""
 
     key: str  #: Name of the test, for files: `rates-p`, `attitude-together`.
     loop: Loop  #: Commanded loop; the inner loops are closed.
@@ -88,10 +84,10 @@ def step_test(
     sizes
         Step by channel: p, q, r (deg/s), mu, alpha, beta (deg), or v (m/s), gamma, chi (deg).
     duration_s
-        Duration, s, 0.2 to 600; the whole flight is evaluated. None: 3 s for rates (1.05 s with a step of r, before the
-        rudder reaches its stop), 6 s for attitude, 60 s for velocity, each times the time scale of the loop.
+        Duration, s, 0.2 to 600. None: 3 s for rates (1.05 s with a step of r, before the rudder reaches its stop), 6 s
+        for attitude, 60 s for velocity, each times the time scale of the loop.
     time_scale
-        Ratios of the time constants of the aircraft's loops to those of the F-16 as published.
+        Time constants of the aircraft's loops relative to the published loops of the F-16.
     """
     known_loop = next((name for name in get_args(Loop) if name == loop), None)
     if known_loop is None:
@@ -126,7 +122,7 @@ def _scaled_duration(duration_s: float, loop: Loop, time_scale: LoopTimeScale) -
 
 
 def _each_and_all(loop: Loop, sizes: tuple[float, float, float], time_scale: LoopTimeScale) -> tuple[StepTest, ...]:
-    """Return the tests of a loop: a step of each channel alone, then of all together; channels of size 0 have none."""
+    """Return the tests of a loop: each channel with a nonzero step alone, then all channels together."""
     duration = _scaled_duration(_DURATION_S[loop], loop, time_scale)
     tests = []
     for k, channel in enumerate((*CHANNEL_KEYS[loop], "together")):
@@ -144,8 +140,8 @@ def scaled_step_tests(
     """Return the published step tests, scaled to an aircraft: each channel of each loop alone, then together.
 
     Durations are multiplied by the time scales of the loops; steps of the body rates (10 deg/s) are divided by the time
-    scale, for the same angle. `attitude` are the steps of mu, alpha, beta (deg), `velocity` those of airspeed (m/s),
-    path angle and course (deg); a channel of size 0 has no test.
+    scale, for the same angle. `attitude`: steps of mu, alpha, beta (deg); `velocity`: steps of airspeed (m/s), path
+    angle and course (deg). A channel of size 0 has no test.
     """
     rate = round(10.0 / time_scale.rates, 2)
     return (
@@ -212,7 +208,7 @@ class StepTestResult:
         return self.dataset[name].values[: round(self.test.read_at_s / STEP_S) + 1]
 
     def document(self) -> dict[str, Any]:
-        """Return test and metrics as plain data for JSON, units in the names; None for a time that is never reached."""
+        """Return test and metrics as plain data for JSON, units in the names; a time that is never reached is None."""
         metrics, channels = self.metrics, list(CHANNEL_KEYS[self.test.loop])
         stepped = {
             channel: {

@@ -1,7 +1,6 @@
 """Surveys of an aircraft: trims, margins or flights at many conditions, computed in batches by compiled programs.
 
-Margins, envelope, robustness and step tests are surveys. A row contains the inputs of one condition. Surveyed flights
-are classified by outcome and by the limit that explains the outcome.
+A row contains the inputs of one condition, such as a trim point or a flight.
 """
 
 import time
@@ -60,12 +59,7 @@ SurveyVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
 
 
 class FlightRows(eqx.Module):
-    """Inputs of surveyed flights, a row per flight: steady flight at the start, and step of the path command.
-
-    `size` and `tolerance` are step and accepted error of (V, gamma, chi), m/s and rad. None in `gains`: the survey's
-    gains; in `dispersion`: the nominal aircraft; in `sensors`: ideal sensors. `is_adaptive`: an estimator corrects the
-    onboard model in flight.
-    """
+    """Inputs of surveyed flights, a row per flight: steady flight at the start, and step of the path command."""
 
     # steady flight at the start, and its trim target
     trim: TrimPoint
@@ -74,9 +68,8 @@ class FlightRows(eqx.Module):
     size: Float[Array, "flight 3"]
     tolerance: Float[Array, "flight 3"]
     gains: AutopilotGains | None = None  # gains of each flight; None: the survey's gains
-    # dispersion of the F-16 that flies, unknown to its autopilot, and its sensors; None: nominal, ideal
-    dispersion: F16Dispersion | None = None
-    sensors: DelayedSensors | None = None
+    dispersion: F16Dispersion | None = None  # dispersion of the F-16, unknown to its autopilot; None: nominal aircraft
+    sensors: DelayedSensors | None = None  # None: ideal sensors
     #: Whether an adaptive estimator corrects the onboard model in flight.
     is_adaptive: bool = eqx.field(static=True, default=False)
 
@@ -155,8 +148,7 @@ class Survey:
     ) -> "SurveyVariables":
         """Fly each row for `count` sampling periods `step_s`; return metrics, outcome and reason as dataset variables.
 
-        The gains of a row, if any, replace `gains`. Progress reports show `description`, and go from `span[0]` to
-        `span[1]`.
+        The gains of a row, if any, replace `gains`. `description` and `span` are for progress reports: see `evaluate`.
         """
         fixed = (self.airframe, self.environment, gains, limits)
         summaries = self.evaluate(description, _fly, fixed, flights, jnp.asarray(step_s), count, span=span)
@@ -170,7 +162,7 @@ class Survey:
         coordinates: Mapping[str, Any],
         attributes: Mapping[str, str | int | float],
     ) -> _Result:
-        """Return an object of `result_class`: the survey's dataset, and the wall times of compiling and running.
+        """Return an object of `result_class`, with the survey's dataset and the wall times of compiling and running.
 
         Aircraft and software versions are added to the `attributes` of the dataset.
         """
@@ -248,9 +240,9 @@ def _is_beyond_limits(flights: FlightRows, limits: FlightLimits) -> np.ndarray:
 
 
 def trim_stop(points: TrimMapPoint, long_name: str) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return what prevents each steady flight of a trim map, and the attributes of this dataset variable.
+    """Return the first obstacle to each steady flight of a trim map, and the attributes of this dataset variable.
 
-    The codes, shape (points,), are 0 for a flyable point, else 1 + the index of the first obstacle in `TRIM_OBSTACLES`.
+    The codes, shape (points,), are 0 for a flyable point, and 1 + the index in `TRIM_OBSTACLES` for an obstacle.
     """
     codes = np.where(np.asarray(points.trimmable), 0, 1 + np.asarray(points.obstacles).argmax(axis=1))
     return codes.astype(np.int32), flag_attributes(long_name, ("none", *TRIM_OBSTACLES))
@@ -259,10 +251,10 @@ def trim_stop(points: TrimMapPoint, long_name: str) -> tuple[np.ndarray, dict[st
 OUTCOMES = ("not_flown", "reached", "limited", "failed")
 """Outcomes of a flight.
 
-limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the flight
-left the range of the data in altitude or Mach number, or the flight started beyond the autopilot's limits. failed:
-alpha or beta left the range of the data or sideslip exceeded `BETA_BOUND` (even if the flight started beyond the
-limits), surfaces or body rates were insufficient, or no limit explains the missed command."""
+- limited: the command was missed at a limit of thrust, alpha, load factor or bank; or the flight left the data in
+  altitude or Mach number; or the flight started beyond the autopilot's limits.
+- failed: alpha or beta left the data or sideslip exceeded `BETA_BOUND`, even if the flight started beyond the limits;
+  or surfaces or body rates were insufficient; or no limit explains the missed command."""
 
 REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "start_beyond_limits", "unexplained")
 """Reasons of an outcome: limit of the autopilot, or axis on which the data ended; "none": not flown, or reached."""
@@ -298,14 +290,14 @@ def classify_flights(
     """Determine the outcome and the reason of each flight of a batch.
 
     A command is reached if airspeed, path angle and course, stepped or not, end within their tolerances, sideslip stays
-    within `BETA_BOUND` and the aircraft stays inside its data. Otherwise the reason is the first applicable of:
+    within `BETA_BOUND` and the aircraft stays inside its data. If not, the reason is the first applicable of:
 
     1. a start beyond the autopilot's limits;
-    2. alpha or beta beyond the data, whichever came first;
+    2. alpha or beta beyond the data, the first of the two;
     3. for excessive sideslip, the inner-loop limit that was active longest before the sideslip;
     4. altitude or Mach number beyond the data;
-    5. for a missed channel, the limit active longest among those that affect the channel, if active during most of the
-       last tenth of the flight or for a tenth of the flight;
+    5. for a missed channel, a limit that affects the channel and was active for over a tenth of the flight or over half
+       of the last tenth; of several limits, the longest active;
     6. "unexplained".
     """
     is_missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true for NaN

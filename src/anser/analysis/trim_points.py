@@ -1,7 +1,4 @@
-"""Trim of an aircraft with a result to print, and functions that all analyses share.
-
-The shared functions resolve the airframe and the airspeed, check arguments, and return autopilot gains and trim points.
-"""
+"""Trim of an aircraft, and functions that all analyses share: airframe, airspeed, checks of arguments, gains."""
 
 import hashlib
 import math
@@ -52,10 +49,11 @@ def resolve_airframe(
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
     """Return the airframe of a name, file or object, and a description of the airframe for the attributes of datasets.
 
-    The description has `aircraft` (name, path or "custom") and, for the F-16 by name, `variant` and `x_cg_over_c` if
-    given. Raises ValueError if `aircraft` is neither an airframe nor the name of one, the variant of the F-16 is
-    unknown, a variant or centre of gravity is given for an airframe other than the library's F-16, or mass properties,
-    wing area or lengths are impossible; ScenarioError if the aircraft file is not valid.
+    The description has `aircraft` (name, path or "custom"), and for the F-16 by name `variant` and any `x_cg_over_c`.
+
+    Raises ValueError if `aircraft` or the variant is unknown, if a variant or centre of gravity is given for an
+    airframe other than the library's F-16, or if mass properties, wing area or lengths are impossible. Raises
+    ScenarioError if the aircraft file is not valid.
 
     Parameters
     ----------
@@ -114,7 +112,7 @@ def require_inversion(inversion: str) -> None:
 
 
 def gains_for(inversion: AnyInversion, gains: AutopilotGains | None = None) -> AutopilotGains:
-    """Return gains with the sensor bandwidth (rad/s) of the inversion: 0 for "model", else a scenario's default.
+    """Return gains with the sensor bandwidth of the inversion, rad/s: 0 for "model", or the default of a scenario.
 
     `gains` None: the published gains of the F-16.
     """
@@ -133,8 +131,8 @@ def survey_gains(
 ) -> tuple[AutopilotGains, AutopilotGains | None]:
     """Return autopilot gains for a batch of trim points: gains common to all, and gains of each trim point or None.
 
-    With `gains`, or for an F-16 (published gains), all trim points have the common gains. For another aircraft, gains
-    are derived at each trim point and replace the common gains. `step_s` is the sampling period, s.
+    If `gains` is given or the airframe is an F-16 (published gains), only the common gains apply. For another aircraft,
+    the gains derived at each trim point replace the common gains. `step_s` is the sampling period, s.
     """
     common = gains_for(inversion, gains)
     if gains is not None or isinstance(airframe, AbstractF16):
@@ -180,7 +178,7 @@ def map_points(
 ) -> TrimMapPoint:
     """Return the trim points, with margins to limits, of steady flights given as rows, in one compiled batch.
 
-    `fixed` is airframe and environment; `rows` are trim targets and deviations of the F-16 (None: the airframe itself).
+    `rows` are trim targets, and deviations of the F-16 (None: the airframe itself).
     """
     airframe, environment = fixed
 
@@ -201,16 +199,14 @@ class TrimResult:
     """Result of a trim, which prints as a list of quantities (name, value, unit) or as the diagnosis.
 
     `diagnosis` names the violated limit and the nearest trim points, and is None if the steady flight exists.
-    `condition` contains true airspeed, altitude, path angle, turn and pitch rate, with units in the names. `mass_kg`,
-    `airframe_hash` and `atmosphere` tell whether a flight has the same aircraft and air.
+    `condition` has true airspeed, altitude, path angle, turn and pitch rate, with units in the names.
     """
 
     point: TrimPoint
     quantities: tuple[tuple[str, float, str], ...]
     diagnosis: str | None
     condition: Mapping[str, float] = field(default_factory=dict)
-    # mass and hash of the trimmed aircraft, and the air, by which the trim of another aircraft or in other air is
-    # recognized
+    # mass and hash of the aircraft, and the air: a flight accepts only a trim of the same aircraft and air
     mass_kg: float = math.nan
     airframe_hash: str = ""
     atmosphere: AbstractAtmosphere = field(default_factory=StandardAtmosphere)
@@ -248,8 +244,8 @@ def trim(
 ) -> TrimResult:
     """Compute a steady flight of an aircraft: angles, deflections, throttle and power, or a diagnosis if none exists.
 
-    Raises ValueError if the aircraft is unknown or impossible (see `resolve_airframe`), unless the altitude and exactly
-    one airspeed are given, or if a number is not valid or a pitch rate is combined with a turn.
+    Raises ValueError if the altitude is missing, if not exactly one airspeed is given, if a number is not valid, or if
+    a pitch rate is combined with a turn. Errors of the aircraft: see `resolve_airframe`.
 
     Parameters
     ----------
@@ -278,7 +274,7 @@ def trim(
     diagnosis = None
     if trim_violations(airframe, environment, point):
         nearest = nearest_trims(airframe, environment, target)
-        # at a limit, rounding may decide otherwise the second time: the flight exists then
+        # at a limit, rounding can remove the violation in the second trim: the flight then exists
         diagnosis = nearest.message() if nearest.violations else None
     condition = {
         "speed_m_s": speed_m_s,

@@ -60,7 +60,7 @@ class Campaign:
     def influences(self) -> Influences:
         """Compute the sensitivity of each output to each varied parameter.
 
-        The measures are Sobol indices with Saltelli sampling, otherwise Spearman's rank correlations.
+        The measures are Sobol indices for Saltelli sampling, and Spearman's rank correlations for other sampling.
         """
         return influences(self.dataset, self.store.study, self.store.varied)
 
@@ -69,9 +69,9 @@ class Campaign:
     ) -> tuple[Path, ...]:
         """Write `report.html`, figures and tables into the folder, replacing former files, and return their paths.
 
-        For the map of the report, the `worst` flights and, as background, `background` flights with evenly spaced
-        numbers are flown again; with `worst` = 0 the report has no map. `progress` is called with a message and the
-        completed fraction, 0..1. Raises StoreError if no flight is complete.
+        For the map of the report, the `worst` worst flights and, as background, `background` other flights are flown
+        again; if `worst` is 0, the report has no map. `progress` is called with a message and the completed fraction,
+        0..1. Raises StoreError if no flight is complete.
         """
         return write_campaign(self.store, worst, background, progress)
 
@@ -97,9 +97,8 @@ def campaign(
 ) -> Campaign:
     """Fly a study: one scenario many times, with dispersed parameters.
 
-    Each flight is a validated scenario with its own seed and values. A flight whose scenario is invalid or that cannot
-    start is stored as failed, with the reason. In a script with several processes, call this function below
-    ``if __name__ == "__main__":``.
+    A flight is stored as failed, with the reason, if its scenario is invalid or the flight cannot start. In a script
+    with several processes, call this function below ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -112,8 +111,7 @@ def campaign(
     processes
         Number of concurrent processes; None: one per core, limited by the free memory.
     cluster
-        Address of a running scheduler of dask.distributed, whose workers fly instead; the workers need access to the
-        folder.
+        Address of a running dask.distributed scheduler: its workers fly the campaign and need access to the folder.
     precision
         Precision of the flights, "float64" or "float32", overriding the study; None: precision of the study.
     outputs
@@ -123,7 +121,7 @@ def campaign(
         Called with a message and the completed fraction of the flights, 0..1.
     **user_parts
         User-defined parts in place of the scenario's, by their import names: `controller="my_package:MyController"`;
-        further keys are `guidance`, `sensors`, `estimator` and `planner`. They extend the scenario's table `[parts]`.
+        further keys are `guidance`, `sensors`, `estimator` and `planner`. Parts extend the scenario's table `[parts]`.
 
     Returns
     -------
@@ -170,7 +168,7 @@ def open_campaign_store(
     user_parts: Mapping[str, str] | None = None,
     outputs: Sequence[Mapping[str, Any]] = (),
 ) -> CampaignStore:
-    """Create the store of a new campaign or, with `resume`, open an existing store. Errors are those of `campaign`."""
+    """Create the store of a new campaign or, if `resume`, open the existing store. Errors: see `campaign`."""
     requested, scenario, table_columns = load_study(study)
     if user_parts:
         scenario = scenario.replace("parts", {**dict(scenario.parts or {}), **user_parts})

@@ -69,14 +69,10 @@ def series_bands(
 def quantiles_over(
     values: np.ndarray,  # values of a variable; shape (flights, aircraft, times)
     *,
-    # whether the values are angles in degrees: quantiles are then taken of the deviation from the mean direction, and
-    # results may exceed 180
+    # True: angles in degrees, with quantiles of the deviation from the mean direction; results may exceed 180
     circular: bool,
 ) -> np.ndarray:
-    """Compute the 5, 50 and 95 % quantiles over the flights; shape (3, aircraft, times).
-
-    NaN if every value is missing.
-    """
+    """Compute the 5, 50 and 95 % quantiles over the flights; shape (3, aircraft, times); NaN if there is no value."""
     quantiles = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
     has_value = ~np.isnan(values).all(axis=0)
     selected = values[:, has_value].astype(float)
@@ -108,11 +104,10 @@ def write_campaign(
 ) -> tuple[Path, ...]:
     """Write a campaign's report, figures and tables into its folder, replacing former files.
 
-    The report covers the completed flights; the campaign need not be complete.
+    The report covers the completed flights. Raises StoreError if no flight is complete.
 
-    Returns the paths of the written files: `report.html`, for two or more flights `campaign.svg` and `campaign.png`,
-    and with pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`. Raises StoreError
-    if no flight is complete.
+    Returns the paths of the written files: `report.html`; for two or more flights `campaign.svg` and `campaign.png`; if
+    pyarrow is installed, `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
     """
     report, data, study = progress or no_progress, store.dataset(), store.study
     if not data.sizes["flight"]:
@@ -166,14 +161,13 @@ def _spaced_indices(size: int, count_max: int) -> np.ndarray:
 def _replay(
     store: CampaignStore,
     data: xr.Dataset,
-    replay_worst: dict[int, bool],  # by number of the flight, whether it is one of the worst (otherwise background)
+    replay_worst: dict[int, bool],  # by flight number; True: one of the worst flights, False: background
     report: Progress,
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
-    """Fly flights of the campaign again, for their tracks on the map.
+    """Return the tracks of flights on the map, from archived flights or flights that are flown again.
 
-    Archived flights are read from file; the remaining flights fly in one batch. Returns the flights with tracks, and
-    the numbers of the flights whose scenario is no longer valid or whose results differ from the stored results. Raises
-    StoreError if an archived flight is damaged.
+    The second result has the numbers of the flights whose scenario is no longer valid or whose results differ from the
+    stored results. Raises StoreError if an archived flight is damaged.
     """
     tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}
@@ -219,11 +213,7 @@ def _sparse(records: int) -> slice:
 
 
 def _tracks(flight_row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
-    """Return the north and east positions in `flight_row`, the result of a replay, with the names of `flight.nc`.
-
-    `series` is the selection of times and variables with which the flight was flown; the dimensions are time and
-    aircraft.
-    """
+    """Return the north and east positions in the result of a replay, (time, aircraft), named as in `flight.nc`."""
     coordinates = record_coordinates(series.times_s(scenario), [aircraft.name for aircraft in scenario.aircraft])
     values = {catalogue_variable(key).name: (("time", "aircraft"), flight_row.series[key].T) for key in _KEYS}
     return xr.Dataset(values, coordinates)

@@ -41,10 +41,9 @@ def fly_on_cluster(
 ) -> Generator[int, None, None]:
     """Fly chunks of a campaign on the workers of a cluster; yield the number of each completed chunk.
 
-    A chunk that kills workers in three submissions is abandoned while the remaining chunks continue; after three chunks
-    abandoned in a row the flights end. Raises StoreError if the package `distributed` is missing, the cluster is
-    unreachable or lacks anser, the scheduler died or does not answer, the cluster has no workers for two minutes, or a
-    chunk was abandoned. An error of a flight itself is raised unchanged. Completed chunks remain complete.
+    A chunk that kills workers in three submissions is abandoned; three abandoned chunks in a row end the flights.
+    Raises StoreError if the package `distributed` is missing, if the cluster is unreachable, lost or lacks anser, or if
+    a chunk was abandoned. An error of a flight itself is raised unchanged. Completed chunks remain complete.
     """
     with _client(address) as (client, distributed):
         watch = _Supervision(client, address)
@@ -78,7 +77,7 @@ def fly_on_cluster(
 class _Supervision:
     """State of a cluster while flights run: connection, workers, and the number of chunks submitted at a time.
 
-    Methods raise StoreError if the cluster is lost.
+    Methods raise StoreError if the scheduler does not answer, or if the cluster has had no workers for two minutes.
     """
 
     def __init__(self, client: Any, address: str) -> None:
@@ -88,10 +87,7 @@ class _Supervision:
         self._poll_workers()
 
     def _poll_workers(self) -> None:
-        """Update the number of chunks submitted at a time (`at_a_time`): two per thread of the cluster's workers.
-
-        Raises StoreError if the scheduler does not answer, or the cluster has had no workers for two minutes.
-        """
+        """Update `at_a_time`, the number of chunks submitted at a time: two per thread of the cluster's workers."""
         try:
             threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_ANSWER_S)
         except OSError:  # timeouts and broken connections are among these
@@ -105,11 +101,7 @@ class _Supervision:
             raise self.lost(f"a scheduler without workers for {_WITHOUT_WORKERS_S:.0f} s")
 
     def ended(self, waiting: Collection[Any]) -> list[Any]:
-        """Wait at most 5 s until a submission (dask future) in `waiting` finishes or fails; return all that have ended.
-
-        The list is empty if none has ended. Raises StoreError if the connection is broken, the scheduler does not
-        answer, or the cluster has no workers for two minutes.
-        """
+        """Wait at most 5 s for a submission (dask future) in `waiting` to end; return the submissions that ended."""
         deadline, futures = time.monotonic() + _SUPERVISION_PERIOD_S, list[Any]()
         while time.monotonic() < deadline:
             if any(future.status == "cancelled" for future in waiting):
@@ -130,7 +122,7 @@ class _Supervision:
 
 
 def _explain_import_error(error: BaseException, address: str) -> BaseException:
-    """Return a StoreError that says so if a worker or the scheduler lacks anser; otherwise return `error` unchanged."""
+    """Return a StoreError if `error` shows that a worker or the scheduler lacks anser; if not, return `error`."""
     # an import error of the scheduler is the cause of another error
     import_error = error if isinstance(error, ImportError) else error.__cause__
     if not isinstance(import_error, ImportError):

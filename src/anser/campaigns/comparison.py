@@ -24,27 +24,21 @@ _UNITS = {name: unit for name, (unit, _) in (AIRCRAFT_QUANTITIES | FLEET_QUANTIT
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of one quantity between paired flights: the value of the second campaign minus that of the first.
+    """Difference of one quantity between paired flights: value of the second campaign minus value of the first."""
 
-    `name`, `words` (description) and `unit` label the quantity; `greater_is_better` says which values are better
-    (False: smaller values). `second_better`, `alike` and `first_better` are the numbers of pairs in which the second
-    flight is better, both flights are equal (or both failed), and the first flight is better. `share`, `low` and `high`
-    are the fraction of the pairs in which the second flight is better, and the bounds of its Wilson interval.
-    `quantiles` has the quantiles of the difference as (fraction of the pairs at or below the value, value, lower and
-    upper bound of its confidence interval), None if not finite.
-    """
-
-    name: str
-    words: str
-    unit: str
-    second_better: int
-    alike: int
-    first_better: int
-    share: float
-    low: float
-    high: float
+    name: str  #: Name of the quantity.
+    words: str  #: Description of the quantity.
+    unit: str  #: Unit of the quantity.
+    second_better: int  #: Number of pairs in which the second flight is better.
+    alike: int  #: Number of pairs in which both flights are equal, or both failed.
+    first_better: int  #: Number of pairs in which the first flight is better.
+    share: float  #: Fraction of the pairs in which the second flight is better.
+    low: float  #: Lower bound of the Wilson interval of `share`.
+    high: float  #: Upper bound of the Wilson interval of `share`.
+    #: Quantiles of the difference: (fraction of the pairs at or below the value, value, lower and upper bound of the
+    #: confidence interval of the value); None if not finite.
     quantiles: tuple[tuple[float, float | None, float | None, float | None], ...]
-    greater_is_better: bool = False
+    greater_is_better: bool = False  #: Whether greater values of the quantity are better.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the difference as plain data for JSON."""
@@ -54,12 +48,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class CampaignComparison:
-    """Comparison of two campaigns whose flights are paired: flight k has the same seed in both.
-
-    `flights` pairs are divided by success into `both`, `first_only`, `second_only` and `neither`; `p_value` tests
-    whether both campaigns succeed equally often. `differences` compare miss distance, arrival spread and common
-    outputs; `applied` and `scenario` list which inputs differ between the campaigns.
-    """
+    """Comparison of two campaigns whose flights are paired: flight k has the same seed in both."""
 
     first: Path  #: Folder of the first campaign.
     second: Path  #: Folder of the second campaign.
@@ -96,10 +85,11 @@ def compare_campaigns(
 ) -> CampaignComparison:
     """Compare two campaigns, or their folders, flight by flight: flight k has the same seed in both.
 
-    Random effects are then identical, so the difference of a pair is due to the changed settings. Confidence level and
-    quantiles are those of the first study. A failed flight without an arrival counts as infinitely bad in every
-    quantity; two such flights are equal. Raises StoreError if a folder has no campaign, ValueError if the numbers of
-    flights or the seeds differ, or no flight was completed in both campaigns.
+    Confidence level and quantiles are those of the first study. A flight without an arrival counts as infinitely bad in
+    every quantity.
+
+    Raises StoreError if a folder has no campaign. Raises ValueError if the numbers of flights or the seeds differ, or
+    if no flight was completed in both campaigns.
     """
     store_1, store_2 = (_store(source) for source in (first, second))
     _refuse_unpaired(store_1, store_2)
@@ -152,8 +142,7 @@ def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
 def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> xr.Dataset:
     """Return the paired results of the flights `numbers` of both campaigns, with the dimensions campaign and flight.
 
-    Variables: `met`, miss distance, arrival spread (fleets only), and the outputs that both studies define equally.
-    Each value is that of the fleet's worst aircraft, infinite for a missing arrival.
+    Each value is the value of the fleet's worst aircraft; infinite if an arrival is missing.
     """
     datasets = [data.dataset().sel(flight=numbers) for data in (store_1, store_2)]
     is_met = np.stack([data["met"].values for data in datasets])
@@ -173,7 +162,7 @@ def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) 
 def _difference(quantity: xr.DataArray, shares: list[float], confidence: float) -> Difference:
     """Compare the paired values of one quantity; `quantity` has the dimensions campaign (first, second) and flight.
 
-    `shares` are the probabilities of the quantiles, `confidence` the level of all intervals.
+    `shares` are the probabilities of the quantiles, `confidence` is the level of all intervals.
     """
     values_1, values_2 = quantity.values
     greater_is_better = bool(quantity.attrs.get("greater_is_better", False))

@@ -66,10 +66,7 @@ class Dispersion(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of the table, empty if valid.
-
-        Problems are keys that the distribution lacks or does not have, and values that contradict each other.
-        """
+        """Return the problems of the table, empty if valid: missing, superfluous or contradictory keys."""
         required = _KEYS[self.distribution]
         superfluous = {key for keys in _KEYS.values() for key in keys} - {*required}
         if self.distribution != "choice":
@@ -116,8 +113,7 @@ class Dispersion(Table):
     def quantile(self, shares: np.ndarray) -> np.ndarray:
         """Return the parameter's values at cumulative probabilities `shares` (0 to 1, exclusive); shape of `shares`.
 
-        For the distribution "choice", the listed values divide the interval from 0 to 1 in their order, in proportion
-        to their weights.
+        For "choice", the listed values divide the interval from 0 to 1 in proportion to their weights.
         """
         low, mode, high, mean, sigma = (getattr(self, key) for key in ("low", "mode", "high", "mean", "sigma"))
         match self.distribution:

@@ -34,39 +34,28 @@ _LOWER = {
 
 @dataclass(frozen=True)
 class QuantileEstimate:
-    """Quantile of a quantity over the flights of a campaign, with its confidence interval.
+    """Quantile of a quantity over the flights of a campaign, with a confidence interval."""
 
-    `name`, `words` (description) and `unit` label the quantity. The fraction `share` of the flights is at or below
-    `value` (an upper bound), or at or above `value` if `upper` is False. `low` and `high` are the bounds of the
-    confidence interval. `value`, `low` and `high` are None if infinite: too few flights, or too many flights without an
-    arrival.
-    """
-
-    name: str
-    words: str
-    unit: str
-    share: float
-    upper: bool
-    value: float | None
-    low: float | None
-    high: float | None
+    name: str  #: Name of the quantity.
+    words: str  #: Description of the quantity.
+    unit: str  #: Unit of the quantity.
+    share: float  #: Fraction of the flights at or below `value`; at or above `value` if `upper` is False.
+    upper: bool  #: Whether `value` is an upper bound for the fraction `share` of the flights.
+    value: float | None  #: The quantile; None if infinite (too many flights without an arrival).
+    low: float | None  #: Lower bound of the confidence interval; None if infinite (too few flights).
+    high: float | None  #: Upper bound of the confidence interval; None if infinite (too few flights).
 
 
 @dataclass(frozen=True)
 class CampaignEstimates:
-    """Estimates from the completed flights of a campaign.
-
-    Of `flights` planned flights, `flown` are completed and `met` of these succeeded. The success `probability`, its
-    bounds `low` and `high`, and `quantiles` are estimated from the `independent` flights only. `causes` are the numbers
-    of failed flights by cause; `worst` are the numbers of the ten worst flights.
-    """
+    """Estimates from the completed flights of a campaign."""
 
     flights: int  #: Number of planned flights.
     flown: int  #: Number of completed flights, including flights that could not start.
     met: int  #: Number of successful flights.
     confidence: float  #: Confidence level of the intervals.
-    #: Number of completed flights that are statistically independent: all, or with Saltelli sampling two per block.
-    #: Probability and quantiles use only these flights; otherwise the intervals would be too narrow.
+    #: Number of completed flights that are statistically independent: two per block for Saltelli sampling, all flights
+    #: for other sampling. Probability and quantiles use only these flights.
     independent: int
     probability: float | None  #: Success probability of a flight; None before the first flight.
     low: float  #: Lower bound of the Wilson interval of the probability.
@@ -124,9 +113,8 @@ def _quantile_estimate(
 ) -> QuantileEstimate:
     """Estimate one quantile of `values`, shape (flights,), with its confidence interval.
 
-    With `upper`, the fraction `share` of the flights has values at or below the quantile; otherwise, at or above. A
-    flight without an arrival has the worst value: infinity, or minus infinity if `upper` is False. `name`,
-    `description` and `unit` label the quantity.
+    The fraction `share` of the flights has values at or below the quantile; at or above if `upper` is False. A missing
+    arrival must have the worst value: infinity, or minus infinity if `upper` is False.
     """
     sign = 1.0 if upper else -1.0
     low, high = order_statistic_interval(sign * values, share, confidence)
@@ -138,8 +126,7 @@ def _quantile_estimate(
 def _causes(data: xr.Dataset) -> dict[str, int]:
     """Return the number of failed flights by cause, most frequent first.
 
-    The causes of a flight are the reason for a failed start; otherwise each status of a failed aircraft and each unmet
-    requirement.
+    A cause is the reason for a failed start, the status of a failed aircraft, or an unmet requirement.
     """
     counts: Counter[str] = Counter()
     for k in np.flatnonzero(~data["met"].values):

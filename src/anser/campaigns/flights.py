@@ -48,17 +48,16 @@ VALIDATED_FLIGHTS = 64
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Sample a study; return the values to write into each flight's scenario, shape (flights,), by key path.
 
-    `table_columns` are the columns of the study's table of values by key path, empty without a table.
+    `table_columns` are the columns of the study's table of values by key path; empty if there is no table.
     """
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
 def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Combine samples with the scenario's values: replace, add or multiply, as each table [[vary]] says in `how`.
+    """Return the values to write into the flights' scenarios, shape (flights,), by key path.
 
-    Columns of a CSV table replace the scenario's values. Returns the values to write into the flights' scenarios, by
-    key path, shape (flights,). Raises ScenarioError if a path does not exist, or if `how` is add or multiply and the
-    scenario's value is not a number.
+    The samples replace the scenario's values or are combined with them, as each table [[vary]] says in `how`. Raises
+    ScenarioError if a path does not exist, or if `how` is add or multiply and the scenario's value is not a number.
     """
     operations, applied = {dispersion.path: dispersion.how for dispersion in study.vary}, {}
     for path, values in sampled.items():
@@ -79,7 +78,7 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
 def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
     """Return a caution for each bound (`low`, `high`) of a varied parameter with which the scenario is invalid.
 
-    For the test, only the parameter takes the bound; all further values are those of the scenario.
+    In each test, only one parameter takes a bound; all other parameters have the scenario's values.
     """
     cautions = []
     for k, dispersion in enumerate(study.vary):
@@ -99,8 +98,8 @@ def find_bound_cautions(study: Study, scenario: Scenario) -> list[str]:
 def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:
     """Check a study and create the campaign's store in an existing folder.
 
-    `table_columns` are the columns of the study's table of values by key path, empty without a table. Raises
-    ScenarioError if the flights cannot be flown as requested, StoreError if the disk space is insufficient.
+    `table_columns`: see `applied_values`. Raises ScenarioError if the flights cannot be flown as requested. Raises
+    StoreError if the disk space is insufficient.
     """
     applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
@@ -119,7 +118,7 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
     """Return the seed of each flight of a campaign; shape (flights,).
 
-    The number of flights is the length of the arrays in `applied` (values by key path); if empty, that of the study.
+    `applied` has the values of all flights by key path; if empty, the study gives the number of flights.
     """
     return flight_seeds(study, next(iter(applied.values())).size if applied else study.sampled.flights or 0)
 
@@ -128,14 +127,13 @@ def fly_campaign(
     store: CampaignStore,
     processes: int = 1,
     progress: Progress = no_progress,  # called with a message and the completed fraction of the flights, 0..1
-    # address of a running scheduler of dask.distributed, whose workers fly instead; the workers need access to the
-    # folder
+    # address of a running dask.distributed scheduler: its workers fly the campaign and need access to the folder
     cluster: str | None = None,
 ) -> None:
     """Fly the missing flights of a campaign until all are complete or the study's stopping rule is satisfied.
 
-    Damaged results are removed and flown again. Raises StoreError if a process was killed, the cluster is unreachable
-    or lost, or another process flies the campaign. Completed chunks remain complete.
+    Damaged results are removed and flown again; completed chunks remain complete. Raises StoreError if a process was
+    killed, the cluster is unreachable or lost, or another process flies the campaign.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(store.locked())
@@ -235,8 +233,8 @@ def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray
     """Raise ScenarioError before flying if the flights of a study cannot be flown as requested.
 
     `applied` has the values of all `count` flights by key path. The errors are: the precision does not suit the
-    scenario; all of the first flights (at most 64) have invalid scenarios; or a varied key path changes nothing in any
-    of the first eight valid flights.
+    scenario; all of the first 64 flights have invalid scenarios; or a varied key path has no effect in the first eight
+    valid flights.
     """
     check_precision(scenario, study.precision, study.name)
     cases = list(itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS))
@@ -251,9 +249,9 @@ def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray
 def _valid_cases(
     scenario: Scenario, applied: dict[str, np.ndarray], count: int
 ) -> Iterator[tuple[Scenario, dict[str, Any]]]:
-    """Yield the valid scenarios among the first flights (at most 64), each with its applied values by key path.
+    """Yield the valid scenarios among the first 64 flights, each with its applied values by key path.
 
-    `applied` has the values of all `count` flights by key path; if empty, only the scenario itself is tried.
+    If `applied` is empty, only the scenario itself is tried.
     """
     for k in range(min(count, VALIDATED_FLIGHTS) if applied else 1):
         with contextlib.suppress(ScenarioError):
@@ -265,8 +263,7 @@ def refuse_outputs(study: Study, scenarios: list[Scenario]) -> None:
     """Raise ScenarioError if the flights cannot have the outputs that the study defines in tables [[output]].
 
     The errors are: an expression names an unknown variable, or a variable that no flight of `scenarios` records; an
-    aircraft is unknown; or the reduction over time is neither greatest nor least, the fleet has several aircraft, and
-    the output names none.
+    aircraft is unknown; or an output over several aircraft is neither a greatest nor a least value.
     """
     if not study.output:
         return

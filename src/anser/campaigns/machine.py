@@ -33,10 +33,7 @@ def _kernel_available(root: Path) -> int | None:
 
 
 def _group_limits(root: Path) -> Iterator[int | None]:
-    """Yield the memory left in each of the process's control groups, bytes, from the innermost outwards.
-
-    Versions 1 and 2 of control groups are read; None for a group without a limit.
-    """
+    """Yield the memory left in each control group of the process, bytes; None for a group without a limit."""
     for line in _lines(root / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
         if controllers == "":
@@ -53,9 +50,9 @@ def _group_limits(root: Path) -> Iterator[int | None]:
 
 
 def _remaining_memory(group: Path, limit: str, usage: str) -> int | None:
-    """Return the memory left in a control group, bytes; None without a limit. Inactive cached files count as free.
+    """Return the memory left in a control group, bytes; None if there is no limit.
 
-    `limit` and `usage` are the names of the group's files with the limit and the used memory.
+    `limit` and `usage` are names of files in the group's folder. Inactive cached files count as free memory.
     """
     limit_bytes, used_bytes = _number(group / limit), _number(group / usage)
     if limit_bytes is None or used_bytes is None:

@@ -76,7 +76,7 @@ def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection |
 
 
 def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
-    """Return the memory that one flight of a batch takes, bytes, with its stored time series if any."""
+    """Return the memory that one flight of a batch takes, bytes, including its stored time series."""
     aircraft = len(scenario.aircraft)
     numbers = 0
     if series is not None:
@@ -128,14 +128,11 @@ def worker_processes(processes: int) -> Iterator[Executor | None]:
 
 @contextlib.contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Block Ctrl-C in the `with` block, so that worker processes started in it ignore Ctrl-C.
-
-    The main process ends the workers. Without effect on Windows.
-    """
+    """Block Ctrl-C in the `with` block, also for worker processes that start in the block; no effect on Windows."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # which would unblock signals
+    resource_tracker.ensure_running()  # a later start of the tracker would unblock signals
     former_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -144,10 +141,10 @@ def _block_interrupts() -> Iterator[None]:
 
 
 class WorkerReport(NamedTuple):
-    """Progress of a process: completed share of its task, 0..1, and the compilation in progress (None without)."""
+    """Progress of a worker process."""
 
-    share: float
-    compiling: str | None
+    share: float  # completed share of the current task, 0..1
+    compiling: str | None  # message on the compilation in progress; None if there is none
 
 
 _reports: list[Any] = []
@@ -158,9 +155,9 @@ _REPORT_PERIOD_S = 2.0
 
 
 def report_share(_message: str, share: float | None) -> None:
-    """Store the completed share (0..1) of this process's task, for the progress reports of the process.
+    """Store the completed share (0..1; None counts as 0) of this process's task, for its progress reports.
 
-    The function is a `Progress` callback; the message is ignored, and a share of None counts as 0.
+    The function is a `Progress` callback; the message is ignored.
     """
     _share[0] = share or 0.0
     for notify in _observers:
@@ -188,14 +185,13 @@ def fly_concurrently(
     tasks: Sequence[tuple[Any, ...]],  # arguments of `fly`, one tuple per task
     concurrency: int,  # number of tasks submitted to the executor at a time
     folder: Path,  # folder of the store, for messages
-    # called at least every two seconds with the last report of each process, by process id; without an executor with
-    # the key 0, whenever the task reports progress
+    # called at least every two seconds with the last report of each process, by process id; if `executor` is None,
+    # called with the key 0 when the task reports progress
     on_reports: Callable[[Mapping[int, WorkerReport]], None] = lambda reports: None,
 ) -> Generator[tuple[int, Result], None, None]:
     """Evaluate `fly(*task)` for each task; yield each task's index and result, in order of completion.
 
-    Without an executor the tasks are evaluated one after the other in this process. Raises StoreError if a worker
-    process was killed.
+    Raises StoreError if a worker process was killed.
     """
     if executor is None:
         _observers[:] = [lambda: on_reports({0: WorkerReport(_share[0], None)})]
@@ -221,7 +217,7 @@ def fly_concurrently(
                 reports[process] = report
             on_reports(reports)
             if completed:
-                reports.clear()  # of a task that is complete
+                reports.clear()  # these reports belong to a completed task
             for future in completed:
                 yield futures.pop(future), future.result()
     except BrokenProcessPool:

@@ -92,9 +92,9 @@ class RareEvent:
     def dataset(self) -> xr.Dataset:
         """Probability of exceeding a threshold, over thresholds in the statistic's unit, with confidence interval.
 
-        For a statistic of which small values are bad, the probability is that of a smaller value. The curve starts at
-        the median of the first level's flights (plain Monte Carlo, probability one half) and ends at the study's
-        threshold; if the levels did not reach the threshold, the curve ends at the last bound that they reached.
+        If small values of the statistic are bad, the curve gives the probability of a smaller value. The curve runs
+        from the median of the first level (plain Monte Carlo, probability one half) to the study's threshold, or to the
+        last bound that the levels reached.
         """
         flights, repetitions = self.flights, self.repetitions
         rare, confidence = flights.config, flights.study.answers.confidence
@@ -129,7 +129,7 @@ class RareEvent:
         """Estimate the probability that the statistic breaches `threshold`, m or s.
 
         If the levels did not reach the threshold, the probability is None and only the upper bound is meaningful.
-        Raises ValueError if the threshold is NaN or more extreme than the study's, beyond which no level leads.
+        Raises ValueError if the threshold is NaN or more extreme than the threshold of the study.
         """
         flights, confidence = self.flights, self.store.study.answers.confidence
         value = flights.signed_value(threshold)
@@ -165,13 +165,7 @@ class RareEvent:
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
 
     def _levels(self) -> list[dict[str, Any]]:
-        """Return the results of each level of the subset simulation, as a dictionary per level.
-
-        `flights` is the number of flights. The further entries are lists over the repetitions: `bounds`, the value of
-        the statistic that all flights of the level reach; `shares`, the fraction of the level's flights that reach the
-        next bound (on the last level: exceed the threshold); `acceptances`, the acceptance rate of the Markov chains.
-        Values that are not finite are None.
-        """
+        """Return the results of each level: number of flights, and lists over the repetitions (see `SubsetLevel`)."""
         flights, levels = self.flights, []
         for k in range(max(map(len, self.repetitions))):
             reaching = [repetition[k] for repetition in self.repetitions if len(repetition) > k]
@@ -213,10 +207,9 @@ def rare(
 ) -> RareEvent:
     """Estimate the probability of a rare event, by subset simulation over the random numbers of a study's flights.
 
-    The first level is plain Monte Carlo. Its worst flights start the Markov chains of the next level, which vary the
-    random numbers but accept only flights at least as bad as the level's bound, and so on up to the threshold. The
-    simulation is repeated several times independently; the confidence interval follows from the scatter of the
-    repetitions. In a script with several processes, call this function below ``if __name__ == "__main__":``.
+    The first level is plain Monte Carlo. The worst flights of each level start the Markov chains of the next level, up
+    to the threshold. The confidence interval follows from the scatter of several independent repetitions. In a script
+    with several processes, call this function below ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -261,7 +254,7 @@ def rare(
 
 
 def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> RareStore:
-    """Create the store of a new analysis or, with `resume`, open an existing store. Errors are those of `rare`."""
+    """Create the store of a new analysis or, if `resume`, open the existing store. Errors: see `rare`."""
     requested, scenario, _ = load_study(study)
     flights = RareFlights(requested, scenario)
     with located_in(study, requested):

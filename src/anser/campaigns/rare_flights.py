@@ -1,9 +1,9 @@
 """Flights of a rare-event analysis and their store.
 
-Every random effect of a flight follows from standard normal numbers ("normals"); the normals of a flight number follow
-from the seed. The Markov chains of subset simulation move in the space of the normals: a point is a weighted sum of the
-normals of several flight numbers. The module flies the flight that a point defines and returns its limit-state value:
-the statistic of the event with the sign for which greater is worse.
+Every random effect of a flight follows from standard normal numbers ("normals"), which the seed and the flight number
+determine. A point, in which the Markov chains of subset simulation move, is a weighted sum of the normals of several
+flight numbers. The limit-state value of a point is the statistic of the point's flight, with the sign for which greater
+is worse.
 """
 
 import contextlib
@@ -139,16 +139,13 @@ class RareFlights:
 
     @property
     def threshold(self) -> float:
-        """Threshold of the event as a signed value, m or s: the event is a greater signed value."""
+        """Threshold of the event as a signed value, m or s; the event is a signed value above the threshold."""
         return self.signed_value(self.config.threshold)
 
     @property
     def batch(self) -> int:
-        """Number of flights per compiled call, at most 64.
-
-        The flights of one move of all chains in all repetitions are divided into batches of equal size.
-        """
-        at_once = self.plan.chains * self.plan.repetitions
+        """Number of flights per compiled call, at most 64."""
+        at_once = self.plan.chains * self.plan.repetitions  # flights of one move, in batches of equal size
         return -(-at_once // -(-at_once // _BATCH_MAX))
 
     def signed_value(self, value: float) -> float:
@@ -161,10 +158,7 @@ class RareFlights:
         refuse_early(self.study, self.scenario, self._applied(self.space.sample(numbers)), numbers.size)
 
     def fly(self, points: np.ndarray) -> np.ndarray:
-        """Fly the flights of at most one batch of points and return their signed values, shape (points,).
-
-        The value of a failed flight is infinite.
-        """
+        """Fly at most one batch of points and return signed values, shape (points,); infinite for failed flights."""
         values, applied = np.full(points.size, np.inf), self._applied(points)
         cases: dict[int, FlightCase] = {}
         for k, point in enumerate(points):
@@ -210,7 +204,8 @@ class RareFlights:
 class RareStore(AbstractFlightStore):
     """Stored flights of a rare-event analysis in a folder: a file with the limit-state values of each batch of flights.
 
-    The flights are numbered in order of the simulation; the number of a batch (chunk) is that of its first flight.
+    The flights are numbered in order of the simulation. The number of a batch (chunk) is the number of the first
+    flight.
     """
 
     description, command, data_folder = "a rare event", "rare", "flown"
@@ -224,7 +219,7 @@ class RareStore(AbstractFlightStore):
         return cls(folder)
 
     def values(self, start: int, count: int) -> np.ndarray | None:
-        """Return the limit-state values of the batch of `count` flights from number `start` on; None if not yet flown.
+        """Return the limit-state values of the `count` flights of a batch from number `start`; None if not yet flown.
 
         Raises StoreError if the stored batch has another number of flights.
         """
@@ -236,8 +231,8 @@ class RareStore(AbstractFlightStore):
         return values
 
     def write(self, start: int, values: np.ndarray) -> None:
-        """Store the limit-state values of a batch of flights with consecutive numbers from `start` on."""
-        content = io.BytesIO()  # written to a file by NumPy itself, a full disk would be an error without its reason
+        """Store the limit-state values of a batch of flights; their numbers are consecutive from `start`."""
+        content = io.BytesIO()  # np.save into a file would not report a full disk as the reason of an error
         np.save(content, values)
         path = self._last_file(start)
         write_file(path, content.getvalue(), overwrite=True)

@@ -31,9 +31,9 @@ def replay_differences(
 ) -> dict[str, float | str]:
     """Compare a flight flown again with its stored results; return the quantities that differ, by name.
 
-    A number differs if its greatest difference over the aircraft, divided by the scale of the unit (100 s, 10 km, 150
-    m/s or 1), is above `REPLAY_TOLERANCES`, or the number is missing in one of both. The result has the scaled
-    difference (NaN if missing in one); for a quantity that is not a float, the stored value as text.
+    For a number, the result is the greatest difference over the aircraft, divided by the scale of the unit (100 s, 10
+    km, 150 m/s or 1), if above `REPLAY_TOLERANCES`; NaN if the number is missing in one of both. For a quantity that is
+    not a float, the result is the stored value as text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
@@ -43,7 +43,7 @@ def replay_differences(
 def row_differences(data: xr.Dataset, number: int, flight_row: FlightRow) -> dict[str, float | str]:
     """Compare `flight_row`, the results of a flight flown again, with flight `number` of a campaign's dataset.
 
-    Returns the quantities that differ by name, with the values of `replay_differences`.
+    Returns the differences by name, as `replay_differences` does.
     """
     tolerance, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
     differences: dict[str, float | str] = {}
@@ -70,10 +70,10 @@ def archive_worst(
     store: CampaignStore,
     progress: Progress = no_progress,  # called with a message and the completed fraction, 0..1
 ) -> tuple[Path, ...]:
-    """Fly the worst flights again and store each whole in a folder; return the folders.
+    """Fly the worst flights again and store the outputs of each flight in a folder; return the folders.
 
-    The study's table [keep] gives the number of flights (`worst`). Flights that are already archived undamaged are not
-    flown again. Flights that could not start are excluded: the store already contains the reason.
+    The study's table [keep] gives the number of flights (`worst`). Flights with an undamaged archive are not flown
+    again; flights that could not start are left out.
     """
     count = store.study.keep.worst if store.study.keep is not None else 0
     if not count:
@@ -96,7 +96,7 @@ def archived_flight(store: CampaignStore, number: int) -> Path | None:
 
 
 def _is_intact(folder: Path) -> bool:
-    """Return whether a folder contains both the dataset and the summary of a flight, with matching checksums."""
+    """Whether a folder contains the dataset and the summary of a flight, with matching checksums."""
     try:
         return verify_checksum(folder / _FLIGHT) and read_document(folder / _SUMMARY)[1]
     except (DamagedFileError, FileNotFoundError):
@@ -104,10 +104,7 @@ def _is_intact(folder: Path) -> bool:
 
 
 def _archive_flight(store: CampaignStore, number: int, folder: Path) -> bool:
-    """Fly a flight of a campaign again and write its outputs into `folder`; return False if the flight cannot start.
-
-    The folder appears only when all outputs are written.
-    """
+    """Fly a flight again and write its outputs into the new `folder`; return False if the flight cannot start."""
     try:
         flown = run(flight_scenario(store, number), precision=store.study.precision)
     except (ScenarioError, NoPlanError):  # the flight started in the campaign: another version, or rounding

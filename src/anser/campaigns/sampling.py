@@ -36,7 +36,7 @@ def apply_distributions(
 ) -> dict[str, np.ndarray]:
     """Convert uniform numbers to values of the varied parameters, shape (flights,), by key path.
 
-    The distributions and the correlations (Gaussian copula) are those of the study.
+    The study gives the distributions and the correlations (Gaussian copula).
     """
     correlated = _correlate(study, np.clip(shares, _LEAST, 1.0 - _LEAST))
     return {vary.path: vary.quantile(correlated[:, k]) for k, vary in enumerate(study.vary)}
@@ -45,8 +45,8 @@ def apply_distributions(
 def flight_seeds(study: Study, count: int) -> np.ndarray:
     """Return the seeds of `count` flights: consecutive numbers from a start derived from the study's seed.
 
-    In a Saltelli block, all flights share a seed but the last, which is input sample B. The random effects then act
-    like a further input that is never exchanged alone, and contribute to no input's first-order or total index.
+    All flights of a Saltelli block share a seed, except the last flight (input sample B). Random effects then
+    contribute to no input's first-order or total index.
     """
     start = np.random.SeedSequence(study.seed).generate_state(1, np.uint32)[0]
     numbers = np.arange(count, dtype=np.uint64)
@@ -59,7 +59,7 @@ def flight_seeds(study: Study, count: int) -> np.ndarray:
 def is_independent(study: Study, numbers: np.ndarray) -> np.ndarray:
     """Return for each of the flights `numbers` whether its results are independent of the rest; shape of `numbers`.
 
-    With Saltelli sampling only the first and the last flight of a block count as independent; otherwise all flights do.
+    With Saltelli sampling, only the first and the last flight of a block count as independent.
     """
     position = numbers % study.block
     return (position == 0) | (position == study.block - 1)
@@ -92,8 +92,7 @@ def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
 def _grid(study: Study) -> dict[str, np.ndarray]:
     """Return every combination of the parameters' grid values, by key path; the last path varies fastest.
 
-    A parameter with listed values takes each of the values; a parameter with a continuous distribution takes the
-    midpoints of intervals of equal probability.
+    Grid values are the listed values, or the midpoints of intervals of equal probability.
     """
     levels = study.sampled.levels or 1
     middles = (np.arange(levels) + 0.5) / levels

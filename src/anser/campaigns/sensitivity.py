@@ -23,28 +23,19 @@ _OUTPUTS = {
 
 @dataclass(frozen=True)
 class Influence:
-    """Sensitivity of one output of a campaign to one varied parameter, with a confidence interval.
+    """Sensitivity of one output of a campaign to one varied parameter, with a confidence interval."""
 
-    `output` is the name of the output, `path` the key path of the parameter. `measure` is "first" or "total" (Sobol
-    indices), or "rank" (Spearman's rank correlation); `value` is its value, `low` and `high` bound the interval.
-    """
-
-    output: str
-    path: str
-    measure: str
-    value: float
-    low: float
-    high: float
+    output: str  #: Name of the output.
+    path: str  #: Key path of the parameter.
+    measure: str  #: "first" or "total" (Sobol indices), or "rank" (Spearman's rank correlation).
+    value: float  #: Value of the measure.
+    low: float  #: Lower bound of the confidence interval.
+    high: float  #: Upper bound of the confidence interval.
 
 
 @dataclass(frozen=True)
 class Influences:
-    """Sensitivities of the outputs of a campaign to the varied parameters, computed from `flights` flights.
-
-    `kind` is the measure ("Sobol indices" or "rank correlation"), `outputs` the descriptions of the outputs by name.
-    `entries` has one sensitivity for each output, parameter and measure; `not_computed` gives the reason for each
-    output (by name) or parameter (by key path) without sensitivities.
-    """
+    """Sensitivities of the outputs of a campaign to the varied parameters."""
 
     kind: str  #: "Sobol indices" or "rank correlation".
     confidence: float  #: Confidence level of the intervals.
@@ -66,8 +57,8 @@ def influences(
 ) -> Influences:
     """Compute the sensitivity of each output of a campaign to each varied parameter.
 
-    The output ``met`` is 1 for a successful flight, else 0. In rank correlations, flights without an arrival count as
-    worst in every other output; Sobol indices of an output are computed only if every flight has a finite value.
+    The output ``met`` is 1 for a successful flight and 0 for a failed flight. In rank correlations, a flight without an
+    arrival has the worst value of every other output. Sobol indices require a finite value in every flight.
     """
     confidence, not_computed = study.answers.confidence, dict[str, str]()
     if study.block > 1:
@@ -106,10 +97,10 @@ def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
 
 
 def _sobol_entries(varied: list[str], confidence: float, name: str, outputs: np.ndarray) -> list[Influence]:
-    """Compute first-order and total Sobol indices of the output `name` by each of the `varied` parameters.
+    """Compute first-order and total Sobol indices of the output `name` for each of the `varied` parameters.
 
-    `outputs` are the values in the flights of complete Saltelli blocks, in order; `confidence` is the level of the
-    intervals. Raises ValueError if a value is not finite.
+    `outputs` are the values in the flights of complete Saltelli blocks, in order. Raises ValueError if a value is not
+    finite.
     """
     lacking = int(np.sum(~np.isfinite(outputs)))
     if lacking:

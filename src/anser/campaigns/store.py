@@ -1,8 +1,7 @@
 """Store of a campaign: results of every flight in Zarr arrays in a folder.
 
-The arrays are allocated for all flights at the start and filled in chunks: consecutive flights that one process flies
-and stores together. The module also evaluates the study's stopping rule (number of chunks after which the estimate is
-precise enough) and rebuilds damaged files that were written once, when the store was created.
+The arrays are filled in chunks: consecutive flights that one process flies and stores together. The module also
+evaluates the study's stopping rule and rebuilds damaged files that are written only at creation.
 """
 
 import contextlib
@@ -47,13 +46,13 @@ def count_converged_chunks(
 ) -> int | None:
     """Return how many leading chunks first satisfy the study's stopping rule; None without a rule or if unsatisfied.
 
-    The rule: a number of flights, and a confidence interval no wider than the rule's width. The rule is evaluated after
-    each chunk in order of chunk numbers, so the result is independent of the number of parallel processes. With
-    repeated evaluation an interval's coverage is slightly below its confidence level.
+    The rule requires a number of flights, and a confidence interval no wider than the rule's width. Repeated evaluation
+    lowers the interval's coverage slightly below its confidence level.
     """
     rule = study.until
     if rule is None:
         return None
+    # chunk by chunk: the result does not depend on the number of parallel processes
     for count in range(unconverged + 1, complete_prefix(is_complete) + 1):
         flights = min(count * chunk, values.size)
         if flights < rule.at_least:
@@ -70,11 +69,7 @@ def complete_prefix(is_complete: np.ndarray) -> int:
 
 
 def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
-    """Return the confidence interval of the stopping rule's statistic over the flights with `values`.
-
-    The statistic is the success probability (`values` are 0 or 1) or a quantile; the interval of a quantile is infinite
-    on both sides if its lower bound is infinite.
-    """
+    """Return the confidence interval of the stopping rule's statistic over the flights with `values`."""
     assert study.until is not None
     if study.until.statistic == "met":
         return wilson_interval(int(np.sum(values)), values.size, study.answers.confidence)
@@ -192,10 +187,7 @@ class CampaignStore(AbstractFlightStore):
         return np.asarray(self._array("seed")[flights]), values
 
     def write(self, chunk: int, flight_rows: list[FlightRow]) -> None:
-        """Write the results of a chunk's flights.
-
-        The checksums are recorded last; they mark the chunk as complete.
-        """
+        """Write the results of a chunk's flights, and mark the chunk as complete."""
         flights = self.chunk_slice(chunk)
         columns = {
             name: values for name, (_, values, _) in _result_columns(flight_rows, self.study, self.scenario).items()
@@ -246,7 +238,7 @@ class CampaignStore(AbstractFlightStore):
         return self._open_dataset(SERIES).isel(flight=self.flown)
 
     def _open_dataset(self, group: str | None = None) -> xr.Dataset:
-        """Open the arrays of the store, or of a Zarr group in it, as stored; values are read when used."""
+        """Open the arrays of the store, or of the Zarr group `group` in the store; values are read when used."""
         path = self.folder / self.data_folder
         dataset = xr.open_zarr(path, group=group, chunks=None, consolidated=False, mask_and_scale=False)
         for values in dataset.variables.values():
@@ -254,10 +246,7 @@ class CampaignStore(AbstractFlightStore):
         return dataset
 
     def _series_columns(self, selection: SeriesSelection, flight_rows: list[FlightRow]) -> dict[str, np.ndarray]:
-        """Return the selected time series of a chunk's flights, by array name; shape (flights, aircraft, times).
-
-        Quantities are float32; codes and flags are int32. A flight that could not start has missing values (NaN, -1).
-        """
+        """Return the selected time series of a chunk's flights, by array name; shape (flights, aircraft, times)."""
         shape = len(self.scenario.aircraft), selection.rows(self.scenario)
         return {
             # a flight that could not start has no series
@@ -290,9 +279,8 @@ def repair_base(
 ) -> None:
     """Rebuild damaged files that were written once, when the store was created.
 
-    The files are metadata, coordinates, seeds and sampled values (`applied`, by key path). A damaged file is replaced
-    only if the rebuilt file matches the recorded checksum. Raises StoreError if the record of checksums is damaged, or
-    a rebuilt file differs from the record, because of another study or version.
+    The files are metadata, coordinates, seeds and sampled values (`applied`, by key path). Raises StoreError if the
+    record of checksums is damaged, or if a rebuilt file does not match its recorded checksum.
     """
     data_folder = folder / CampaignStore.data_folder
     checksums = StoreChecksums(folder, data_folder.name)
@@ -334,10 +322,7 @@ def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Sc
 
 
 def shortened(texts: np.ndarray, name: str) -> np.ndarray:
-    """Return the values of the column `name` as the store holds them.
-
-    Texts longer than the column's width end with dots; other values are unchanged.
-    """
+    """Return the values of column `name` as stored: texts longer than the column's width are cut and end in dots."""
     width = _WIDTHS.get(name)
     if width is None:
         return texts
@@ -355,8 +340,7 @@ def _create_rows(
 ) -> None:
     """Write coordinates, seeds and values of the varied parameters, and allocate the arrays of the results.
 
-    `applied` are the values of the varied parameters by key path, `chunk` is the number of flights per chunk; `columns`
-    are results of one flight, as examples of data type, dimensions and attributes.
+    `columns` are the results of one flight, as examples of data type, dimensions and attributes.
     """
     names = np.array([aircraft.name for aircraft in scenario.aircraft], dtype=np.str_)
     _write_whole(group, "aircraft", names, "aircraft", {"long_name": "Aircraft"})
@@ -378,7 +362,7 @@ _PIECE = 1 << 26
 def _create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
     """Write the coordinates and allocate the arrays of the selected time series, in the store's Zarr group `series`.
 
-    `flights` is the number of all flights, `chunk` that of a chunk.
+    `flights` is the number of all flights, `chunk` is the number of flights per chunk.
     """
     names, times_s = [aircraft.name for aircraft in scenario.aircraft], selection.times_s(scenario)
     group.create_group(SERIES)

@@ -61,11 +61,8 @@ def store_attributes(study: Study, scenario: Scenario) -> dict[str, Any]:
 class AbstractFlightStore(abc.ABC):
     """Folder with the results of a study's flights; only one process at a time may write, and a later one can resume.
 
-    The results are the files of the subfolder `data_folder`. Their checksums are JSON files in the subfolder
-    `checksums`, see `StoreChecksums`. A chunk (flights that are flown and stored together) is complete when the
-    checksums of its files are recorded. The constructor raises StoreError if the folder has another format version than
-    this version of the package. Subclasses set `description` (name of the content) and `command` (subcommand of `anser`
-    that flies and resumes), both for messages.
+    A chunk (flights that are flown and stored together) is complete when the checksums of its files are recorded, see
+    `StoreChecksums`. The constructor raises StoreError if the folder has another format version.
     """
 
     description: ClassVar[str]  # name of the content in messages
@@ -86,10 +83,10 @@ class AbstractFlightStore(abc.ABC):
 
     @classmethod
     def open(cls, folder: Path, *, verify_chunks: bool = True) -> Self:
-        """Open the store in a folder; raises StoreError if missing, of another format, or with a damaged file.
+        """Open the store in a folder; raises StoreError if the store is missing, damaged, or of another format.
 
-        The files written once at creation are verified, and with `verify_chunks` also the results of the flights; time
-        series are verified later, when they are read.
+        If `verify_chunks` is True, the results of the flights are verified, too. Time series are verified when they are
+        read.
         """
         if not (folder / cls.data_folder).is_dir():
             raise StoreError(
@@ -123,7 +120,7 @@ class AbstractFlightStore(abc.ABC):
                 self._has_lock = False
 
     def refuse_damaged(self, *, series: bool = False) -> None:
-        """Raise StoreError if a completed chunk is damaged; with `series`, time series are verified, too."""
+        """Raise StoreError if a completed chunk is damaged; if `series` is True, time series are verified, too."""
         problems = self._chunk_problems(series=series)
         if problems:
             (chunk, problem), further_count = next(iter(problems.items())), len(problems) - 1
@@ -151,8 +148,7 @@ class AbstractFlightStore(abc.ABC):
     def _chunk_problems(self, *, series: bool) -> dict[int, str]:
         """Return the problem of each damaged chunk, by chunk number; `series` includes the chunk's time series.
 
-        Chunks that this object has already verified are not read again. A chunk whose last file exists without recorded
-        checksums is incomplete while this process holds the folder's lock; otherwise damaged.
+        Chunks that this object has already verified are not read again.
         """
         recorded, problems = self._checksums.chunks(), dict[int, str]()
         for chunk in sorted(recorded - self._verified[series]):
@@ -190,10 +186,9 @@ _BASE = "store"
 class StoreChecksums:
     """Checksums of a store's files, in JSON files ("records") in the subfolder `checksums`.
 
-    One record has the store's attributes and covers the files that are written once, when the store is created (the
-    "base"); each chunk has a record of its own, written after the chunk's files are on disk. A chunk with a record is
-    therefore complete. Paths of files are relative to the subfolder `data_folder`. Reading a damaged or missing record
-    raises StoreError; only `chunk_problem` returns the message instead.
+    One record has the store's attributes and covers the files that are written only at creation (the "base"). Each
+    chunk has its own record, written last; a chunk with a record is therefore complete. Paths of files are relative to
+    the subfolder `data_folder`. A damaged or missing record raises StoreError, except in `chunk_problem`.
     """
 
     def __init__(self, folder: Path, data_folder: str) -> None:
@@ -214,7 +209,7 @@ class StoreChecksums:
         self._path(str(chunk)).unlink(missing_ok=True)
 
     def chunks(self) -> set[int]:
-        """Return the numbers of the complete chunks, that is, of the chunks with a record."""
+        """Return the numbers of the complete chunks, which are the chunks with a record."""
         stems = (path.stem for path in self._folder.glob("*.json"))
         return {int(stem) for stem in stems if stem.isdecimal()}
 

@@ -50,7 +50,7 @@ class OutputSelection(Table):
     series_every_s: float = number("period of stored values, a whole multiple of the step", 0.001, 60, "s", 1)
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of the table, empty if valid: unknown or repeated variables, a period without any."""
+        """Return the problems of the table, empty if valid: unknown or repeated variables, a period alone."""
         problems = []
         for k, name in enumerate(self.series):
             if name in self.series[:k]:
@@ -123,7 +123,7 @@ def recorded_keys_of(scenario: Scenario) -> set[str]:
 
 
 def feature_required(name: str) -> str:
-    """Return the scenario feature, as text, without which flights do not record the optional variable `name`."""
+    """Return the scenario feature, as text, that flights need to record the optional variable `name`."""
     if name in _GUST_KEYS:
         return "turbulence or a gust"
     if name in _NETWORK_KEYS:
@@ -146,7 +146,7 @@ def _suggestion(name: str) -> str:
 RARE_FLIGHTS_MAX = 100_000
 """Maximum number of flights per level of a rare-event analysis: each takes about 1.5 kB of memory."""
 _CHAINS = 10
-"""Minimum number of Markov chains per level and repetition; the interval's coverage was measured down to it."""
+"""Minimum number of Markov chains per level and repetition; for fewer chains the interval's coverage is unknown."""
 _WHOLE = 1e-9
 
 
@@ -168,7 +168,7 @@ class RareEventConfig(Table):
 
     @property
     def breached_below(self) -> bool:
-        """Whether the event is a value of the statistic below the threshold; otherwise above the threshold."""
+        """Whether the event is a value of the statistic below (True) or above (False) the threshold."""
         return self.statistic in ("separation_min_m", "clearance_min_m")
 
     @property
@@ -223,8 +223,8 @@ class Sampling(Table):
     def consistency_problems(self) -> list[Problem]:
         """Return the problems of the table, empty if valid.
 
-        Problems are a key that the method lacks or does not have, and with a Sobol sequence (methods sobol and
-        saltelli) a number of flights that is not a power of 2.
+        Each method requires one of the keys and excludes the others. The methods sobol and saltelli require a power of
+        2 as number of flights.
         """
         required = {"grid": "levels", "table": "file"}.get(self.method, "flights")
         keys = {"flights": self.flights, "levels": self.levels, "file": self.file}
@@ -361,11 +361,7 @@ class Study(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of keys that do not fit keys of further tables, empty if valid.
-
-        Checked are the paths of tables [[vary]] (each once) and [[correlated]] (paths of tables [[vary]]), the names of
-        outputs, the stopping rule, and the tables that the sampling method allows.
-        """
+        """Return the contradictions between the tables of the study, empty if valid."""
         paths = [dispersion.path for dispersion in self.vary]
         problems = [
             Problem(f"vary[{k}].path", describe_value(path), _ANOTHER_PATH if path == "seed" else "each path once")
@@ -444,7 +440,7 @@ class Study(Table):
 
     @property
     def block(self) -> int:
-        """Number of flights that depend on each other: with Saltelli sampling the varied parameters plus 2, else 1."""
+        """Number of flights that depend on each other: number of varied parameters + 2 (Saltelli sampling) or 1."""
         return len(self.vary) + 2 if self.sampling is not None and self.sampling.method == "saltelli" else 1
 
     @property
@@ -506,11 +502,9 @@ def validate_study(values: dict[str, Any], source: str = "<values>", *, is_store
 
 
 def _read_columns(path: Path) -> dict[str, np.ndarray]:
-    """Read a CSV file with a heading row of key paths; return the columns by key path.
+    """Read a CSV file with a heading row of key paths; return numbers, truth values or texts by key path.
 
-    Columns are numbers; truth values if every entry is `true` or `false`; otherwise texts. Raises ScenarioError if the
-    file is no table, a path is repeated or is "seed", or a number is not finite; the message names the line of the
-    file.
+    Raises ScenarioError if the file is not a valid table; the message names the line of the file.
     """
     reader = csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines())
     try:

@@ -2,11 +2,12 @@
 
 A level is a set of points whose values reach a bound; the probability of the event is the product of the fractions of a
 level's points that reach the next bound. The module knows nothing of flights: `SampleSpace` and `LimitState` are
-supplied by the caller. Sources: S.-K. Au, J. L. Beck, *Estimation of small failure probabilities in high dimensions by
-subset simulation*, Probabilistic Engineering Mechanics 16(4), 2001; moves by conditional sampling with step size
-adapted to the acceptance rate: I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset
-simulation*, Probabilistic Engineering Mechanics 41, 2015. In the paper the chains of a level run one after the other;
-here they move simultaneously, for parallel evaluation, and the step size is adapted after each move.
+supplied by the caller.
+
+Sources: S.-K. Au, J. L. Beck, *Estimation of small failure probabilities in high dimensions by subset simulation*,
+Probabilistic Engineering Mechanics 16(4), 2001. Moves by conditional sampling with adaptive step size: I. Papaioannou,
+W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset simulation*, Probabilistic Engineering Mechanics 41,
+2015. Unlike in the latter paper, the chains of a level move simultaneously, and the step size adapts after each move.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -46,17 +47,12 @@ class SampleSpace(Protocol):
 
 @dataclass(frozen=True)
 class SubsetPlan:
-    """Size of a subset simulation.
+    """Size of a subset simulation."""
 
-    `points` is the number of points per level and repetition, a multiple of 1 / `share`; `share` is the fraction of a
-    level's points that start the chains of the next level, 1 over a whole number; `levels_max` is the greatest number
-    of levels; the scatter of the `repetitions` gives the confidence interval.
-    """
-
-    points: int
-    share: float
-    levels_max: int
-    repetitions: int
+    points: int  # number of points per level and repetition, a multiple of 1 / `share`
+    share: float  # fraction of a level's points that start the chains of the next level; 1 / `share` is a whole number
+    levels_max: int  # greatest number of levels
+    repetitions: int  # number of independent repetitions; their scatter gives the confidence interval
 
     @property
     def length(self) -> int:
@@ -71,31 +67,25 @@ class SubsetPlan:
 
 @dataclass(frozen=True)
 class SubsetLevel:
-    """One level of one repetition of a subset simulation: points whose values are at least `bound`.
+    """One level of one repetition of a subset simulation: points whose values are at least `bound`."""
 
-    `bound` is -inf on the first level. `values`, `points` and `numbers` have one entry per point, chain by chain; a
-    number is that with which the point was first drawn or proposed. `share` is the fraction of the points that reach
-    the next level's bound (on the last level: that exceed the threshold); `acceptance` is the acceptance rate of the
-    chains' moves, NaN on the first level.
-    """
-
-    bound: float
-    values: np.ndarray
+    bound: float  # -inf on the first level
+    values: np.ndarray  # value of each point, chain by chain
     points: np.ndarray
-    numbers: np.ndarray
-    share: float
-    acceptance: float
+    numbers: np.ndarray  # running number with which each point was drawn or proposed
+    share: float  # fraction of the points that reach the next bound or, on the last level, exceed the threshold
+    acceptance: float  # acceptance rate of the chains' moves; NaN on the first level
 
 
 Repetition = tuple[SubsetLevel, ...]
-"""Levels of one repetition; the last reaches the threshold, or is the last that the plan or equal values allow."""
+"""Levels of one repetition; the last level reaches the threshold unless the plan or equal values end the levels."""
 
 
 def exceedance(repetition: Repetition, value: float) -> float:
     """Estimate from one repetition the probability of exceeding a value.
 
-    The value lies between the bounds of a level and the next level. The estimate is the fraction of this level's points
-    above the value, times, for each earlier level, the fraction of points that reach the next bound.
+    Let k be the first level with value < bound[k+1], or the last level. The probability is share[0] * ... * share[k-1],
+    times the fraction of the points of level k above the value.
     """
     probability = 1.0
     for level, next_level in zip(repetition, (*repetition[1:], None), strict=True):
@@ -109,21 +99,20 @@ def exceedance(repetition: Repetition, value: float) -> float:
 class SubsetEstimate:
     """Estimate of the probability of exceeding a value, with its confidence interval."""
 
-    #: Estimated probability; None if no point exceeds the value in the first level (if the first level suffices in
-    #: every repetition), or in the last level of at least one repetition.
+    #: Estimated probability; None if a repetition has no point that exceeds the value. If the first level suffices in
+    #: every repetition, the points of all repetitions count together.
     probability: float | None
     low: float  #: Lower bound of the confidence interval; 0 if the probability is None.
-    #: Upper bound of the confidence interval; if the probability is None, the Wilson bound if the first level suffices,
-    #: otherwise 1.
+    #: Upper bound of the confidence interval; 1 if the probability is None and the first level does not suffice.
     high: float
 
 
 def estimate(repetitions: Sequence[Repetition], value: float, confidence: float) -> SubsetEstimate:
     """Estimate the probability of exceeding a value, with an interval of the given confidence level.
 
-    If the value lies below the second level's bound in every repetition, the points of the first level are independent
-    and the Wilson interval applies. Otherwise the estimate is the geometric mean of the repetitions' estimates, with
-    Student's interval of their logarithms: points within a repetition are correlated, the repetitions are independent.
+    If the value lies below the second level's bound in every repetition, the result is the Wilson interval of the first
+    levels' independent points. If not, the estimate is the geometric mean of the repetitions' estimates, with Student's
+    interval of their logarithms.
     """
     if all(len(repetition) == 1 or value < repetition[1].bound for repetition in repetitions):
         values = np.concatenate([repetition[0].values for repetition in repetitions])
@@ -203,8 +192,8 @@ def _walk(
 ) -> Generator[_Proposal, _Evaluated, Repetition]:
     """Simulate one repetition, level by level, as a generator.
 
-    The generator yields the points to move from with their weights `keep` (see `SampleSpace.propose`), receives the new
-    points with their values and numbers, and finally returns the levels.
+    The generator yields the points to move from and their weights `keep` (see `SampleSpace.propose`), receives the new
+    points, values and numbers, and returns the levels.
     """
     points, values, numbers = yield None, np.zeros(plan.points)
     levels: list[SubsetLevel] = []

@@ -2,10 +2,9 @@
 
 Exit codes: 0 success; 1 a requirement is not met; 2 invalid input; 3 internal fault; 130 stopped by Ctrl-C.
 
-A module contains a command or a group of related commands, for example `flights` (run, demo, plan) or `reports`
-(report, export, figures). Common parts: `commands` (list of all commands, exit codes), `app` (options --json and
---quiet of every command), `console` (printed output and error messages), `arguments`, `overrides` (option --set),
-`folders` (output folders), `process` (Ctrl-C, closed streams).
+Modules that all commands share: `commands` (list of commands), `app` (options --json and --quiet), `console` (output
+and error messages), `arguments`, `overrides` (option --set), `folders` (output folders), `process` (Ctrl-C, streams).
+Each of the other modules contains related commands.
 """
 
 import atexit
@@ -17,15 +16,12 @@ from anser.cli.process import INTERRUPTED, guarded_streams, interrupts, without_
 
 
 def main() -> None:
-    """Run the command that the command line names, and end the process with the command's exit code.
-
-    The commands and their libraries are imported in the function, so that Ctrl-C also works during the imports.
-    """
+    """Run the command of the command line, and end the process with the command's exit code."""
     # imports and tracing create many long-lived objects; frequent garbage collection costs 10 %
     gc.set_threshold(200_000)
     with guarded_streams() as unwritten, interrupts.watched(), without_dask():
         try:
-            from anser.cli.commands import exit_code
+            from anser.cli.commands import exit_code  # imported here so that Ctrl-C works during the imports
 
             code = exit_code()
         except BaseException:

@@ -182,10 +182,9 @@ def _report(
     signals: "Mapping[str, tuple[Variable, ...]]",
     effects: "Mapping[str, str] | None" = None,
 ) -> None:
-    """Print an aircraft file's check data and findings, and exit with code 1 if a check fails or a finding exists.
+    """Print an aircraft file's check data and findings; exit with code 1 if a check fails or a finding exists.
 
-    `signals` are the inputs and outputs of a DAVE-ML file; `effects` describes by surface the effect of a positive
-    deflection.
+    `signals` are the inputs and outputs of a DAVE-ML file; `effects` describes positive deflections by surface.
     """
     failed = [item for item in checked_values if not item.passed]
     print_document(

@@ -29,7 +29,7 @@ class PlainCommand(TyperCommand):
     """Command that reports invalid option values with anser's messages."""
 
     def get_usage(self, ctx: Any) -> str:
-        """Return the usage text, without the command's name if it was omitted on the command line."""
+        """Return the usage text; the command's name is left out if the command line omits the name."""
         usage = super().get_usage(ctx)
         return usage.replace(f" {self.name} ", " ", 1) if ctx.meta.get(COMMAND_IMPLIED) else usage
 
@@ -73,7 +73,7 @@ _Quiet = Annotated[
 
 
 def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
-    """Return a decorator that attaches examples and exit codes to a command; `unmet` describes exit code 1, if used."""
+    """Return a decorator that attaches examples and exit codes to a command; `unmet` describes exit code 1, if any."""
     codes = [
         "0  done",
         *([f"1  {unmet}"] if unmet else []),
@@ -94,8 +94,8 @@ def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function
 def register_command(app: typer.Typer, command: Callable[..., None]) -> None:
     """Register a function decorated with `help_epilog` as a command, with the options --json and --quiet.
 
-    The function prints with `print_line`, `print_table`, `print_note` and `print_problem`, which obey these options,
-    and calls `print_document` once with its results as a JSON document.
+    The function must print with `print_line`, `print_table`, `print_note` and `print_problem`, and must call
+    `print_document` once.
     """
 
     @functools.wraps(command)

@@ -19,30 +19,30 @@ _DEPTH = 2
 
 
 def complete_scenario(incomplete: str) -> list[str]:
-    """Return the completions of a scenario file's path: matching files in the typed folder or two levels below."""
+    """Return the scenario files in the typed folder, or two levels below, that match the typed path."""
     return _matching_paths(incomplete, _is_scenario)
 
 
 def complete_run(incomplete: str) -> list[str]:
-    """Return the completions of a run folder's path: matching run folders in the typed folder or two levels below."""
+    """Return the run folders in the typed folder, or two levels below, that match the typed path."""
     return _matching_paths(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
-    """Return the completions of an aircraft: names, and aircraft files in the typed folder or two levels below."""
+    """Return the names of aircraft, and the aircraft files in the typed folder or two levels below, that match."""
     names = [name for name in AIRFRAMES if name.startswith(incomplete)]
     return names + _matching_paths(incomplete, _is_airframe)
 
 
 def complete_shipped(incomplete: str) -> list[str]:
-    """Return the names of the scenarios, studies and aircraft that come with anser and start with the typed text."""
+    """Return the names of scenarios, studies and aircraft of anser that start with the typed text."""
     return [name for name in shipped_files() if name.startswith(incomplete)]
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
     """Return the names of table sets (variants) that start with the typed text.
 
-    The names are those of the aircraft on the command line if it has variants, otherwise those of all aircraft.
+    If the aircraft on the command line has variants, only variants of this aircraft are returned.
     """
     variants = VARIANTS.get(context.params.get("aircraft") or "")
     names = variants if variants is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
@@ -58,11 +58,7 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[str]:
-    """Return the paths that `accepts` selects and that start with the typed text, sorted, with the folder as typed.
-
-    The search examines at most `_ENTRIES_MAX` entries, down to `_DEPTH` levels below the typed folder. Unreadable
-    entries are skipped.
-    """
+    """Return the paths that `accepts` selects and that start with the typed text, sorted."""
     typed_folder, _, name = incomplete.rpartition("/")
     folder = Path("/" if incomplete.startswith("/") and not typed_folder else typed_folder or ".")
     typed_prefix = incomplete[: len(incomplete) - len(name)]
@@ -77,9 +73,9 @@ def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[st
 
 
 def _below(folder: Path, prefix: str, depth: int) -> Iterator[Path]:
-    """Yield the entries of a folder whose names start with `prefix`, and all their contents down to `depth` levels.
+    """Yield the entries of a folder whose names start with `prefix`, and all contents down to `depth` levels.
 
-    Hidden entries of the folder are yielded only if `prefix` is not empty; hidden entries of subfolders never.
+    A hidden entry is left out, unless its name starts with a `prefix` that is not empty.
     """
     try:
         entries = sorted(folder.iterdir())

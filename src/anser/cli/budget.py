@@ -38,11 +38,10 @@ _STAGES = ("tracing_s", "lowering_s", "compiling_s")
 
 
 def measure_scenario(scenario: Path) -> dict[str, Any]:
-    """Fly a scenario twice in new processes; return a JSON document of the first and the second run's cost.
+    """Fly a scenario twice in new processes; return a JSON document of the cost of both runs.
 
-    Entries: the compiled programs with their CPU seconds by stage, sums of the stages, the first run's peak of memory
-    (MB, None if the system does not report it), and CPU and wall seconds of both runs. Raises InputError if the
-    scenario cannot be flown.
+    The document has the compiled programs with CPU seconds by stage, sums of the stages, the first run's peak of memory
+    (MB; None if unknown), and CPU and wall seconds of each run. Raises InputError if the scenario cannot be flown.
     """
     with tempfile.TemporaryDirectory(prefix="anser-") as folder:
         first, second = (_run_once(scenario, Path(folder), number) for number in (1, 2))
@@ -68,9 +67,9 @@ def _run_once(scenario: Path, folder: Path, number: int) -> dict[str, Any]:
 
 
 def print_budgets(budgets: list[dict[str, Any]]) -> None:
-    """Print a table row of computing costs for each of `budgets`, the documents of `measure_scenario`.
+    """Print a table with a row of computing costs for each result of `measure_scenario`.
 
-    For a single document, a table with a row for each compiled program comes first.
+    For a single result, a table of its compiled programs comes first.
     """
     stages = ("equations", "tracing", "lowering", "compiling", "code MB")
     if len(budgets) == 1:

@@ -144,10 +144,9 @@ def _print_comparison(comparison: "CampaignComparison") -> None:
 
 
 def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
-    """Open the store of a campaign folder.
+    """Open the store of a campaign folder; `argument` is the name of the command-line argument, for messages.
 
-    Raises InputError if the folder has no campaign or a file is damaged; `argument` is the name of the folder's
-    argument in the message.
+    Raises InputError if the folder has no campaign or a file is damaged.
     """
     from anser.campaigns.store import CampaignStore
     from anser.campaigns.store_integrity import StoreError
@@ -216,10 +215,9 @@ def _locked(store: "CampaignStore") -> Iterator[None]:
 
 
 def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
-    """Fly the missing flights of a campaign, print the estimates and write the report.
+    """Fly the missing flights of a campaign, print the estimates and write the report; after Ctrl-C as well.
 
-    Exits with code 1 if a flight does not meet a requirement or cannot start. Estimates so far are printed after
-    Ctrl-C.
+    Exits with code 1 if a flight does not meet a requirement or cannot start.
     """
     from anser.campaigns.campaign_folder import Campaign
     from anser.campaigns.flights import campaign_process_limit, find_bound_cautions, fly_campaign
@@ -268,13 +266,13 @@ def _resume_note(store: "CampaignStore") -> str:
 
 
 def _write(store: "CampaignStore", flown_before: int) -> list[str]:
-    """Write the report of a campaign without replays for the map; return the names of the written files.
+    """Write the report of a campaign without a map; return the names of the written files.
 
-    Nothing is written if no flight is complete, or if a report exists and no flight was added to the `flown_before`
-    flights completed earlier: the existing report may show the worst flights on a map.
+    Nothing is written if no flight is complete, or if a report exists and only `flown_before` flights are complete.
     """
     from anser.campaigns.campaign_report import REPORT, write_campaign
 
+    # the existing report may show the worst flights on a map
     if not store.flown.size or (store.flown.size == flown_before and (store.folder / REPORT).exists()):
         return []
     return [path.name for path in write_campaign(store, worst=0)]
@@ -283,7 +281,7 @@ def _write(store: "CampaignStore", flown_before: int) -> list[str]:
 def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
     """Return the store of a campaign folder and the scenario of flight `number`.
 
-    Raises InputError if the folder has no campaign or the number is out of range, ScenarioError if the flight's
+    Raises InputError if the folder has no campaign or the number is out of range. Raises ScenarioError if the flight's
     scenario is invalid.
     """
     from anser.campaigns.flights import flight_scenario
@@ -298,7 +296,7 @@ def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario
 
 
 def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") -> None:
-    """Print whether flight `number`, flown again, reproduces its stored result in the campaign."""
+    """Print whether flight `number`, flown again, has the result that the campaign stored."""
     from anser.campaigns.replay import replay_differences
 
     if number not in store.flown:
@@ -317,7 +315,7 @@ def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") ->
 
 
 def _bound_cells(quantile: "QuantileEstimate") -> list[str]:
-    """Return the table cells of a quantile: value, confidence interval and unit; times below 10 ms in milliseconds."""
+    """Return the table cells of a quantile: value, confidence interval and unit (ms for times below 10 ms)."""
     values = quantile.value, quantile.low, quantile.high
     magnitudes = [abs(value) for value in values if value is not None]
     if quantile.unit == "s" and max(magnitudes, default=1.0) < _MILLISECONDS_BELOW_S:

@@ -44,10 +44,7 @@ class DefaultCommandGroup(TyperGroup):
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Insert the default command if the first argument is neither a command nor a help option; parse the arguments.
-
-        No command is inserted into an empty command line, or before a word that resembles a command and is not a file.
-        """
+        """Parse the arguments, after the default command has been inserted if no command is named."""
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             close = difflib.get_close_matches(args[0], self.commands)
             if not close or Path(args[0]).exists():
@@ -70,7 +67,7 @@ class DefaultCommandGroup(TyperGroup):
 def register_group(
     app: typer.Typer, name: str, commands: Sequence[Callable[..., None]], summary: str, examples: Sequence[str]
 ) -> None:
-    """Register commands decorated with `help_epilog` as a group with a common name; the first is the default."""
+    """Register commands decorated with `help_epilog` as a group; the first command is the default."""
     hint = f"anser {name} COMMAND --help shows the options and exit codes of one."
     lines = "\n".join(["Examples:", *(f"  {example}" for example in examples), "", hint])
     group = typer.Typer(cls=DefaultCommandGroup, no_args_is_help=True, help=summary, epilog=escape(lines))
@@ -155,8 +152,8 @@ register_group(
 def exit_code() -> int:
     """Run the command of the command line and return its exit code.
 
-    Invalid input (`InputError`, `ScenarioError`) and errors of the operating system are printed as one message, with
-    code 2; other exceptions with their traceback, with code 3.
+    Invalid input (`InputError`, `ScenarioError`) and errors of the operating system are printed as a message, with code
+    2. Any other exception is printed with its traceback, with code 3.
     """
     try:
         app()

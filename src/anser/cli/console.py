@@ -1,8 +1,9 @@
 """Output common to all commands: consoles, tables, progress, and errors for invalid input.
 
-Three consoles: `screen` prints results on standard output; `note` prints messages (cautions, written files) and
-progress on standard error; `err` prints errors on standard error and is never silent. With ``--json``, `screen` is
-silent and `print_document` writes the document to standard output; with ``--quiet``, `screen` and `note` are silent.
+- `screen`: results on standard output; silent with --json or --quiet
+- `note`: messages and progress on standard error; silent with --quiet
+- `err`: errors on standard error
+
 Consoles use no colour if NO_COLOR is set or the output is not a terminal.
 """
 
@@ -85,8 +86,7 @@ _request = _Request()
 def output(as_json: bool, quiet: bool) -> Iterator[None]:
     """Apply --json and --quiet to the consoles in the `with` block, in which one command runs.
 
-    Raises RuntimeError if the command ends with exit code 0 or 1 without printing the JSON document that --json
-    requests.
+    Raises RuntimeError if --json is used and the command ends with exit code 0 or 1 before it prints the document.
     """
     _request.as_json, _request.answered = as_json, False
     screen.quiet, note.quiet = as_json or quiet, quiet
@@ -108,9 +108,9 @@ def _must_have_answered() -> None:
 
 
 def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
-    """Print the JSON document that `document` returns to standard output, if --json was used; otherwise do nothing.
+    """Print the JSON document that `document` returns to standard output if --json was used.
 
-    The function is called only with --json; its result must not contain NaN or infinity, which JSON lacks.
+    `document` is called with --json only; the result must not contain NaN or infinity.
     """
     if _request.as_json:
         sys.stdout.write(json.dumps(document(), indent=1, allow_nan=False) + "\n")
@@ -118,17 +118,14 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Print the reasons for a missing result as error messages, and always exit with code 1.
-
-    The JSON document contains status and reasons; `prefix` precedes each printed reason.
-    """
+    """Print the reasons for a missing result, each after `prefix`, and the JSON document; always exit with code 1."""
     print_document(lambda: {"format_version": 1, "status": status, "reasons": list(reasons)})
     fail_if_any(prefix + reason for reason in reasons)
     raise typer.Exit(1)
 
 
 def fail_if_any(problems: Iterable[str]) -> None:
-    """Print problems as error messages and exit with code 1; return without effect if there are none."""
+    """Print problems as error messages and exit with code 1, if there are any."""
     texts = list(problems)
     for text in texts:
         print_problem(text)
@@ -155,7 +152,6 @@ class _Times(ProgressColumn):
     """Column of a progress bar: elapsed time, and the estimated remaining time if known."""
 
     def render(self, task: Task) -> Text:
-        """Return the text of the column."""
         elapsed, remaining = task.elapsed or 0.0, task.time_remaining
         remaining_text = "" if remaining is None or task.finished else f", {_clock(remaining)} left"
         return Text(_clock(elapsed) + remaining_text, style="progress.elapsed")
@@ -168,20 +164,17 @@ def _clock(seconds: float) -> str:
 
 
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
-    """Return a context manager that shows a progress bar with elapsed and remaining time, removed at the end.
+    """Return a context manager that shows a progress bar with elapsed and remaining time.
 
-    The context manager yields a function that sets the description and the completed fraction, 0..1 (None: unknown).
-    Without a terminal, a line is printed every ten seconds.
+    The context manager yields a function that sets the description and the completed fraction, 0..1 (None: unknown). If
+    the output is not a terminal, a line is printed every ten seconds.
     """
     columns = (_description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
     return _progress_display("starting", 1.0, *columns)
 
 
 def activity(description: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
-    """Return a context manager that shows a spinner with elapsed time, for work of unknown duration.
-
-    The context manager yields a function that sets the description.
-    """
+    """Return a context manager that shows a spinner, and yields a function that sets the description of the work."""
     return _progress_display(description, None, SpinnerColumn(), _description_column(), TimeElapsedColumn())
 
 
@@ -195,9 +188,8 @@ def _progress_display(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress line in the `with` block, and yield a function that sets description and completed fraction.
 
-    `total` is the fraction that counts as complete, None for work of unknown duration. The fraction, 0..1, is optional.
-    While the process waits for a program to be compiled, the line says so and shows no fraction. Without a terminal, a
-    line is printed every ten seconds.
+    The line says if the process waits for a compilation. `total` is the fraction that counts as complete, or None for
+    work of unknown duration.
     """
     from anser.compiling.measuring import compilation_message
 
@@ -226,7 +218,7 @@ def _progress_display(
 
 @contextlib.contextmanager
 def _refreshed(bar: Progress, show: Callable[[], None]) -> Iterator[None]:
-    """Call `show` every second in the `with` block; without a terminal, print a progress line every ten seconds."""
+    """Call `show` every second in the `with` block; if the output is no terminal, print a line every ten seconds."""
     ended, began = threading.Event(), time.monotonic()
 
     def refresh() -> None:
@@ -269,20 +261,20 @@ def must_be_in_range(option: str, value: float, low: float, high: float, advice:
 
 @dataclass(frozen=True)
 class TableColumn:
-    """Column of `print_table`: heading, number of decimals, and options of rich's `add_column` (`justify`, ...)."""
+    """Column of `print_table`."""
 
     heading: str
-    digits: int = 0
-    options: Mapping[str, Any] = field(default_factory=dict)
+    digits: int = 0  # number of decimals
+    options: Mapping[str, Any] = field(default_factory=dict)  # options of rich's `add_column` (`justify`, ...)
 
 
 def columns(*headings: str, digits: int = 0, **options: Any) -> list[TableColumn]:
-    """Return columns of equal format, one for each heading; numbers have `digits` decimals."""
+    """Return a column for each heading; numbers have `digits` decimals."""
     return [TableColumn(heading, digits, options) for heading in headings]
 
 
 def number(value: float | None, digits: int) -> str:
-    """Format a number with fixed decimals; a dash for None, NaN and infinity."""
+    """Format a number with `digits` decimals; a dash for None, NaN and infinity."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
 
 
@@ -292,10 +284,9 @@ def print_table(
     rows: Iterable[Sequence[str | float | Text | None]],
     styles: Iterable[str | None] = (),
 ) -> None:
-    """Print a table of results, except with --json or --quiet; without a terminal, lines are neither wrapped nor cut.
+    """Print a table of results, except with --json or --quiet; None, NaN and infinity are a dash.
 
-    Numbers get the decimals of their column; None, NaN and infinity are printed as a dash. `styles` has one style per
-    row.
+    `styles` has one style per row. If the output is not a terminal, lines are neither wrapped nor cut.
     """
     table = Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
     for column in columns:
@@ -312,10 +303,10 @@ def print_table(
 
 
 def flight_point(at: str) -> tuple[float, float]:
-    """Return the true airspeed (m/s) and altitude (m) of an option --at; raises InputError if invalid.
+    """Return the true airspeed (m/s) and altitude (m) of an option --at, "SPEED,ALTITUDE".
 
-    `at` is "SPEED,ALTITUDE" with a true airspeed, or with a prefix another form: "cas:140,2000", "eas:138,2000",
-    "mach:0.45,2000". Conversion is by the standard atmosphere.
+    A prefix selects another airspeed, which the standard atmosphere converts: "cas:140,2000", "eas:138,2000",
+    "mach:0.45,2000". Raises InputError if the option is invalid.
     """
     try:
         speed_text, altitude_text = at.split(",")
@@ -344,11 +335,10 @@ _AT_FORMS: dict[str, AirspeedForm] = {
 def true_airspeed_of(
     altitude_m: float, airspeeds: Mapping[AirspeedForm, float | None], layers: Layers = STANDARD_LAYERS
 ) -> float:
-    """Return the true airspeed, m/s, for the only airspeed option that is not None, at an altitude, m.
+    """Return the true airspeed, m/s, for the one airspeed option that is not None, at an altitude, m.
 
-    `airspeeds` has the options by `AIRSPEED_FORMS` (true, calibrated, equivalent, Mach number); `layers` is the
-    atmosphere. Raises InputError if not exactly one option has a value, or if airspeed or altitude is outside its
-    range.
+    `airspeeds` has the options by form: true, calibrated, equivalent, Mach number. `layers` is the atmosphere. Raises
+    InputError if the number of options is not one, or if airspeed or altitude is outside its range.
     """
     arrived = [form for form in AIRSPEED_FORMS if airspeeds[form] is not None]
     if len(arrived) != 1:
@@ -363,7 +353,7 @@ def true_airspeed_of(
 def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
     """Show a spinner in the `with` block, and yield a function that sets its description, at first `description`.
 
-    If the block raises ConditionError (no steady flight exists), print the reason and end the command with code 1.
+    If the block raises ConditionError (no steady flight), the reason is printed and the command ends with code 1.
     """
     from anser.analysis.trim_points import ConditionError
 
@@ -375,10 +365,7 @@ def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Raise InputError if a value of the flight condition is outside its range of `_RANGES`; None is not checked.
-
-    A pitch rate must also not be combined with a turn rate or a path rate.
-    """
+    """Raise InputError for a value outside `_RANGES`, or a pitch rate with a turn or path rate; None is not checked."""
     for name, (low, high) in _RANGES.items():
         value = condition.get(name)
         if value is not None:
@@ -402,10 +389,7 @@ def must_be_f16(aircraft: str, instead: str) -> None:
 
 
 def must_be_known_aircraft(aircraft: str, variant: str, parameter: str = "--aircraft") -> None:
-    """Raise InputError if an airframe's name or variant is unknown; paths of aircraft files are not checked.
-
-    `parameter` is the command-line option or argument with the name.
-    """
+    """Raise InputError if an airframe's name or variant is unknown; paths of aircraft files are not checked."""
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
         expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
         raise InputError(f"{parameter}: arrived {aircraft!r}; expected {expected}")

@@ -145,11 +145,7 @@ def _finished_plan(folder: Path, scenario: Scenario) -> "FirstPlan":
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
-    """Return the time, s, of the first sample with a status other than flying, by name of the aircraft.
-
-    Aircraft that were flying at every sample, and aircraft with a different status from the first sample on, are left
-    out.
-    """
+    """Return the time, s, at which each aircraft that flew at first had another status, by name of the aircraft."""
     stop_times = {}
     for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
         stopped_rows = codes.nonzero()[0]
@@ -159,10 +155,7 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
 
 
 def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
-    """Return the status in an aircraft's entry of the summary as text.
-
-    For an aircraft in `stopped_s` (see `_stopped_s`) the time precedes the status: "at 12.0 s: ...".
-    """
+    """Return the status in an aircraft's summary entry, after the time in `stopped_s` if any: "at 12.0 s: ..."."""
     stop_time = stopped_s.get(aircraft["name"])
     return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 
@@ -206,10 +199,7 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
 
 
 def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
-    """Print each requirement of a summary that is not met and each aircraft that failed; always exit with code 1.
-
-    `stopped_s` is the result of `_stopped_s`.
-    """
+    """Print each requirement that is not met and each aircraft that failed; always exit with code 1."""
     from anser.results.arrival import AS_PLANNED  # late import: errors in the file come first
 
     for item in summary["requirements"]:
@@ -294,10 +284,7 @@ def _print_paths(summary: dict[str, Any]) -> None:
 
 
 def _path_row(aircraft: dict[str, Any], arrive_together: bool) -> dict[str, str]:
-    """Return the table cells of one path by column heading, from the aircraft's entry in a plan's summary.
-
-    The arrival time is left out if `arrive_together`. All aircraft of a plan have the same headings.
-    """
+    """Return the table cells of one path by column heading; the arrival time is left out if `arrive_together`."""
     planned = {limit["name"]: limit["planned"] for limit in aircraft["limits"]}
     cells = {} if arrive_together else {"arrival\ns": number(aircraft["arrival_s"], 2)}
     if "nominal_length_m" in aircraft:

@@ -27,11 +27,10 @@ Force = Annotated[
 
 @contextlib.contextmanager
 def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Create the output folder and yield a temporary folder to write into.
+    """Create the output folder and yield a temporary folder; its files move to the output folder if no error occurs.
 
-    The files move to the output folder when the `with` block ends without an error; a new folder is removed if it stays
-    empty. With `force` the output folder may exist, and files of the same names are replaced. Raises InputError if the
-    folder exists without `force`, or cannot be written.
+    With `force` the output folder may exist, and files of the same names are replaced. Raises InputError if the folder
+    exists and `force` is False, or if the folder cannot be written.
     """
     is_old = force and _is_folder(folder)
     expected_place = "a folder in which files can be replaced" if is_old else "a place where a folder can be made"
@@ -52,7 +51,7 @@ def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
 
 
 def make_next_folder(folder: Path) -> Path:
-    """Create the default output folder, or if it exists the first free folder with suffix -2, -3, ...; return its path.
+    """Create the default output folder or, if the folder exists, the first free one with suffix -2, -3, ...; return it.
 
     Raises InputError if no folder can be created.
     """
@@ -79,10 +78,7 @@ PICTURE_SUFFIXES = (".svg", ".png", ".pdf")
 def must_be_new_file(
     option: str, path: Path | None, suffixes: Sequence[str] = PICTURE_SUFFIXES, force: bool = False
 ) -> None:
-    """Raise InputError if a path has none of the suffixes or no file can be written there; accept None.
-
-    With `force` the file may exist.
-    """
+    """Raise InputError if a path has none of the suffixes or fails `must_be_writable`; None is accepted."""
     if path is None:
         return
     if path.suffix not in suffixes:
@@ -92,7 +88,7 @@ def must_be_new_file(
 
 
 def must_be_writable(option: str, path: Path, force: bool) -> None:
-    """Raise InputError if a file exists (unless `force`), is a folder or device, or its folder does not exist."""
+    """Raise InputError if no file can be written at a path, or a file exists and `force` is False."""
     with _refusing(option, path, "a place for a file"):
         if path.is_file() and not force:
             remedy = "a new file, or --force (nothing is overwritten without it)"
@@ -106,9 +102,9 @@ def must_be_writable(option: str, path: Path, force: bool) -> None:
 
 @contextlib.contextmanager
 def open_output_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary path for an output file, which is moved to `path` when complete.
+    """Yield a temporary path for an output file, which moves to `path` if no error occurs.
 
-    Raises InputError if the file cannot be written, or exists without `force`.
+    Raises InputError if the file cannot be written, or if the file exists and `force` is False.
     """
     with _refusing(option, path, "a place for a file"), new_file(path, overwrite=force) as partial:
         yield partial
@@ -122,7 +118,7 @@ def write_if_requested(option: str, path: Path | None, force: bool, write: Calla
 
 
 def note_if_written(path: Path | None, contents: str = "") -> None:
-    """Print that an output file or folder was written, with the folder's `contents`, unless `path` is None."""
+    """Print that an output file, or a folder with `contents`, was written, unless `path` is None."""
     if path is not None:
         print_note(f"{path}: {contents} written" if contents else f"{path}: written")
 
@@ -134,10 +130,7 @@ def _is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Convert an operating-system error in the `with` block to InputError.
-
-    The message names the option, the path, what was `expected`, and the system's reason.
-    """
+    """Convert an operating-system error in the `with` block to InputError; `expected` is part of the message."""
     try:
         yield
     except OSError as error:
@@ -151,9 +144,9 @@ def check_run_folder(folder: Path, argument: str = "RUN") -> None:
 
 
 def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return dataset and summary of a run folder.
+    """Return dataset and summary of a run folder; `argument` names the folder on the command line.
 
-    Raises InputError, with the name `argument` of the command-line argument, if files are missing or damaged.
+    Raises InputError if files are missing or damaged.
     """
     check_run_folder(folder, argument)
     with refuse_on(RunFolderError, f"{argument}, "):
@@ -177,7 +170,10 @@ def read_aircraft_flight(folder: Path) -> "xr.Dataset | None":
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return dataset and summary of a run folder; raises InputError also if one of the variables `names` is missing."""
+    """Return dataset and summary of a run folder.
+
+    Raises InputError if files are missing or damaged, or the dataset lacks one of the variables `names`.
+    """
     dataset, summary = read_run(folder)
     missing = [name for name in names if name not in dataset.variables]
     if missing:

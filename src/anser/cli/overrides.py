@@ -35,9 +35,9 @@ def load_with_overrides(
 ) -> Scenario:
     """Load a scenario, replace values by the options --set and --planner, and print cautions about the scenario.
 
-    `settings` are texts PATH=VALUE. Raises InputError if an option is malformed, ScenarioError if the scenario is
-    invalid, or an option sets a key that has no effect or that another option sets. `with_trim_maps` includes the
-    cautions that need trims.
+    `settings` are texts PATH=VALUE; `with_trim_maps` includes the cautions that need trims. Raises InputError if an
+    option is malformed. Raises ScenarioError if the scenario is invalid, or if a key of an option has no effect or is
+    set twice.
     """
     scenario = load(path)
     overrides = parse_overrides([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
@@ -76,10 +76,7 @@ def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
 
 
 def split_assignment(text: str, expected: str) -> tuple[str, str]:
-    """Return the parts of an option --set before and after the equals sign.
-
-    Raises InputError with the text `expected` if the sign or a part is missing.
-    """
+    """Return the parts of an option --set before and after the equals sign; raises InputError if a part is missing."""
     path, sign, value = (part.strip() for part in text.partition("="))
     if not sign or not path or not value:
         raise InputError(f"--set: arrived {text!r}; expected {expected}")
@@ -87,9 +84,9 @@ def split_assignment(text: str, expected: str) -> tuple[str, str]:
 
 
 def parse_value(text: str) -> object:
-    """Return the value of a text: truth value, number, or list, table and quoted text in TOML notation.
+    """Return the value of a text in TOML notation (truth value, number, list, table, quoted text) or the text itself.
 
-    Any other text is returned as it is. Raises InputError if the TOML is malformed.
+    Raises InputError if the TOML is malformed.
     """
     word = text.strip()
     if word in ("true", "false"):

@@ -37,15 +37,12 @@ class Interrupts:
             signal.signal(signal.SIGINT, handler)
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if an interrupt has arrived, since a library may have caught the exception."""
+        """Raise KeyboardInterrupt if an interrupt has arrived, even if a library has caught the exception."""
         if self.arrived:
             raise KeyboardInterrupt
 
     def end_process(self) -> None:
-        """Remove temporary outputs, print "stopped" and end the process at once, with exit code 130.
-
-        Threads of compilers and libraries are not waited for.
-        """
+        """Remove temporary outputs, print "stopped" and end the process at once, with exit code 130."""
         from anser.files import remove_temporary_outputs
 
         remove_temporary_outputs()
@@ -65,7 +62,7 @@ class Interrupts:
 
 
 def _interrupt_main_thread(number: int) -> None:
-    """Send the signal `number` to the main thread: a signal to another thread would not wake it from a wait."""
+    """Send the signal `number` to the main thread: a signal to another thread would not wake the main thread."""
     thread = threading.main_thread().ident
     if thread is not None and hasattr(signal, "pthread_kill"):
         signal.pthread_kill(thread, number)
@@ -74,14 +71,11 @@ def _interrupt_main_thread(number: int) -> None:
 
 
 _POSTPONED_S = 0.02
-"""Delay, s, after which an interrupt is repeated that arrived during the import of an extension module."""
+"""Delay, s, of an interrupt that arrives during the import of an extension module."""
 
 
 def _loads_extension(frame: FrameType | None) -> bool:
-    """Return whether an extension module is being imported in the frame or its callers.
-
-    An exception during an extension's initialization may end in a memory fault.
-    """
+    """Whether the frame or its callers import an extension module; an exception could then cause a memory fault."""
     while frame is not None:
         if isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
             return True
@@ -94,11 +88,8 @@ interrupts = Interrupts()
 
 @contextlib.contextmanager
 def without_dask() -> Iterator[None]:
-    """Make dask appear as not installed in the `with` block, except for a command with a cluster.
-
-    xarray otherwise imports an installed dask, which takes half a second, for every dataset.
-    """
-    # An xarray imported before has already seen dask.
+    """Hide an installed dask from xarray in the `with` block, except for a command with a cluster."""
+    # xarray imports dask for every dataset, which takes half a second; an xarray imported before has already seen dask
     hidden = not {"dask", "xarray"} & set(sys.modules) and not any(word.startswith("--cluster") for word in sys.argv)
     if hidden:
         sys.modules["dask"] = None  # pyright: ignore[reportArgumentType] - the documented way to forbid an import
@@ -110,14 +101,14 @@ def without_dask() -> Iterator[None]:
 
 
 class GuardedStream:
-    """Text stream that discards everything after the first failed write; `failure` is that write's error, or None."""
+    """Text stream that discards all text after the first failed write; `failure` is the error, or None."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self.failure: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write text, or discard it after a failure; return the number of characters of the text."""
+        """Write text, or discard text after a failure; return the number of characters."""
         self._guard(lambda: self._stream.write(text))
         return len(text)
 
@@ -142,8 +133,8 @@ class GuardedStream:
 def guarded_streams() -> Iterator[Callable[[], str | None]]:
     """Replace standard output and standard error by `GuardedStream` in the `with` block.
 
-    Yields a function that flushes standard output and returns the reason of a failed write, or None. A reader that
-    closes the pipe early, such as ``head``, is not a failure. Failures of standard error are ignored.
+    Yields a function that flushes standard output and returns the reason of a failed write, or None. A closed pipe, as
+    by ``head``, and failures of standard error are no failures.
     """
     _open_closed_descriptors()
     original_streams = sys.stdout, sys.stderr
@@ -163,7 +154,7 @@ def guarded_streams() -> Iterator[Callable[[], str | None]]:
 
 
 def _tolerant(stream: TextIO | None) -> TextIO:
-    """Return the stream, set to write characters outside its encoding as escapes; the null device if it is None."""
+    """Return the stream, set to escape characters outside its encoding; the null device if the stream is None."""
     if stream is None:
         return open(os.devnull, "w", encoding="utf-8")
     reconfigure = getattr(stream, "reconfigure", None)
@@ -173,7 +164,7 @@ def _tolerant(stream: TextIO | None) -> TextIO:
 
 
 def _open_closed_descriptors() -> None:
-    """Open the null device for closed standard streams: a file opened later would take their descriptors."""
+    """Open the null device for closed standard streams, so that no other file gets their descriptors."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -182,7 +173,7 @@ def _open_closed_descriptors() -> None:
 
 
 def _discard(stream: TextIO) -> None:
-    """Redirect a stream's descriptor to the null device: its buffered text would otherwise fail at exit."""
+    """Redirect a stream's descriptor to the null device, so that its buffered text cannot fail at exit."""
     with contextlib.suppress(OSError, ValueError):
         target = os.open(os.devnull, os.O_WRONLY)
         os.dup2(target, stream.fileno())

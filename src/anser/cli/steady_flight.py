@@ -212,9 +212,9 @@ def _entry(value: float) -> str:
 def _block(
     name: str, columns: tuple[str, ...], quantities: tuple[str, ...], values: Iterable[Iterable[float]]
 ) -> list[str]:
-    """Return a matrix as lines of fixed-width text with row and column labels.
+    """Return a matrix as lines of text with row and column labels, in blocks of columns that fit the screen.
 
-    `quantities` label the rows, `values` are the rows. The columns are split into blocks that fit the screen width.
+    `quantities` label the rows; `values` are the rows.
     """
     cells = [[_entry(float(value)) for value in entries] for entries in values]
     label_width = max(len(name), *(len(entries) for entries in quantities))

@@ -239,7 +239,7 @@ def _print_study(study: "RobustnessStudy") -> None:
 
 
 def _shortened(reasons: dict[str, int]) -> str:
-    """Return the most frequent failure reasons with their numbers, and the number of other failures, as text."""
+    """Return the most frequent failure reasons with their numbers, and the number of all other failures, as text."""
     shown = [f"{reason.replace('_', ' ')} {count}" for reason, count in list(reasons.items())[:_REASONS]]
     other_count = sum(list(reasons.values())[_REASONS:])
     return ", ".join([*shown, f"others {other_count}"] if other_count else shown)

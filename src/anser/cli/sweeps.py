@@ -77,8 +77,8 @@ def sweep(
 def parse_sweep_values(texts: list[str]) -> dict[str, list[object]]:
     """Return the values of options --set (PATH=VALUES) by key path.
 
-    VALUES are separated by commas, or FIRST:LAST:STEP with LAST included if a whole number of steps leads to it. Raises
-    InputError if an option is malformed, a path is repeated, or the combinations are more than 10 000.
+    VALUES are separated by commas, or are FIRST:LAST:STEP; LAST is included if a whole number of steps leads to LAST.
+    Raises InputError if an option is malformed, a path is repeated, or there are more than 10 000 combinations.
     """
     sweep_values: dict[str, list[object]] = {}
     for text in texts:
@@ -110,9 +110,9 @@ def _range(text: str, values: str) -> list[object]:
 
 
 def _flights(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> list[dict[str, Any]]:
-    """Return for each flight of a sweep its swept values and results by name, for the JSON document and the table.
+    """Return the swept values and results of each flight by name; the last key path varies fastest.
 
-    The last key path varies fastest. Values of a quantity are the greatest over the aircraft, None if missing.
+    The value of a quantity is the greatest over the aircraft; None if missing.
     """
 
     def number_at(name: str, index: tuple[int, ...]) -> float | None:

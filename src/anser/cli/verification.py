@@ -102,10 +102,7 @@ def _print_outcomes(outcomes: Sequence["Outcome"]) -> None:
 
 
 def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
-    """Return the worst comparison of each group (quantity of a check), in order of the groups.
-
-    The worst has the greatest ratio of error to tolerance; of comparisons without published values it is the last.
-    """
+    """Return the comparison of each group with the greatest ratio of error to tolerance, or the last if unpublished."""
     worst: dict[str, Comparison] = {}
     for comparison in comparisons:
         current = worst.get(comparison.group)
@@ -116,7 +113,7 @@ def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
 
 
 def _shortfalls(outcome: "Outcome") -> list[str]:
-    """Return error messages for a failed check: the reason if not computed, else a line for each failing quantity."""
+    """Return error messages for a failed check: the reason if not computed, or a line for each failing quantity."""
     key = outcome.check.key
     if outcome.problem is not None:
         return [f"falls short: {key}: could not be computed: {outcome.problem}"]
@@ -135,7 +132,7 @@ def _shortfalls(outcome: "Outcome") -> list[str]:
 
 
 def _quantity(comparison: "Comparison") -> str:
-    """Return the name of a comparison's quantity, its unit unless the name contains it, and the point."""
+    """Return the name of a comparison's quantity, with unit unless the name contains the unit, and the point."""
     unit = comparison.unit
     in_name = "_" + unit.translate(str.maketrans({"/": "_", "^": None, " ": None}))
     shown = "" if unit in ("", "1") or f"{in_name}_" in f"{comparison.group}_" else f" {unit}"
@@ -143,7 +140,7 @@ def _quantity(comparison: "Comparison") -> str:
 
 
 def _figures(comparison: "Comparison") -> tuple[str, str]:
-    """Return the expected and the computed value as text, with enough digits to show their difference; - for none."""
+    """Return the expected and computed value as text, with enough digits to show the difference; "-" if missing."""
     expected, obtained, tolerance = comparison.expected, comparison.obtained, comparison.tolerance
     if not math.isfinite(obtained):
         return ("-" if expected is None else f"{expected:.10g}"), str(obtained)

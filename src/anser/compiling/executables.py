@@ -45,10 +45,10 @@ def encode_structure(value: Any) -> Any:
 
 
 def decode_structure(value: Any) -> Any:
-    """Return a result's structure from its encoding by `encode_structure`.
+    """Return the structure that `encode_structure` has encoded, with `jax.ShapeDtypeStruct` in place of arrays.
 
-    The structure has `jax.ShapeDtypeStruct` in place of arrays. Instances are made without a call of their classes'
-    code. Raises NotCacheableError for a value that `encode_structure` does not return.
+    No code of the encoded classes is executed. Raises NotCacheableError if `value` is not a result of
+    `encode_structure`.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -73,10 +73,7 @@ def decode_structure(value: Any) -> Any:
 
 
 def _dtype(name: str) -> np.dtype[Any]:
-    """Return NumPy's data type `name`, a type of numbers or Booleans.
-
-    Raises NotCacheableError for any other name, such as the name of an extension type (random keys).
-    """
+    """Return NumPy's data type `name`; raises NotCacheableError unless it is a type of numbers or Booleans."""
     try:
         dtype = np.dtype(name)
     except TypeError as error:
@@ -87,7 +84,7 @@ def _dtype(name: str) -> np.dtype[Any]:
 
 
 def _class(name: str) -> type[Any]:
-    """Return the class that the text MODULE:CLASS names; raise NotCacheableError if anser does not define the class."""
+    """Return the class that the text MODULE:CLASS names; raises NotCacheableError if anser does not define it."""
     module_name, _, class_name = name.partition(":")
     parts = [*module_name.split("."), class_name]
     if parts[0] != _PACKAGE or not all(part.isidentifier() and not part.startswith("__") for part in parts):
@@ -123,31 +120,29 @@ _FEATURES = re.compile(rb"\+[a-z0-9._\-]+(?:,[+\-][a-z0-9._\-]+){8,}")
 
 
 class Executable(NamedTuple):
-    """Machine code of a program, and `argument_indices`: the positions of the arguments that the code uses.
-
-    XLA drops unused arguments; the positions are those in the list of all arguments.
-    """
+    """Machine code of a program."""
 
     code: bytes
-    argument_indices: list[int]
+    argument_indices: list[int]  # positions, among all arguments, of the arguments that the code uses
 
 
 def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
-    """Serialize a compiled program: length of JSON header, header (result structure, argument indices), machine code.
+    """Serialize a compiled program; `result` is its result with `jax.ShapeDtypeStruct` in place of arrays.
 
     Raises NotCacheableError if the program calls back into Python, has side effects, runs on another device than JAX's
     first, or returns a class from outside the package.
     """
     executable = _serialize(compiled)
     header = json.dumps({"result": encode_structure(result), "argument_indices": executable.argument_indices}).encode()
+    # length of the JSON header, header, machine code
     return len(header).to_bytes(8, "big") + header + executable.code
 
 
 def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any]:
-    """Return the executable in the content of a program file, and the structure of the program's result.
+    """Return the executable and the structure of the result from a program file that `pack_program` has made.
 
-    The structure has `jax.ShapeDtypeStruct` in place of arrays. Raises NotCacheableError, ValueError, KeyError or
-    TypeError if the header is not from `pack_program`, or an argument index is not below `argument_count`.
+    Raises NotCacheableError, ValueError, KeyError or TypeError if the header is not from `pack_program`, or an argument
+    index is not below `argument_count`.
     """
     end = 8 + int.from_bytes(content[:8], "big")
     header = json.loads(content[8:end])
@@ -165,7 +160,7 @@ def load_executable(
     """Load machine code on the first device; return a function from a list of arguments to a list of result arrays.
 
     `results` are shapes and types of the result arrays. Raises ImportError or AttributeError if the internals of the
-    installed JAX differ; the caller then compiles the program again.
+    installed JAX differ; the caller must then compile the program.
     """
     from jax._src import core
     from jax._src.interpreters import pxla
@@ -207,12 +202,9 @@ def _serialize(compiled: Any) -> Executable:
 
 
 def _without_features(code: bytes) -> bytes:
-    """Return serialized code in which no processor feature is declared as required.
-
-    When loading code, XLA compares the declared features with the processor, and reports `prefer-no-gather` and
-    `prefer-no-scatter` (preferences of XLA's compiler, not features of any processor) as missing. The comparison is
-    redundant here: the key of a program includes the processor features, so code for another processor is never loaded.
-    """
+    """Return serialized code in which no processor feature is declared as required."""
+    # XLA would report preferences of its compiler, such as `prefer-no-gather`, as missing features of the processor.
+    # XLA's check is redundant: the key of a program includes the processor features.
     return _FEATURES.sub(lambda features: features[0].replace(b"+", b"-"), code)
 
 
@@ -227,16 +219,14 @@ _INSTRUCTION, _COMPUTATION_ID, _ROOT_ID, _IS_FUSED = 2, 5, 6, 7
 _NAME, _OPCODE, _SHAPE, _FUSION_KIND, _CALL_TARGET, _ID, _CALLED_IDS = 1, 2, 3, 11, 28, 35, 38
 """Numbers of fields in XLA's messages: xla/service/hlo.proto, xla/service/cpu/executable.proto."""
 _COMPILED_FUSIONS = {b"kLoop", b"kInput", b"kOutput"}
-"""Kinds of fusions (groups of operations in one kernel) that are stored as machine code. A custom fusion is not: a
-library makes its program when the fusion is called."""
+"""Kinds of fusions (groups of operations in one kernel) that are stored as machine code; custom fusions are not."""
 
 
 def without_fused_instructions(code: bytes) -> bytes:
     """Return the serialized code of a CPU program without the instructions that XLA has compiled into fused kernels.
 
-    XLA stores the optimized program beside the machine code of its kernels, and builds the program again on loading. Of
-    the instructions of a fused kernel, loading needs only the parameters and the shape of the result (see `_shrink`).
-    The smaller code loads in half the time. Code in an unexpected form is returned unchanged.
+    The smaller code loads in half the time: XLA reads the instructions again on loading, but needs only the parameters
+    and the shape of the result. Code in an unexpected form is returned unchanged.
     """
     try:
         length, start = _number(code, 0)  # of a header
@@ -263,7 +253,7 @@ def _shrink_module(module: bytes) -> bytes:
 
 
 def _called_ids(fusion: bytes) -> list[int]:
-    """Return the identifiers of the computations that a fusion calls; empty for a fusion without machine code."""
+    """Return the identifiers of the computations that a fusion calls; empty if the fusion has no machine code."""
     identifiers: list[int] = []
     if _bytes(fusion, _FUSION_KIND) in _COMPILED_FUSIONS:
         called, end = _bytes(fusion, _CALLED_IDS), 0
@@ -274,11 +264,7 @@ def _called_ids(fusion: bytes) -> list[int]:
 
 
 def _shrink(computation: bytes) -> bytes:
-    """Return the computation of a fused kernel reduced to its parameters and its result.
-
-    A call without operands replaces the instruction that computes the result. A computation whose result is a parameter
-    is returned unchanged. Raises ValueError if the last instruction is not the result.
-    """
+    """Reduce the computation of a fused kernel to its parameters and a call without operands in place of its result."""
     properties, instructions = [], []
     for number, begin, start, end in _fields(computation):
         (instructions if number == _INSTRUCTION else properties).append((begin, start, end))
@@ -286,7 +272,7 @@ def _shrink(computation: bytes) -> bytes:
     result = computation[start:end]
     if _integer(result, _ID) != _integer(computation, _ROOT_ID):
         raise ValueError("the last instruction of a fused computation is not its result")
-    if _has_opcode(computation, start, end, b"parameter"):
+    if _has_opcode(computation, start, end, b"parameter"):  # the result is a parameter
         return computation
     identity = [result[begin:end] for number, begin, _, end in _fields(result) if number in (_NAME, _SHAPE, _ID)]
     call = b"".join([*identity, _with_length(_OPCODE, b"custom-call"), _with_length(_CALL_TARGET, b"compiled")])
@@ -296,10 +282,8 @@ def _shrink(computation: bytes) -> bytes:
 
 
 def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
-    """Whether the instruction in the bytes `start` to `end` of a message has the operation code `opcode`.
-
-    The operation code is the field after the name, the first field of an instruction.
-    """
+    """Whether the instruction in the bytes `start` to `end` of a message has the operation code `opcode`."""
+    # The first field of an instruction is its name, the second its operation code.
     name_length = message[start + 1]
     if name_length < 128:
         return message.startswith(bytes([_OPCODE << 3 | 2, len(opcode)]) + opcode, start + 2 + name_length)
@@ -307,10 +291,7 @@ def _has_opcode(message: bytes, start: int, end: int, opcode: bytes) -> bool:
 
 
 def _replace(message: bytes, path: tuple[int, ...], function: Callable[[bytes], bytes]) -> bytes:
-    """Return a message with `function` applied to each embedded message at a path.
-
-    The path holds the number of a field in the message, of a field in the embedded message of that field, and so on.
-    """
+    """Return a message with `function` applied to each embedded message at a path of field numbers, outermost first."""
     if not path:
         return function(message)
     return b"".join(
@@ -322,10 +303,9 @@ def _replace(message: bytes, path: tuple[int, ...], function: Callable[[bytes], 
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, int, int, int]]:
-    """Yield the number and three positions of each field in a message of Protocol Buffers.
+    """Yield (number, begin, begin of value, end) of each field in a message of Protocol Buffers.
 
-    The positions in the message are the begin of the field, the begin of its value, and the end of the field. Raises
-    ValueError if a field has an unknown type, or the message ends within a field.
+    Raises ValueError if a field has an unknown type, or the message ends within a field.
     """
     end, size = 0, len(message)
     while end < size:
@@ -349,12 +329,12 @@ def _fields(message: bytes) -> Iterator[tuple[int, int, int, int]]:
 
 
 def _integer(message: bytes, number: int) -> int:
-    """Return the integer value of a message's first field with the given number; 0 without the field."""
+    """Return the integer value of a message's first field with the given number; 0 if the field is missing."""
     return next((_number(message, start)[0] for field, _, start, _ in _fields(message) if field == number), 0)
 
 
 def _bytes(message: bytes, number: int) -> bytes:
-    """Return the content of a message's first field with the given number; empty without the field."""
+    """Return the content of a message's first field with the given number; empty if the field is missing."""
     return next((message[start:end] for field, _, start, end in _fields(message) if field == number), b"")
 
 

@@ -68,9 +68,9 @@ class NotCacheableError(Exception):
 def describe_value(value: Any) -> str:
     """Describe, as text, the properties of a value on which compiled code depends.
 
-    The properties are structure, static values, and shapes and types of arrays, not the numbers in arrays. Raises
-    NotCacheableError if the value contains code from outside the trusted packages, which may differ in the next
-    process, or an object of a class that this function cannot describe.
+    The properties are the structure, static values, and the shapes and types of arrays, but not their numbers. Raises
+    NotCacheableError if the value contains code from outside the trusted packages, or an object of a class that this
+    function cannot describe.
     """
     if isinstance(value, np.ndarray | np.generic | jax.Array | jax.ShapeDtypeStruct):
         return f"{value.dtype}{list(value.shape)}{'~' if getattr(value, 'weak_type', False) else ''}"
@@ -97,7 +97,7 @@ def describe_value(value: Any) -> str:
 
 
 def _name(code: Any) -> str:
-    """Return the qualified name of a class or function; raise NotCacheableError if its package is not a trusted one."""
+    """Return the qualified name of a class or function; raises NotCacheableError if its package is not trusted."""
     module, name = getattr(code, "__module__", None), getattr(code, "__qualname__", "<")
     if module is None or module.split(".")[0] not in _TRUSTED or "<" in name:
         raise NotCacheableError(f"{module}.{name}")
@@ -109,10 +109,7 @@ def _is_kernel(room: str, module: str) -> bool:
 
 
 def _hash_sources() -> tuple[str, str]:
-    """Return two hashes of source files: of the kernels with the top-level modules, and of the whole package.
-
-    Kernels are the subpackages in `_KERNELS` and the modules in `_KERNEL_MODULES`.
-    """
+    """Return two hashes of source files: of kernels (`_is_kernel`) with top-level modules, and of the whole package."""
     kernels, everything = hashlib.sha256(), hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
@@ -130,35 +127,25 @@ _KERNEL_SOURCES, _ALL_SOURCES = _hash_sources()
 
 
 def _source_hash(description: str) -> str:
-    """Return the hash of the source files on which a program depends, from the program's description.
-
-    If all modules that the description names are kernels, the hash of the kernels suffices, because kernels import only
-    kernels; otherwise the hash is that of the whole package.
-    """
+    """Return the hash of the source files on which a program depends, from the program's description."""
+    # kernels import only kernels
     modules = re.findall(r"\banser\.(\w+)\.(\w+)", description)
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
 class _ModuleDescription(NamedTuple):
-    """Description of a module, by which functions or constants replaced at run time are detected.
+    """Description of a module that detects functions and constants replaced at run time."""
 
-    `bindings` are the names and values in the module, then in each of its classes; `modules` the names of the package's
-    modules from which the values come; `text` lists functions, classes and numbers by name.
-    """
-
-    bindings: list[Any]
-    modules: frozenset[str]
-    text: str
+    bindings: list[Any]  # names and values in the module, then in each of its classes
+    modules: frozenset[str]  # names of the anser modules from which the values come
+    text: str  # functions, classes and numbers by name
 
 
 _descriptions: dict[str, _ModuleDescription] = {}
 
 
 def _describe_module(module: ModuleType) -> _ModuleDescription:
-    """Return the description of a module; the stored description if no name has another value than at the last call.
-
-    Raises NotCacheableError if a function or class comes from outside the trusted packages and interface libraries.
-    """
+    """Return the description of a module; the stored description if no name has a new value since the last call."""
     name = module.__name__
     namespaces = [vars(module)]
     namespaces += [
@@ -200,12 +187,8 @@ def _describe_module(module: ModuleType) -> _ModuleDescription:
 
 
 def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
-    """Return descriptions, by name, of the loaded anser modules on which a program depends.
-
-    These are the modules that the program's description names, and the modules whose functions, classes or constants
-    those modules use, directly or not. Other loaded modules are left out, so that the key of a program does not depend
-    on further imports of a process. Raises NotCacheableError as `_describe_module` does.
-    """
+    """Return descriptions, by name, of the loaded anser modules that `description` names, and of modules they use."""
+    # Other loaded modules are left out: a program's key must not depend on further imports of the process.
     modules: dict[str, _ModuleDescription] = {}
     names = set(re.findall(r"\banser(?:\.\w+)+", description))
     while names:
@@ -220,11 +203,7 @@ def _modules_behind(description: str) -> dict[str, _ModuleDescription]:
 
 
 def _hash_loaded_code(description: str) -> str:
-    """Return a hash of the names and constants in the loaded modules on which a program depends.
-
-    A function or constant replaced at run time changes the hash. Raises NotCacheableError if a function or class comes
-    from outside the trusted packages and interface libraries.
-    """
+    """Return a hash that changes if a function or constant on which a program depends is replaced at run time."""
     texts = [module.text for _, module in sorted(_modules_behind(description).items())]
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
@@ -241,10 +220,7 @@ def _target_fingerprint() -> str:
 
 @functools.cache
 def _describe_platform() -> str:
-    """Describe, as text, the software versions and the machine on which compiled code depends.
-
-    Raises NotCacheableError for a CPU whose features XLA does not report.
-    """
+    """Describe, as text, the software versions and the machine on which compiled code depends."""
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
@@ -262,10 +238,11 @@ def jax_settings() -> str:
 
 
 def program_key(value: Any) -> str:
-    """Return the key of a program from `value`, its function, arguments and compiler options.
+    """Return the key of a program; `value` is its function, arguments and compiler options.
 
     The key is a hash of the description of `value` (`describe_value`), the package sources, the platform and the JAX
-    settings. Raises NotCacheableError if the value contains code that another process could not identify reliably.
+    settings. Raises NotCacheableError if `describe_value` raises this error, or if XLA does not report the features of
+    the CPU.
     """
     description = describe_value(value)
     parts = [

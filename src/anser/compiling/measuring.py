@@ -11,38 +11,23 @@ from typing import Any
 
 @dataclass(eq=False)
 class Compilation:
-    """Record of one program that this process traces and compiles.
+    """Record of one program that this process traces and compiles."""
 
-    Attributes
-    ----------
-    title, options
-        Name of the program for users, and compiler options.
-    equations
-        Number of equations (operations) of the traced program, with those of called programs; 0 until traced.
-    code_bytes
-        Size of the serialized code; 0 until compiled, or if the code cannot be serialized.
-    cpu_s
-        CPU time by stage (tracing, lowering, compiling), s; stages at work at the same time share the time equally.
-    start_s
-        Reading of `time.monotonic` at the start of the latest stage.
-    is_compiled
-        Whether the compilation has ended.
-    """
-
-    title: str
-    options: Mapping[str, bool | str]
-    equations: int = 0
-    code_bytes: int = 0
+    title: str  # name of the program for users
+    options: Mapping[str, bool | str]  # compiler options
+    equations: int = 0  # number of JAX equations, with those of called programs; 0 until traced
+    code_bytes: int = 0  # size of the serialized code; 0 until compiled, or if the code cannot be serialized
+    # CPU time by stage, s; simultaneous stages of several programs share the time equally
     cpu_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tracing", "lowering", "compiling"), 0.0))
-    start_s: float = 0.0
-    is_compiled: bool = False
+    start_s: float = 0.0  # reading of `time.monotonic` at the start of the latest stage
+    is_compiled: bool = False  # True: the compilation has ended
 
     @property
     def estimate_s(self) -> float:
         """Expected CPU time of compiling, s: the number of equations times a mean CPU time per equation.
 
-        The mean is over the programs compiled so far in this process with the same compiler options, and a prior
-        estimate (`_prior_s`) with the weight of 10,000 equations.
+        The mean is over a prior estimate and the programs that this process has compiled with the same compiler
+        options.
         """
         similar = [r for r in compilations if r.is_compiled and dict(r.options) == dict(self.options)]
         equations = _PRIOR_EQUATIONS + sum(r.equations for r in similar)
@@ -53,7 +38,7 @@ class Compilation:
 compilations: list[Compilation] = []
 """Records of this process, in the order of tracing; programs loaded from the store are left out."""
 _PRIOR_EQUATIONS = 10_000
-"""Number of equations for which the prior estimate of the compiling time counts, beside the measured programs."""
+"""Weight of the prior estimate of the compiling time, as a number of equations."""
 _waits: list[None] = []
 _lock = threading.RLock()
 _at_work: list[tuple[Compilation, str]] = []
@@ -62,11 +47,8 @@ _clock = [0.0]
 
 
 def _prior_s(options: Mapping[str, bool | str]) -> float:
-    """Return the CPU time of compiling per equation, s, that is assumed before any measurement in this process.
-
-    The values depend on the compiler options; they were measured on two cores of a server of 2024 with XLA of September
-    2026.
-    """
+    """Return the CPU time of compiling per equation, s, that is assumed before any measurement in this process."""
+    # measured on two cores of a server of 2024 with XLA of September 2026
     return 0.5e-3 if "xla_backend_optimization_level" in options else 0.6e-3 if options else 1.1e-3
 
 
@@ -115,7 +97,7 @@ def compiled_elsewhere(record: Compilation) -> Iterator[None]:
 
 
 def compilation_message() -> str | None:
-    """Return a text with the program for which the process waits, and the time left if known; None without a wait."""
+    """Return a text with the awaited program and, if known, the time left; None if the process waits for no program."""
     awaited = awaited_compilation()
     if awaited is None:
         return None
@@ -128,9 +110,9 @@ def compilation_message() -> str | None:
 
 
 def awaited_compilation() -> tuple[Compilation, str | None] | None:
-    """Return the record of the program for which the process waits, and the time left as text; None without a wait.
+    """Return the record of the awaited program, and the time left as text; None if the process waits for no program.
 
-    The time left is None until the size of every program at work is known, and for a program of another process.
+    The time left is None until all programs in compilation are traced, and for a program that another process compiles.
     """
     with _lock:
         _share_time()

@@ -17,8 +17,7 @@ from anser.compiling.store import FolderStore
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 OLDER_GENERATOR: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
-"""Option for XLA's older code generator for the CPU; left out if the installed XLA rejects the option
-(`supported_options`)."""
+"""Option for XLA's older code generator for the CPU; not used if the installed XLA rejects the option."""
 _FEWER_COPIES: dict[str, bool | str] = {"xla_cpu_copy_insertion_use_region_analysis": True}
 _UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **OLDER_GENERATOR}
 
@@ -34,8 +33,8 @@ def compiled(function: Callable[_P, _R], title: str | None = None) -> Program[_P
 def compiled_quickly(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
     """Return a program of a function, compiled without XLA's optimizer in a sixth to a half of the time.
 
-    The times were measured for trims and linear models. The program runs more slowly, and its results differ by
-    rounding. `title` names the program in messages to the user; None: the function's name.
+    The program runs more slowly, and its results differ by rounding. `title` names the program in messages to the user;
+    None: the function's name.
     """
     return Program(function, _UNOPTIMIZED, title=title)
 
@@ -47,8 +46,9 @@ def compiled_by_older_generator(
 ) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
     """Return a decorator that makes a program of a function with XLA's older code generator for the CPU.
 
-    Large programs compile in half the time and run at the same speed. If the installed XLA no longer has the generator,
-    the present one is used. Arguments named in `static_argnames` are static; None: arguments without arrays are static.
+    Large programs compile in half the time and run at the same speed. If the installed XLA lacks the older generator,
+    its present generator is used. `static_argnames` are the names of static arguments; None: arguments without arrays
+    are static.
     """
     options = OLDER_GENERATOR | (_FEWER_COPIES if fewer_copies else {})
 
@@ -65,8 +65,7 @@ def blocks_on_cores(
     """Divide a batch of `count` rows into equal blocks for computation in parallel; return their slices.
 
     The number of blocks is the greatest divisor of `count` that is at most the number of usable cores and leaves each
-    block `least` rows or more; at least 1. Blocks of the same size share a program; XLA itself divides only the largest
-    of its kernels among cores. On a device other than a CPU, one block holds the whole batch.
+    block `least` rows or more; at least 1. On a device other than a CPU, one block holds the whole batch.
     """
     most = min(usable_cores(), count // least) if jax.default_backend() == "cpu" else 1
     number = next((number for number in range(most, 1, -1) if count % number == 0), 1)
@@ -75,10 +74,7 @@ def blocks_on_cores(
 
 
 def call_on_cores(calls: Sequence[Callable[[], _R]]) -> list[_R]:
-    """Call compiled functions in parallel, the last on this thread, and return their results in order.
-
-    At least one function is needed.
-    """
+    """Call one or more compiled functions in parallel, the last on this thread, and return their results in order."""
     *others, last = calls
     pending = [_threads().submit(lambda call: jax.block_until_ready(call()), call) for call in others]
     result = last()
@@ -97,8 +93,8 @@ CACHE_VARIABLE = "ANSER_COMPILATION_CACHE"
 def cache_folder() -> Path | None:
     """Return the folder of compiled programs; None if `ANSER_COMPILATION_CACHE` is "off" or no folder is available.
 
-    The folder is the value of the environment variable `ANSER_COMPILATION_CACHE`; if it is not set, JAX's setting
-    `jax_compilation_cache_dir`; if neither is set, a folder in the user's cache folder, or None if the user has none.
+    The folder is the first that is set: the environment variable `ANSER_COMPILATION_CACHE`, JAX's setting
+    `jax_compilation_cache_dir`, the folder for anser in the user's cache folder.
     """
     environment_value = os.environ.get(CACHE_VARIABLE, "")
     if environment_value.lower() == "off":
@@ -109,7 +105,7 @@ def cache_folder() -> Path | None:
 
 
 def program_store() -> FolderStore | None:
-    """Return the store of compiled programs in the cache folder; None without a cache folder."""
+    """Return the store of compiled programs in the cache folder; None if there is no cache folder."""
     folder = cache_folder()
     return None if folder is None else FolderStore(folder / "programs")
 

@@ -1,7 +1,7 @@
 """Functions that are compiled once per machine.
 
-The module holds the compiled programs of this process, uses the store that shares programs between processes, and
-limits the memory that loaded programs use.
+The module holds the compiled programs of this process, shares programs between processes through a store on disk, and
+limits the memory of loaded programs.
 """
 
 import contextlib
@@ -61,7 +61,7 @@ def _trim() -> Callable[[int], int] | None:
 
 
 def return_freed_memory() -> None:
-    """Return freed memory to the system (Linux): glibc otherwise retains the memory used for loading a program."""
+    """Return freed memory to the system on Linux: glibc retains the memory that loading a program has used."""
     trim = _trim()
     if trim is not None:
         trim(0)
@@ -149,8 +149,8 @@ _cache_hits: list[int] = []
 """Identifiers of the threads in which JAX's own persistent cache supplied a program, one entry per program."""
 _executor = ThreadPoolExecutor(2, "anser-compiling")
 _CODE_MAX = 44 << 20
-"""Greatest total size of the stored code of a process's programs, bytes. A loaded program takes about 18 times as much
-memory, a newly compiled one, with every instruction, 38 times."""
+"""Greatest total size of the stored code of a process's programs, bytes. In memory, a loaded program takes about 18
+times the size of its stored code, a newly compiled program 38 times."""
 _REGIONS_SHARE_MAX = 0.5
 _LARGE = 5 << 19
 """Size of stored code above which programs are loaded one after another, bytes."""
@@ -171,10 +171,7 @@ def _listen() -> None:
 
 @contextlib.contextmanager
 def _bypass_jax_cache() -> Iterator[None]:
-    """Keep JAX from writing programs to its own persistent cache in the `with` block, in every thread.
-
-    The program store keeps the programs instead. Programs that are already in JAX's cache are still read.
-    """
+    """Keep JAX from writing programs to its own persistent cache in the `with` block, in every thread."""
     setting = "jax_persistent_cache_min_compile_time_secs"
     with _setting_lock:
         _former_minimums.append(getattr(jax.config, setting))
@@ -212,20 +209,14 @@ def _is_supported(options: frozenset[tuple[str, bool | str]]) -> bool:
 
 
 def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]:
-    """Return the requested compiler options without those that the installed compiler rejects.
-
-    XLA removes options between versions.
-    """
+    """Return the requested compiler options without those that the installed version of XLA rejects."""
     if not requested or _is_supported(frozenset(requested.items())):
         return requested
     return {option: value for option, value in requested.items() if _is_supported(frozenset([(option, value)]))}
 
 
 def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
-    """Compile a lowered program; return the compiled program, and a flag that is true if it can be serialized.
-
-    XLA cannot serialize programs that came from JAX's own cache.
-    """
+    """Return the compiled program, and whether XLA can serialize it: not if the program came from JAX's own cache."""
     _listen()
     thread = threading.get_ident()
     former_hits = _cache_hits.count(thread)
@@ -234,10 +225,7 @@ def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple
 
 
 def _load(executable: Executable, result: Any, size: int) -> _LoadedProgram:
-    """Load a program of `size` bytes; return its function, from a list of arrays to a list of arrays, and `size`.
-
-    `result` is the program's result with `jax.ShapeDtypeStruct` in place of arrays.
-    """
+    """Load a program with code of `size` bytes; `result` has `jax.ShapeDtypeStruct` in place of arrays."""
     # Loading takes as much extra memory as the loaded program.
     with _load_lock if size > _LARGE else contextlib.nullcontext():
         _release_oldest(size)
@@ -260,10 +248,7 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
 
 
 def strongly_typed(value: _T) -> _T:
-    """Return a pytree whose arrays have fixed types, without the weak types that JAX derives from Python numbers.
-
-    JAX treats a weak type as another type, and compiles a program for each combination of argument types.
-    """
+    """Return a pytree whose arrays have no weak types, for which JAX would compile another program."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype) if eqx.is_array(leaf) else leaf, value)
 
 
@@ -323,8 +308,8 @@ class PreparedProgram:
 class Program(Generic[_P, _R]):
     """A function of arrays, compiled for each combination of structure, shapes and static arguments.
 
-    With an active store (`use_program_store`), programs compiled by another process are neither traced nor compiled
-    again. Inside another compiled function or a derivative, the function is inlined.
+    If a store is active (`use_program_store`), a program that another process has stored is neither traced nor
+    compiled. Inside another compiled function or a derivative, the function is inlined.
     """
 
     def __init__(
@@ -345,10 +330,7 @@ class Program(Generic[_P, _R]):
 
     @functools.cached_property
     def _inner_function(self) -> Callable[..., Any]:
-        """The program's function without its compiler options, for calls from inside another compiled function.
-
-        JAX accepts compiler options only for the outermost function.
-        """
+        """The program's function without its compiler options, which JAX accepts only for the outermost function."""
         if self._static is None:
             return eqx.filter_jit(self._function)
         return jax.jit(self._function, static_argnames=self._static)
@@ -364,8 +346,7 @@ class Program(Generic[_P, _R]):
     def ready(self, *args: _P.args, **kwargs: _P.kwargs) -> Callable[[], _R]:
         """Load or compile the program for the arguments; return a function without arguments that calls the program.
 
-        With traced arguments, or if JAX's settings disable compilation or stop at NaN, the returned function calls the
-        function by JAX itself.
+        If the arguments are traced, or JAX's settings disable compilation or stop at NaN, JAX itself runs the function.
         """
         traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((args, kwargs)))
         if traced or jax.config.jax_disable_jit or jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
@@ -378,9 +359,9 @@ class Program(Generic[_P, _R]):
         return functools.partial(prepared.function, arrays)
 
     def prepare(self, *args: Any, **kwargs: Any) -> PreparedProgram:
-        """Return the program for the shapes of the arguments, not called; `jax.ShapeDtypeStruct` may replace arrays.
+        """Return the program for the arguments without calling it; `jax.ShapeDtypeStruct` may replace arrays.
 
-        A stored program starts to load at once; a new one is traced, and compiled after `start`.
+        A stored program starts to load at once. A new program is traced; its compilation starts with `start`.
         """
         return self._find_or_trace(*self._split_arguments(args, kwargs))
 
@@ -397,10 +378,7 @@ class Program(Generic[_P, _R]):
         return iter(list(self._ready.items()))
 
     def _split_arguments(self, args: Any, kwargs: Any) -> tuple[list[Any], tuple[Any, tuple[Any, ...]]]:
-        """Return the arrays among the arguments, and everything else as a hashable value.
-
-        The hashable value is the pair of pytree structure and static arguments.
-        """
+        """Return the arrays among the arguments, and the hashable pair of pytree structure and static arguments."""
         if self._static is None:
             leaves, structure = jax.tree.flatten((args, kwargs))
             return [leaf for leaf in leaves if _is_array(leaf)], (
@@ -446,7 +424,7 @@ class Program(Generic[_P, _R]):
         return static, shapes, jax_settings()
 
     def _find(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
-        """Return the program for these arguments from memory or the store; None if in neither."""
+        """Return the program for these arguments from memory or the store, or None."""
         key = self._call_key(arrays, static)
         prepared = self._ready.get(key)
         if prepared is None:
@@ -459,10 +437,7 @@ class Program(Generic[_P, _R]):
         return prepared
 
     def _load_stored(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
-        """Return the program for these arguments from the store; None if missing or invalid.
-
-        If loading fails later, the program is traced and compiled in its place.
-        """
+        """Return the program for these arguments from the store, or None; if loading fails later, it is compiled."""
         store = _active_stores[0] if _active_stores else None
         key = None if store is None else self._key(arrays, static)
         content = store.load(key) if store is not None and key is not None else None
@@ -482,11 +457,10 @@ class Program(Generic[_P, _R]):
     def _trace(
         self, arrays: list[Any], static: tuple[Any, Any]
     ) -> tuple[Any, Callable[[], Callable[[], _LoadedProgram]]]:
-        """Trace the program; return the structure of its result, and a function that lowers the program.
+        """Trace the program; return its result with `jax.ShapeDtypeStruct` in place of arrays, and a lowering function.
 
-        The structure has `jax.ShapeDtypeStruct` in place of arrays. Lowering returns a second function without
-        arguments, which compiles the program and saves the code in the store, or loads the code that another process
-        has saved meanwhile; the result is the loaded program.
+        The lowering function returns a second function, which compiles and stores the program, or loads the program if
+        another process has stored it meanwhile.
         """
         results: list[Any] = []
         function: Callable[..., Any] = self._function

@@ -1,7 +1,6 @@
 """Compilation of small computations as a single CPU kernel.
 
-XLA otherwise divides a step of a small fleet into hundreds of kernels, and dispatching the kernels takes longer than
-computing.
+XLA divides a step of a small fleet into hundreds of kernels, whose dispatch takes longer than the computation.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,8 +13,8 @@ from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 
 COMPUTED_MAX, MOVED_MAX = 512, 16_384
-"""Greatest sizes of computed arrays and of arrays that are only moved, elements, within one kernel. XLA divides larger
-arrays (from 256 KiB or 200,000 operations) among cores; inside a kernel that division ends with an internal fault."""
+"""Greatest sizes, in elements, of computed arrays and of merely moved arrays within one kernel. XLA divides larger
+arrays (from 256 KiB or 200,000 operations) among cores, which ends with an internal fault inside a kernel."""
 _MOVES = frozenset(
     """
     broadcast_in_dim concatenate convert_element_type copy copy_p custom_jvp_call custom_vmap_call dynamic_slice
@@ -71,10 +70,7 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
 
 def _without_attributes(program: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a program whose inner calls do not have the XLA attributes that mark the program as one kernel.
-
-    With the attributes, XLA would keep each `jnp.where` as a called function.
-    """
+    """Return a program without single-kernel attributes on inner calls: XLA would keep each `jnp.where` as a call."""
 
     def call(*arrays: Any) -> Any:
         with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):
@@ -89,9 +85,9 @@ def as_single_kernel(
 ) -> Callable[..., Any]:
     """Return a function with the results of `function`, compiled as a single CPU kernel if `is_elementary` holds.
 
-    On another device, or if the traced program is not elementary, `otherwise` is called instead. The returned function
-    is for calls while a larger function is traced. The larger function must not be batched by `vmap` afterwards: the
-    batch axis would make the small arrays large.
+    On another device, or if the traced program is not elementary, `otherwise` is called instead. Call the returned
+    function only while a larger function is traced. The larger function must not be batched by `vmap`: the batch axis
+    would make the small arrays large.
     """
 
     def call(*args: Any) -> Any:

@@ -22,14 +22,14 @@ _LOG = logging.getLogger(__name__)
 
 
 class FolderStore:
-    """Store of compiled programs in a folder, one file per program; the oldest are deleted above a total size.
+    """Store of compiled programs in a folder, one file per program.
 
-    Files are written atomically. With an unreadable or unwritable folder, or a full disk, programs are compiled again:
-    no error is raised. A damaged file, or a file saved under another key, is ignored. For security, code is loaded only
-    from a folder and files that belong to the user and that other users cannot write; otherwise a warning is logged
-    once for each path.
+    The folder is created on the first save. If the files exceed `size_max` bytes in total, the least recently used
+    files are deleted. An unreadable folder, a full disk or a damaged file raises no error; the program is compiled
+    again.
 
-    The folder is created on the first save; `size_max` is the greatest total size, bytes.
+    For security, code is loaded only if folder and file belong to the user and other users cannot write to them. For
+    any other path, a warning is logged once.
     """
 
     _reported: set[Path] = set()  # noqa: RUF012 - of the process: each path is reported once
@@ -84,8 +84,7 @@ class FolderStore:
     def reserve(self, key: str) -> Iterator[None]:
         """Reserve a key for the `with` block; meanwhile, other processes and threads that reserve the key wait.
 
-        On a system without file locks, or in a folder that is not trusted or cannot be written, the key is not
-        reserved.
+        The key is not reserved if the system has no file locks, or the folder is not trusted or not writable.
         """
         with contextlib.ExitStack() as stack:
             if fcntl is not None and self._trusted_folder():
@@ -99,7 +98,7 @@ class FolderStore:
             yield
 
     def distrust_reason(self) -> str | None:
-        """Return the reason for not using the folder; None if the folder is trusted or cannot be examined (missing)."""
+        """Return the reason for not using the folder; None if the folder is trusted or cannot be examined."""
         try:
             return _distrust_reason(self.folder.stat(), folder=True)
         except OSError:
@@ -145,13 +144,10 @@ def _header(key: str, content: bytes) -> bytes:
 
 
 def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | None:
-    """Return the reason why another user could have written a file or folder; None if only the user could.
-
-    On Windows every file is trusted: the cache lies in the user's profile, closed to other users.
-    """
+    """Return the reason why another user could have written a file or folder; None if only the user could."""
     if stat.S_IFMT(status.st_mode) != (stat.S_IFDIR if folder else stat.S_IFREG):
         return "it is no folder" if folder else "it is no regular file"
-    if os.name != "posix":
+    if os.name != "posix":  # on Windows, the cache lies in the user's profile, which is closed to other users
         return None
     if status.st_uid != os.geteuid():
         return f"it belongs to another user (number {status.st_uid}; this one is {os.geteuid()})"
@@ -161,7 +157,7 @@ def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | N
 
 
 def _read_trusted(path: Path) -> tuple[bytes | None, str | None]:
-    """Return a file's content (None if unreadable or not trusted), and the reason for distrust (None without one)."""
+    """Return the content of a file, None if unreadable or not trusted; and the reason for distrust, if any."""
     try:
         handle = os.open(path, _OPEN_FLAGS)
     except OSError:

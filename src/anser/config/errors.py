@@ -13,19 +13,14 @@ _BITS_MAX = 256
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem in a scenario, study or aircraft file; a `ScenarioError` lists them.
+    """One problem in a scenario, study or aircraft file."""
 
-    `path` is the key (or the position in the text, or empty for the whole file), `arrived` and `expected` describe the
-    value in the file and a valid value, `subject` names the aircraft or goal, `line` counts from 1.
-    """
-
-    #: Key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or position (``line 3, column 7``), or empty for
-    #: the whole file.
+    #: Key, such as ``aircraft[1].start.speed_m_s``, or position (``line 3, column 7``); empty for the whole file.
     path: str
     arrived: str  #: Description of the value in the file.
     expected: str  #: Description of a valid value.
-    subject: str = ""  #: Aircraft or goal by name, such as ``aircraft "north"``; empty without a name.
-    #: Line of the key, from 1, or of the innermost enclosing table in the file; None if unknown.
+    subject: str = ""  #: Aircraft or goal with the problem, such as ``aircraft "north"``; empty if unnamed.
+    #: Line of the key, from 1; if the file lacks the key, line of the innermost table around it; None if unknown.
     line: int | None = field(default=None, compare=False)
 
     def __str__(self) -> str:
@@ -57,19 +52,19 @@ def problem_error(source: str, arrived: str, expected: str, path: str = "") -> S
 
 
 def os_error_reason(error: Exception) -> str:
-    """Return why a file could not be read or written: the reason of an OSError, otherwise the error's message."""
+    """Return the reason why a file could not be read or written, for messages."""
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
 def format_value(value: object) -> str:
-    """Describe a value of a file as `describe_value` does, but a floating-point number with up to 15 digits."""
+    """Describe a value of a file as `describe_value` does, but format a float with at most 15 significant digits."""
     return format_number(value) if isinstance(value, float) else describe_value(value)
 
 
 def describe_value(value: object) -> str:
     """Describe a value of a TOML file on one line: text (shortened), numbers and booleans in TOML notation.
 
-    Tables and lists are named by type and length, None is "nothing".
+    A table is described as "a table", a list as "a list of N", and None as "nothing".
     """
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -108,10 +103,7 @@ _TABLES_OF_KIND: dict[FileKind, frozenset[str]] = {
 
 
 def check_file_kind(kind: FileKind, values: Mapping[str, Any], source: str) -> None:
-    """Raise ScenarioError if the values have the tables of another kind of file, and no table of the kind `kind`.
-
-    The message proposes the command line for a file of the other kind; `source` is the name of the file.
-    """
+    """Raise ScenarioError if the file `source` has tables of another kind of file, and no table of the kind `kind`."""
     if _TABLES_OF_KIND[kind] & values.keys():
         return
     for actual_kind, its_tables in _TABLES_OF_KIND.items():

@@ -52,14 +52,11 @@ class ExpressionError(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """Parsed expression of a flight's variables, whose dataset names are `names`.
+    """Parsed expression of a flight's variables."""
 
-    `evaluate(arrays by name, array module)` returns the value: true or false if `is_condition`, otherwise a number.
-    """
-
-    names: tuple[str, ...]
-    is_condition: bool
-    evaluate: _Evaluate
+    names: tuple[str, ...]  # dataset names of the variables
+    is_condition: bool  # True: the value is true or false; False: the value is a number
+    evaluate: _Evaluate  # returns the value from (arrays by dataset name, array module such as `numpy`)
 
 
 @functools.lru_cache
@@ -89,10 +86,9 @@ class _Builder:
         self.names: list[str] = []
 
     def build(self, node: ast.AST, depth: int) -> tuple[bool, _Evaluate]:
-        """Check a node, `depth` levels below the root; return whether it is a condition, and its evaluating function.
+        """Return whether a node is a condition, and its evaluating function; variables are added to `self.names`.
 
-        The names of variables are added to `self.names`. Raises ExpressionError for a node that is not allowed, or
-        deeper than `_DEPTH_MAX`.
+        Raises ExpressionError if the node is not allowed, or if `depth`, the level of the node, exceeds `_DEPTH_MAX`.
         """
         if depth > _DEPTH_MAX:
             raise ExpressionError("a nested expression", f"{_DEPTH_MAX} levels at most")
@@ -135,10 +131,7 @@ class _Builder:
                 raise ExpressionError(self._source(node), f"nothing but {_ALLOWED}")
 
     def _operand(self, node: ast.AST, depth: int, *, is_condition: bool = False) -> _Evaluate:
-        """Return the evaluating function of an operand; raises ExpressionError if the type of its value is wrong.
-
-        The operand must be a condition (true or false) if `is_condition`, otherwise a number.
-        """
+        """Return an operand's evaluating function; raises ExpressionError if the operand's type is wrong."""
         found_condition, evaluate = self.build(node, depth + 1)
         if found_condition and not is_condition:
             expected = "a number there, such as (1 if mach > 0.5 else 0)"
@@ -160,10 +153,7 @@ def _all_of(conditions: list[_Evaluate], function: str) -> _Evaluate:
 
 
 def suggest_variable(name: str, names: Collection[str]) -> str:
-    """Return the text that a message about an unknown variable `name` puts after "expected".
-
-    The text proposes the same variable with its unit from `names`, or else similar names, or else examples.
-    """
+    """Return a suggestion from `names` for an unknown variable `name`, as the text after "expected" in a message."""
     keys = {variable.name: variable.key for variable in CATALOGUE}
     same = [entry for entry in names if name == keys.get(entry) or name.startswith(f"{keys.get(entry)}_")]
     matches = sorted(same, key=len)[-1:] or difflib.get_close_matches(name, names, n=3)

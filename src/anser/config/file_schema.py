@@ -19,7 +19,7 @@ _COLUMNS = ("key", "unit", "default", "what it is", "range")
 def json_schema(model: type[Table], title: str) -> dict[str, Any]:
     """Return the JSON Schema (draft 7, without references) of the files that a model validates, entitled `title`.
 
-    Contradictions between keys are checked by the model only, not by the schema.
+    The schema does not check contradictions between keys; only the model does.
     """
     schema = _for_editors(_described(model))
     del schema["description"]  # addressed to readers of the code
@@ -32,10 +32,7 @@ def key_tables(model: type[Table]) -> str:
 
 
 def _described(model: type[Table]) -> dict[str, Any]:
-    """Return Pydantic's schema of a model with references resolved, without titles and null (which TOML lacks).
-
-    A key's schema has the texts `expected` (valid values, for messages) and `unit` of its declaration, if any.
-    """
+    """Return Pydantic's schema of a model with references resolved, without titles and null (which TOML lacks)."""
     whole = model.model_json_schema()
     return _plain(whole, whole.get("$defs", {}))
 
@@ -91,10 +88,7 @@ def _for_editors(node: Any) -> Any:
 
 
 def _sections(node: Mapping[str, Any], path: str, *, is_list: bool) -> Iterator[str]:
-    """Yield the Markdown lines of the sections of a table and its inner tables.
-
-    `node` is the table's schema, `path` its key path (empty: the whole file); `is_list`: the table is a list's item.
-    """
+    """Yield the Markdown of a table with schema `node` and of its inner tables; `path` is empty for a whole file."""
     inner = {key: _table_in(value) for key, value in node["properties"].items()}
     if path:
         yield f"## `{f'[[{path}]]' if is_list else f'[{path}]'}`\n"
@@ -112,7 +106,7 @@ def _sections(node: Mapping[str, Any], path: str, *, is_list: bool) -> Iterator[
 
 
 def _table_in(node: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the schema of the table, or of the items of a list of tables, in a key; None for a plain value."""
+    """Return the schema of a table, or of the items of a list of tables; None for a plain value."""
     nodes = [node, node.get("items"), *node.get("anyOf", ())]
     table_node = next(
         (candidate for candidate in nodes if isinstance(candidate, dict) and "properties" in candidate), None
@@ -121,7 +115,7 @@ def _table_in(node: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _row(key: str, node: Mapping[str, Any], required: bool) -> list[str]:
-    """Return the cells of a key's row in the Markdown table of keys: name, unit, default, description and range."""
+    """Return the cells of a key's row in the table of keys, in the order of `_COLUMNS`."""
     unit, span = str(node.get("unit", "")), str(node["expected"])
     if unit:
         span = span.removesuffix(f" {unit}")
@@ -144,7 +138,7 @@ def _default(node: Mapping[str, Any], required: bool) -> str:
 
 
 def write_schema(path: Path, name: str, model: type[Table], title: str) -> Path:
-    """Write a model's JSON Schema as file `name` into the folder of `path`, unless it exists; return the schema's path.
+    """Write a model's JSON Schema as file `name` beside `path`, unless the file exists; return the path of the schema.
 
     Raises ScenarioError if the schema cannot be written.
     """
@@ -162,7 +156,7 @@ def schema_text(model: type[Table], title: str) -> str:
 def write_new_file(path: str | os.PathLike[str], text: str) -> Path:
     """Write text to a new file; return its path.
 
-    Raises ScenarioError if the name exists already (the existing file stays unchanged), or the file cannot be written.
+    Raises ScenarioError if the file exists or cannot be written; an existing file stays unchanged.
     """
     target = Path(path)
     try:

@@ -25,9 +25,9 @@ class _ItemKey(str):
 def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
     """Return a scenario's values, with changes, as nested dictionaries like those of a file.
 
-    `changes` are pairs (key path, value), made in turn. The values are not validated, and keys that the file left out
-    stay out. Raises ScenarioError if a path is malformed or leads to no table or list item of the scenario; an unknown
-    last key is left to the validation.
+    `changes` are pairs (key path, value), applied in order. The result lacks keys that the file omits. The values are
+    not validated, and an unknown key raises no error. Raises ScenarioError if a path is malformed, names a missing list
+    item, or continues beyond a plain value.
     """
     values = scenario.model_dump(mode="json", exclude_unset=True)
     for path, value in changes:
@@ -38,10 +38,10 @@ def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) 
 
 
 def value_at(scenario: Table, path: str) -> Any:
-    """Return the value at a key path, the default for a key that the file left out; a table becomes a dictionary.
+    """Return the value at a key path, or its default if the file omits the key; a table becomes a dictionary.
 
-    None for an optional table that the file left out, and for its required keys. Raises ScenarioError for a malformed
-    or unknown path.
+    The value is None for an omitted optional table, and for the required keys of such a table. Raises ScenarioError if
+    the path is malformed or unknown.
     """
     if not _PATH.fullmatch(path):
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
@@ -59,7 +59,7 @@ def value_at(scenario: Table, path: str) -> Any:
 
 
 def _as_values(node: Any) -> Any:
-    """Return a node of a key path in plain values: tables as dictionaries with defaults, classes of tables as None."""
+    """Return a node in plain values: a table as a dictionary with defaults, the class of an omitted table as None."""
     if isinstance(node, type):
         return None
     if isinstance(node, Table):
@@ -68,10 +68,7 @@ def _as_values(node: Any) -> Any:
 
 
 def _as_container(node: Any) -> Any:
-    """Return a table as a dictionary, defaults included, and a tuple as a list; further values are unchanged.
-
-    An optional table that the file left out is represented by its class, which becomes a dictionary of defaults.
-    """
+    """Return a table, or the class of an omitted table, as a dictionary with defaults, and a tuple as a list."""
     if isinstance(node, Table):
         return {
             key: _value_or_table(getattr(node, key), field.annotation) for key, field in type(node).model_fields.items()
@@ -95,7 +92,7 @@ def _value_or_table(value: Any, annotation: Any) -> Any:
 def indexed_path(scenario: Table, path: str) -> str:
     """Return a key path with list items by index instead of name: ``aircraft[0].start`` for ``aircraft[north].start``.
 
-    Raises ScenarioError for a path with an unknown item or with a step that does not fit; an unknown last key is kept.
+    Raises ScenarioError if a list item is unknown or a step does not fit; an unknown last key is kept.
     """
     node: Any = scenario
     indexed = ""
@@ -108,10 +105,9 @@ def indexed_path(scenario: Table, path: str) -> str:
 
 
 def repeated_paths(scenario: Table, paths: Iterable[str]) -> tuple[str, str] | None:
-    """Return the first two of `paths` that lead to the same key; None if all keys are different.
+    """Return the first two of `paths` with the same key, such as one by index and one by name; None if all keys differ.
 
-    For example, one path has the index of a list item, and one its name. Paths that are not part of the scenario are
-    skipped.
+    Paths that are not in the scenario are skipped.
     """
     former: dict[str, str] = {}
     for path in paths:
@@ -126,7 +122,7 @@ def repeated_paths(scenario: Table, paths: Iterable[str]) -> tuple[str, str] | N
 
 
 def to_file_value(value: object) -> object:
-    """Convert a value for a file: tables become dictionaries of their set keys, array scalars plain numbers."""
+    """Convert a value for a file: a table becomes a dictionary of its set keys, an array scalar a plain number."""
     if isinstance(value, Table):
         return value.model_dump(mode="json", exclude_unset=True)
     if isinstance(value, dict):
@@ -165,10 +161,7 @@ def _extend_path(path_so_far: str, step: str) -> str:
 
 
 def _resolve_step(node: object, step: str, path_so_far: str) -> str | int:
-    """Return the dictionary key or list index to which a step of a key path leads within `node`.
-
-    Raises ScenarioError if `node` is no table for a key, or no list with such an item for a step in brackets.
-    """
+    """Return the key or list index of a step within `node`; raises ScenarioError if the step does not fit `node`."""
     if isinstance(step, _ItemKey):
         if isinstance(node, list):
             return _index(node, step, path_so_far)

@@ -1,6 +1,6 @@
 """Scenarios, studies and aircraft files that come with anser.
 
-An installed package has scenarios and studies beside its modules, a clone of the repository at its root.
+Scenarios and studies are in the folder `SHIPPED` of an installed package, or at the root of a clone.
 """
 
 import re
@@ -28,8 +28,8 @@ def shipped_files() -> dict[str, Path]:
 def copy_shipped_file(name: str, target: Path, edit: Callable[[str], str] = str) -> list[Path]:
     """Copy a shipped file to a new file `target`, and the .toml and .dml files named in it into the same folder.
 
-    Return the paths of the named files in that folder; such a file stays as it is if it exists already. `edit` changes
-    the text of the shipped file before the writing. Raises ScenarioError if the target exists or cannot be written.
+    Return the paths of the named files; a named file that exists in the folder stays unchanged. `edit` changes the text
+    of the shipped file. Raises ScenarioError if `target` exists or cannot be written.
     """
     source = shipped_files()[name]
     text = source.read_text(encoding="utf-8")

@@ -24,10 +24,7 @@ Vector = tuple[float, float, float]
 
 
 def is_stored(info: ValidationInfo) -> bool:
-    """Whether the validated tables are those of stored results, in which contradictions between keys are accepted.
-
-    The version of the package that stored them has checked them, by rules that can differ from those of this version.
-    """
+    """Whether the tables come from stored results, in which contradictions between keys are accepted."""
     return bool(info.context and info.context.get("is_stored"))
 
 
@@ -37,7 +34,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)
 
     def consistency_problems(self) -> list[Problem]:
-        """List contradictions between keys that are valid alone, with key paths relative to the table."""
+        """List contradictions between keys with values that are valid alone; key paths are relative to the table."""
         return []
 
     @model_validator(mode="after")
@@ -46,7 +43,8 @@ class Table(BaseModel):
         return self
 
     def _refuse_contradictions(self, info: ValidationInfo) -> None:
-        """Raise ScenarioError for contradictions between keys, unless the table is that of stored results."""
+        """Raise ScenarioError for contradictions between keys, unless the table comes from stored results."""
+        # the version that stored the results has checked them, perhaps by other rules
         problems = [] if is_stored(info) else self.consistency_problems()
         if problems:
             raise ScenarioError("", problems)
@@ -62,14 +60,14 @@ class Table(BaseModel):
         raise _unchecked(f"{type(self).__name__}.copy()")
 
     def with_defaults(self, **defaults: Any) -> Self:
-        """Return the table with the values `defaults` for keys that the file left out.
+        """Return the table with the values `defaults` for keys that the file omits.
 
-        The set of keys marked as written in the file (`model_fields_set`) is unchanged.
+        `model_fields_set`, the set of the keys in the file, is unchanged.
         """
         return self._with_values(**{key: value for key, value in defaults.items() if key not in self.model_fields_set})
 
     def _with_values(self, **values: Any) -> Self:
-        """Return the table with some values replaced, without validation; keys stay marked as set or left out."""
+        """Return the table with some values replaced, without validation; `model_fields_set` is unchanged."""
         return super().model_construct(self.model_fields_set, **{**self.__dict__, **values})
 
     @classmethod
@@ -81,7 +79,7 @@ class Table(BaseModel):
 def content_hash(table: Table, extra: Mapping[str, Any] | None = None) -> str:
     """Return the SHA-256 of a table's canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
 
-    `extra` adds keys to the table's, or replaces their values.
+    `extra` adds keys, or replaces values, before the hash.
     """
     text = json.dumps(
         {**table.model_dump(mode="json"), **(extra or {})}, sort_keys=True, separators=(",", ":"), allow_nan=False
@@ -97,7 +95,7 @@ def _unchecked(call: str) -> TypeError:
 
 
 def ordering_problems(table: Table, low_key: str, high_key: str, unit: str) -> list[Problem]:
-    """Return a list with a problem if the value of `low_key` is not less than the value of `high_key`; else empty."""
+    """Return a list with one problem unless the value of `low_key` is less than the value of `high_key`."""
     low, high = getattr(table, low_key), getattr(table, high_key)
     return (
         []
@@ -145,7 +143,7 @@ def number(
     description
         Meaning, in one line.
     low, high
-        Range in `unit`, including `high` and, unless `exclusive_minimum`, `low`.
+        Range in `unit`; `high` is allowed, and `low` is allowed unless `exclusive_minimum` is True.
     unit
         As written in messages; empty for a pure number.
     default
@@ -186,7 +184,7 @@ def identifier(description: str, expected: str = NAME_EXPECTED, default: object 
 
 
 def literal_options(annotation: object) -> str:
-    """Return the options of a Literal inside an annotation as text, such as `"right" or "left"`; empty without one."""
+    """Return the options of a Literal in an annotation as text, such as `"right" or "left"`; empty if there is none."""
     if get_origin(annotation) is Literal:
         return quoted_list(get_args(annotation), " or ")
     return next(filter(None, map(literal_options, get_args(annotation))), "")
@@ -209,7 +207,7 @@ def tables(
     default: object = PydanticUndefined,
     omit_default: bool = False,
 ) -> Any:
-    """Declare a field for a list of `at_least` or more tables; the other arguments are those of `table`."""
+    """Declare a field for a list of `at_least` or more tables; for the other arguments, see `table`."""
     # strict=False: a TOML list is a Python list, not a tuple; the items stay strict
     return Field(
         default,
@@ -240,7 +238,7 @@ Gain3 = Annotated[
 
 
 def gain(description: str, default: float) -> Any:
-    """Declare a gain: in the file a number, or a list with a number per axis of the loop; as value a tuple of three."""
+    """Declare a gain: in the file a number, or a list of three numbers, one per axis; the value is a tuple of three."""
     return Field((default, default, default), description=description, json_schema_extra=_GAIN)
 
 

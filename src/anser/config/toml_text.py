@@ -51,10 +51,7 @@ def excessive_depth(text: str) -> int | None:
 
 
 def end_of_value(text: str, start: int) -> int:
-    """Return the index of the line break after a value that starts at index `start` of a valid TOML text.
-
-    The result is the length of the text if no line break follows.
-    """
+    """Return the index of the line break after a value that starts at `start` in valid TOML, or the text's length."""
     depth = 0
     for token in _TOKEN.finditer(text, start):
         match token.lastgroup:
@@ -85,7 +82,7 @@ _ENTRY = re.compile(rf"[ \t]*({DOTTED_KEY})[ \t]*=")
 
 
 def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: int = SIZE_MAX) -> str:
-    """Return the text of a file in UTF-8; raises ScenarioError if the file is unreadable or above `size_max` bytes.
+    """Return the text of a UTF-8 file; raises ScenarioError if the file is unreadable or larger than `size_max` bytes.
 
     `kind` names the kind of file in messages.
     """
@@ -113,9 +110,9 @@ def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: in
 def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None) -> dict[str, Any]:
     """Parse TOML into nested dictionaries; raises ScenarioError for invalid text, with the line of a syntax error.
 
-    `source` names the text in messages; `hint` returns a correction for an invalid line, or an empty text. Size and
-    depth of nesting are checked before parsing, which could otherwise take gigabytes of memory.
+    `source` names the text in messages; `hint` returns a correction for an invalid line, or an empty text.
     """
+    # Parsing a larger or deeper text could take gigabytes of memory.
     if len(text) > SIZE_MAX:
         raise problem_error(source, f"{len(text):,} characters", f"a text of at most {SIZE_MAX:,}")
     if (deep := excessive_depth(text)) is not None:
@@ -133,7 +130,7 @@ def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None)
 
 @contextlib.contextmanager
 def attach_line_numbers(text: str, source: str) -> Iterator[None]:
-    """Attach the lines of `text` to the problems of a ScenarioError of `source` that is raised in the context.
+    """Add line numbers in `text` to the problems of a ScenarioError of `source` that the block raises.
 
     Errors of referenced files, which have another source, pass unchanged.
     """
@@ -146,10 +143,9 @@ def attach_line_numbers(text: str, source: str) -> Iterator[None]:
 
 
 def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str] | None = None) -> list[Problem]:
-    """Return problems with the line of each problem's key in a TOML text.
+    """Return problems with line numbers in a TOML text.
 
-    `keys` maps the path of a problem to the key path in the text whose line is reported, for problems whose own path is
-    not in the text.
+    `keys` maps paths of problems that are not in the text to key paths in the text.
     """
     lines, places = _lines_of(text), keys or {}
     return [
@@ -160,9 +156,9 @@ def number_lines(problems: Iterable[Problem], text: str, keys: Mapping[str, str]
 
 @contextlib.contextmanager
 def named_by(source: str, key: str, name: str) -> Iterator[None]:
-    """In the context, attribute an error about a whole file `name` to the key `key` of the file `source`.
+    """Attribute a ScenarioError about the whole file `name` to the key `key` of file `source`, which refers to `name`.
 
-    The key names the file. A ScenarioError whose first problem already has a key path or position passes unchanged.
+    An error whose first problem already has a key path or position passes unchanged.
     """
     try:
         yield
@@ -174,7 +170,7 @@ def named_by(source: str, key: str, name: str) -> Iterator[None]:
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """Return the number of the first line (from 1) of each key and table of valid TOML, by key path as in messages."""
+    """Return the first line (from 1) of each key and table of valid TOML, by key path as in messages."""
     line_numbers: dict[str, int] = {}
     for path, line in _keys_of(text):
         line_numbers.setdefault(path, line)
@@ -182,7 +178,7 @@ def _lines_of(text: str) -> dict[str, int]:
 
 
 def _keys_of(text: str) -> Iterator[tuple[str, int]]:
-    """Yield the key path and line of each key and table of valid TOML, without keys inside a one-line table or list."""
+    """Yield the key path and line of each key and table of valid TOML, except keys inside an inline table or a list."""
     last_item: dict[str, int] = {}
     table, at, line = "", 0, 1
     while at < len(text):
@@ -211,7 +207,7 @@ def _keys_of(text: str) -> Iterator[tuple[str, int]]:
 
 
 def _names(dotted: str) -> list[str]:
-    """Split a dotted key into its parts as messages write them: without quotes unless a part needs them."""
+    """Split a dotted key into parts as in messages: a part has quotes only if its characters need quotes."""
     unquoted = [part.strip("\"'") for part in key_parts(dotted)]
     return [part if re.fullmatch("[A-Za-z0-9_-]+", part) else json.dumps(part) for part in unquoted]
 
@@ -221,7 +217,7 @@ def _join_keys(table: str, name: str) -> str:
 
 
 def _line_at(path: str, lines: dict[str, int]) -> int | None:
-    """Return the line of a key path, or else of the innermost enclosing table or list in `lines`; None without any."""
+    """Return the line of a key path, or of the innermost table around a path that `lines` lacks; None if unknown."""
     while path and path not in lines:
         path = path[: max(path.rfind("."), path.rfind("["), 0)]
     return lines.get(path)
@@ -238,7 +234,7 @@ def _run_folder_hint(folder: Path) -> str:
 
 
 def _similar_file_hint(path: Path, kind: str) -> str:
-    """Suggest a shipped file of the name, or an existing file of a similar name and equal suffix; empty without any."""
+    """Suggest a shipped file of the same name, or a file of similar name and equal suffix; empty if there is none."""
     suffix = path.suffix if kind in ("sounding", "table") else ".toml"
     if suffix == ".toml" and path.parent == Path():
         shipped = Path("scenarios", path.name).with_suffix(suffix)

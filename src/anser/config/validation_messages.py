@@ -43,10 +43,10 @@ _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "
 
 
 def conversion_hint(text: str, unit: str) -> str:
-    """Return a hint for a text that was given instead of a number: the number to write in the unit of the key.
+    """Return a hint with the number to write for a text such as "9 kt": `; 9 kt is 4.63 m/s: write 4.63`.
 
-    An example is `; 9 kt is 4.63 m/s: write 4.63`. The hint is empty if the text is unclear or its unit unknown. `unit`
-    is the unit of the key as written in messages; empty for a dimensionless number.
+    `unit` is the unit of the key; empty for a dimensionless number. The hint is empty if the text is unclear or has an
+    unknown unit.
     """
     match = _NUMBER_AND_UNIT.fullmatch(text)
     if match is None:
@@ -75,7 +75,7 @@ _OTHER_NAMES = {
     "max": "high",
     "maximum": "high",
 }
-"""Keys of anser files by names, in lower case, that users write in their place."""
+"""Keys of anser files, by names (in lower case) that users write instead."""
 _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
 
 
@@ -107,7 +107,7 @@ def validation_problems(error: ValidationError, model: type[BaseModel], raw: obj
 
 
 def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) -> Problem:
-    """Return a problem, whose path is relative to the table at the location `loc`, with its path in the file."""
+    """Return a problem with its path in the file; the original path is relative to the table at the location `loc`."""
     if not loc:
         return problem
     path = f"{_path(loc)}.{problem.path}" if problem.path else _path(loc)
@@ -136,7 +136,7 @@ def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) 
 
 
 def _owner_of(key: str, model: type[BaseModel]) -> str | None:
-    """Return the name of the table with an inner table `key`, such as `aircraft` for `start`; None without any."""
+    """Return the name of the table with an inner table `key`, such as `aircraft` for `start`; None if there is none."""
     for name, field in model.model_fields.items():
         table = _model_in(field.annotation)
         inner = table.model_fields.get(key) if table is not None else None
@@ -158,10 +158,7 @@ def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) ->
 
 
 def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
-    """Return a location (Pydantic's sequence of keys and indices) up to the first list index that `raw` lacks.
-
-    An index is lacking if no list is there, or the list is too short.
-    """
+    """Return a location (Pydantic's sequence of keys and indices) up to the first list index that `raw` lacks."""
     for end in range(1, len(loc)):
         value = _value_at(loc[:end], raw)
         is_list = isinstance(value, list | tuple)
@@ -206,7 +203,7 @@ def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseMode
 
 
 def _model_in(annotation: object) -> type[BaseModel] | None:
-    """Return the model class inside an annotation such as ``tuple[Aircraft, ...]``; None without any."""
+    """Return the model class inside an annotation such as ``tuple[Aircraft, ...]``; None if there is none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next((inner_model for part in get_args(annotation) if (inner_model := _model_in(part)) is not None), None)

@@ -1,8 +1,7 @@
 """Autopilot by nonlinear dynamic inversion (gains, loops, control allocation), guidance, and DAVE-ML control laws.
 
-The inversion of the fast loop is in ``rate_control`` (``autopilot``) and ``allocate`` (``allocation``). Its slopes, the
-derivatives of the moment by the surface deflections, are called control effectiveness (``surface_moments`` in
-``allocation``).
+The fast loop is inverted in ``rate_control`` (``autopilot``) and ``allocate`` (``allocation``). Control effectiveness
+is the derivative of the moment by the surface deflections.
 
 =======================  ===============================================================================================
 ``inversion_autopilot``  the autopilot as a controller of the closed loop, commanded at one of its three loops

@@ -23,38 +23,25 @@ _REGULARIZATION = 1e-6  # relative to the square of the greatest moment
 
 
 class SurfaceMoments(eqx.Module):
-    """Aerodynamic moment, linearized about the surface deflections `surfaces` (n,), rad.
+    """Aerodynamic moment, linearized about the deflections of n surfaces."""
 
-    `moment_b` is the moment about the centre of gravity at these deflections, body axes, N m. `effectiveness` (3, n) is
-    the control effectiveness: derivatives of the moment by the deflections, N m/rad; 0 for surfaces that no controller
-    commands.
-    """
-
-    surfaces: Vector  # deflections (surfaces,), rad
+    surfaces: Vector  # deflections (n,), rad
     moment_b: Vector3  # aerodynamic moment about the centre of gravity at `surfaces`, body axes (3,), N m
-    # control effectiveness, the derivative of the moment by the deflections (3, surfaces), N m/rad; 0 for surfaces that
-    # no controller commands
+    # derivative of the moment by the deflections (3, n), N m/rad; 0 for surfaces that no controller commands
     effectiveness: Float[Array, "3 n"]
 
 
 class SurfaceDemand(eqx.Module):
-    """Surface deflections or actuator commands, `surfaces` (n,), rad, within the stops.
+    """Surface deflections, or commands to the actuators, within the stops."""
 
-    `saturated` (n,) marks the surfaces for which the moment would need a deflection beyond a stop.
-    """
-
-    surfaces: Vector
-    saturated: Bool[Array, " n"]
+    surfaces: Vector  # deflections or commands (n,), rad
+    saturated: Bool[Array, " n"]  # True: the moment would need a deflection beyond a stop
 
 
 def surface_moments(
     airframe: AbstractAirframe, condition: AirDataAndForces, rates_b: Vector3, surfaces: Vector
 ) -> SurfaceMoments:
-    """Compute the aerodynamic moment (N m) and the control effectiveness (N m/rad) at the deflections `surfaces` (rad).
-
-    The effectiveness is the derivative of the moment with respect to the deflections of the commanded surfaces, and 0
-    for surfaces that follow a schedule.
-    """
+    """Compute aerodynamic moment (N m) and control effectiveness (N m/rad) at the deflections `surfaces` (rad)."""
 
     def moment_of(deflections: Vector) -> Vector3:
         return airframe.aerodynamics(condition.air_data, rates_b, deflections).moment_b
@@ -84,12 +71,14 @@ def _scatter_to_surfaces(actuators: AbstractActuators, block: Float[Array, "comm
 def deflection_for_moment(actuators: AbstractActuators, effectiveness: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
     """Return the deflections per unit moment about each body axis, rad/(N m), shape (surfaces, 3).
 
-    With one surface per axis, the result is the inverse of the effectiveness S. With more surfaces, it is the right
-    inverse W S' (S W S')^-1 with the diagonal W of the squared half ranges between the stops: the deflections are the
-    smallest as fractions of the ranges. With fewer surfaces than axes, or a rank-deficient S, the unattainable part of
-    the moment is dropped, yaw first and pitch last (weighted least squares: O. Harkegard, "Efficient active set
-    algorithms for solving constrained least squares problems in aircraft control allocation", 2002, with the weights in
-    closed form).
+    S is the effectiveness, and W the diagonal of the squared half ranges between the stops. The result is
+
+    - S^-1 for one surface per axis,
+    - the right inverse W S' (S W S')^-1 for more surfaces: the smallest deflections relative to the ranges,
+    - the weighted least-squares inverse for fewer surfaces or a rank-deficient S; yaw is given up first, pitch last.
+
+    Source: O. Harkegard, "Efficient active set algorithms for solving constrained least squares problems in aircraft
+    control allocation", 2002; here with the weights in closed form.
     """
     if has_one_surface_per_axis(actuators):
         return _scatter_to_surfaces(actuators, inverse3(effectiveness[:, _commanded_indices(actuators)]))
@@ -105,22 +94,19 @@ def allocate(
 ) -> SurfaceDemand:
     """Solve for the deflections within the stops at which aerodynamics and propulsion give the moment `moment_b` (N m).
 
-    The moment is the total about the centre of gravity, body axes. Two Newton steps start from `present`, the
-    aerodynamic moment and its derivatives at the present deflections; the second step evaluates moment and control
-    effectiveness at the result of the first (theory section 5, item 1: Cm0 is not linear in the elevator). Surfaces
-    that follow a schedule keep their present deflections.
+    `moment_b` is the total moment about the centre of gravity, body axes. `present` is the aerodynamic moment at the
+    present deflections. Surfaces that follow a schedule keep their present deflections.
 
-    With more or fewer than one surface per axis, a surface whose solution is beyond a stop is fixed at the stop, and
-    the remaining surfaces give as much of the missing moment as possible, pitch before roll before yaw. With one
-    surface per axis, no surface can compensate. The flags of the result mark the surfaces whose solution was beyond a
-    stop before the redistribution.
+    If a surface needs a deflection beyond a stop, the surface is fixed at the stop. The free surfaces then give as much
+    of the missing moment as possible, pitch before roll before yaw. If there is one surface per axis, no other surface
+    can compensate. The flags of the result refer to the solution before this redistribution.
     """
     target_b = moment_b - condition.propulsive.moment_b
     actuators = airframe.actuators
     lower, upper = actuators.lower, actuators.upper
     moments, solution = present, present.surfaces
     for k in range(_NEWTON_STEPS):
-        if k:
+        if k:  # Cm0 is not linear in the elevator: theory section 5, item 1
             moments = surface_moments(airframe, condition, rates_b, solution)
         missing_b = target_b - moments.moment_b
         if has_one_surface_per_axis(actuators):
@@ -146,11 +132,7 @@ def _multiply(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[
 
 
 def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
-    """Return the deflections (rad) from which the allocation starts.
-
-    A commanded surface is at 0, or at the stop nearest to 0 if 0 is beyond a stop; a surface that follows a schedule
-    keeps its present deflection in `surfaces`.
-    """
+    """Return the base of the allocation: commanded surfaces at 0 or the stop nearest to 0, others as in `surfaces`."""
     neutral = actuators.limit_command(jnp.zeros_like(surfaces))
     return jnp.where(jnp.asarray(actuators.is_commanded), neutral, surfaces)
 
@@ -160,9 +142,8 @@ def _weighted_inverse(
 ) -> Float[Array, "n 3"]:
     """Return the weighted pseudo-inverse W S' (S W S' + E)^-1 of the effectiveness S, rad/(N m), shape (surfaces, 3).
 
-    `is_free` is 1 for a free and 0 for a fixed surface. The diagonal W holds the squares of the half ranges of the free
-    surfaces, and 0 for fixed surfaces. The small diagonal E sets the order in which unattainable axes are given up:
-    yaw, roll, pitch.
+    W is the diagonal of the squared half ranges, with 0 for fixed surfaces (`is_free` 0). The small diagonal E sets the
+    order in which unattainable moments are given up: yaw, roll, pitch.
     """
     half = 0.5 * (actuators.upper - actuators.lower)
     weight = is_free * half**2
@@ -174,15 +155,12 @@ def _weighted_inverse(
 
 
 def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_b: Vector3, solution: Vector) -> Vector:
-    """Return deflections within the stops (rad) that give as much of the moment `target_b` (N m) as possible.
-
-    From the unlimited deflections `solution` on, each round fixes the surfaces beyond a stop at the stop, and solves
-    for the free surfaces by weighted least squares.
-    """
+    """Return deflections within the stops that best give the moment `target_b`; `solution` is not limited."""
     lower, upper = actuators.lower, actuators.upper
     commanded = jnp.asarray(actuators.is_commanded)
     fixed = ~commanded | (solution < lower) | (solution > upper)
     limited = jnp.clip(solution, lower, upper)
+    # each round fixes the surfaces beyond a stop at the stop, and solves for the free surfaces
     for _ in range(sum(actuators.is_commanded) - 1):
         base = jnp.where(fixed, limited, _neutral_surfaces(actuators, moments.surfaces))
         missing_b = target_b - moments.moment_b - _multiply(moments.effectiveness, base - moments.surfaces)
@@ -196,40 +174,32 @@ def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_
 
 
 _AUTHORITY_SHARE = 0.3
-"""Fraction of the deflection margins and rate limits that one channel may use; the remainder is for other channels and
+"""Fraction of deflection margins and rate limits that one channel may use; the rest is for other channels and
 disturbances."""
 _MARGIN_MIN = 0.1
 """Least margin to a stop, as a fraction of the surface's half range: keeps the loops active near a stop."""
 
 
 class Authority(eqx.Module):
-    """Control authority: deflections that the surfaces can still make, and their effect on the body rates.
+    """Control authority: deflections that n surfaces can still make, and their effect on the body rates."""
 
-    `deflection` (n, 3) is the deflection of each surface per angular acceleration about each body axis, rad/(rad/s^2):
-    inverse of the control effectiveness times inertia. `margin` (n,) is the deflection available up to the nearer stop,
-    rad, at least a tenth of half the range; `rate_limit` (n,) the greatest deflection rate, rad/s.
-    """
-
-    # deflection per angular acceleration about the body axes (surfaces, 3), rad/(rad/s^2): inverted control
-    # effectiveness times inertia
-    deflection: Float[Array, "n 3"]
-    margin: Vector  # deflection available up to the nearer stop, at least a tenth of half the range (surfaces,), rad
-    rate_limit: Vector  # greatest deflection rate (surfaces,), rad/s
+    deflection: Float[Array, "n 3"]  # deflections per angular acceleration about each body axis, rad/(rad/s^2)
+    margin: Vector  # deflection available up to the nearer stop (n,), rad; at least a tenth of half the range
+    rate_limit: Vector  # greatest deflection rate (n,), rad/s
 
     @property
     def rates_jerk(self) -> Vector3:
         """Greatest rates of change of the angular accelerations about the body axes (P, Q, R), rad/s^3.
 
-        Each value holds while the other two accelerations are constant, and the surfaces use 30 percent of their rate
-        limits.
+        Each value is for one axis alone, with 30 percent of the surfaces' rate limits.
         """
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 
     def attitude_acceleration(self, rate_matrix: Matrix33) -> Vector3:
         """Return the greatest angular accelerations of (mu, alpha, beta), rad/s^2.
 
-        Each value holds while the other two accelerations are 0, and the surfaces use 30 percent of their margins.
-        `rate_matrix` is the matrix G of `PathMotion`: the rates of (mu, alpha, beta) per unit (P, Q, R).
+        Each value is for one angle alone, with 30 percent of the surfaces' margins. `rate_matrix` is the matrix G of
+        `PathMotion`.
         """
         return _AUTHORITY_SHARE * _largest_outputs(product3(self.deflection, inverse3(rate_matrix)), self.margin)
 
@@ -237,11 +207,7 @@ class Authority(eqx.Module):
 def surface_authority(
     actuators: AbstractActuators, mass_properties: MassProperties, moments: SurfaceMoments, surfaces_slow: Vector
 ) -> Authority:
-    """Compute the control authority at the linearization `moments`.
-
-    The margins are the distances of the low-pass filtered deflections `surfaces_slow` (rad) from the nearer stop, and
-    at least a tenth of half the range.
-    """
+    """Compute the control authority; margins are measured from low-pass filtered deflections `surfaces_slow`, rad."""
     half = 0.5 * (actuators.upper - actuators.lower)
     margin = jnp.minimum(surfaces_slow - actuators.lower, actuators.upper - surfaces_slow)
     return Authority(
@@ -252,9 +218,8 @@ def surface_authority(
 
 
 def _largest_outputs(deflection: Float[Array, "n 3"], limit: Vector) -> Vector3:
-    """Return the greatest magnitude of each of three quantities, with the other two at 0, within surface limits.
+    """Return the greatest magnitude of each of three quantities alone, within surface limits.
 
-    `deflection` (surfaces, 3) is the deflection, or deflection rate, of each surface per unit of each quantity; `limit`
-    is the greatest deflection (rad) or rate (rad/s) of each surface.
+    `deflection` (surfaces, 3) is the deflection or rate of each surface per unit of each quantity.
     """
     return 1.0 / jnp.max(jnp.abs(deflection) / limit[:, None], axis=0)

@@ -29,13 +29,7 @@ _SAMPLED_GAIN_MAX = 1.5  # keeps the pole of the sampled surface loop above -0.5
 
 
 class AutopilotSignals(eqx.Module):
-    """Signals of one sample of the autopilot, for recording: commands between the loops, and flags of limits.
-
-    `motion` holds the measured path and attitude angles, `thrust` and `attitude` the commands of the velocity loop,
-    `rates_b` the commanded (P, Q, R), rad/s, and `surfaces` the commands to the actuators, rad. The flags are true if
-    the commanded airspeed is outside the limits, if a commanded body rate is at its limit, and if the demanded moment
-    needs a deflection beyond a stop.
-    """
+    """Signals of one sample of the autopilot, for recording."""
 
     motion: PathMotion  # measured path and attitude angles
     thrust: ThrustDemand  # commanded throttle (0..1) and thrust (N)
@@ -43,9 +37,8 @@ class AutopilotSignals(eqx.Module):
     rates_b: Vector3  # commanded (P, Q, R), rad/s
     surfaces: Vector  # commands to the actuators, within the stops, rad
     speed_limited: Flag  # whether the commanded airspeed is outside the limits
-    # whether a commanded body rate is at its limit; whether the demanded moment needs a deflection beyond a stop
-    rates_limited: Flag
-    surfaces_limited: Flag
+    rates_limited: Flag  # whether a commanded body rate is at its limit
+    surfaces_limited: Flag  # whether the demanded moment needs a deflection beyond a stop
 
     def variables(self) -> dict[str, Array]:
         """Return the recorded variables by their keys in `anser.variables.CATALOGUE`; SI units and radians."""
@@ -70,11 +63,11 @@ def rate_control(
     rates_command: Vector3,
     rates_command_dot: Vector3,
 ) -> tuple[SurfaceDemand, AutopilotState]:
-    """Compute surface commands from commanded body rates (P, Q, R) and their derivatives, rad/s and rad/s^2: fast loop.
+    """Compute actuator commands (rad) for commanded body rates (P, Q, R), rad/s, and their derivatives: fast loop.
 
-    Returned are the actuator commands (rad) with saturation flags, and the new state of the autopilot. The commands
-    invert the actuators' lag up to the bandwidth `gains.actuator_bandwidth`, reduced if the sampling period is long.
-    Without a surface that controls yaw, the yaw rate is not controlled.
+    Returns the commands with saturation flags, and the new state of the autopilot. The actuators' lag is inverted up to
+    `gains.actuator_bandwidth`, or less if the sampling period is long. If no surface controls yaw, the yaw rate is not
+    controlled.
     """
     mass_properties, rates_b = model.airframe.mass_properties, model.state.rates_b
     error = limit_to_braking(gains.rates, rates_command - rates_b, model.authority.rates_jerk)
@@ -107,14 +100,11 @@ def rate_control(
 
 
 def _bandwidth_factor(model: OnboardModel, gains: AutopilotGains) -> Scalar:
-    """Return the factor (0..1) on actuator and filter bandwidths that the sampling allows; 1 for short periods.
-
-    N is the bandwidth of the filter on deflections, with state x; B is the bandwidth of the actuators after inversion.
-    The derivative gain K_D makes the target deflection depend on the present deflection with slope -K_D. The commanded
-    rate N (target - x) + B (target - present) is constant over a period, in which a surface moves by the time T =
-    `travel_per_rate` times the commanded rate: tau (1 - exp(-step/tau)) for a lag tau. The pole of the sampled loop is
-    therefore 1 - T (K_D N + (1 + K_D) B), and must not come near -1 (a limit cycle at the rate limit).
-    """
+    """Return the factor (0..1) on actuator and filter bandwidths that the sampling period allows."""
+    # The commanded rate N (target - x) + B (target - present) is constant over a period. N and x are the bandwidth and
+    # the state of the filter on deflections; B is the bandwidth of the actuators. In a period, a surface moves by T
+    # (`travel_per_rate`) times the rate. Because of the derivative gain K_D, the target has the slope -K_D over the
+    # present deflection. The sampled loop has the pole 1 - T (K_D N + (1 + K_D) B); near -1, it has a limit cycle.
     actuators = model.airframe.actuators
     travel = actuators.travel_per_rate(model.step)[np.flatnonzero(actuators.is_commanded)]
     derivative = jnp.max(jnp.abs(gains.rates.derivative))
@@ -128,14 +118,13 @@ def attitude_control(
     gains: AutopilotGains,
     controller_state: AutopilotState,
     attitude_command: Vector3,
-    attitude_command_dot: Vector3,
-    added_rates_b: Vector3 | None = None,
+    attitude_command_dot: Vector3,  # derivative of the command, rad/s
+    added_rates_b: Vector3 | None = None,  # test input that is added to the command of the rate loop, rad/s
 ) -> tuple[Vector3, SurfaceDemand, AutopilotState]:
     """Compute body-rate and surface commands for commanded (mu, alpha, beta), rad: attitude loop around the rate loop.
 
-    `attitude_command_dot` (rad/s) is the derivative of the command; `added_rates_b` (rad/s) is a test input added to
-    the command of the rate loop. Returned are the commanded body rates (rad/s), limited and without the test input, the
-    surface commands (rad) with saturation flags, and the new state of the autopilot.
+    Returns the commanded body rates (rad/s), the surface commands (rad) with saturation flags, and the new state of the
+    autopilot. The returned body rates are limited, and do not contain `added_rates_b`.
     """
     motion = model.motion
     measured = jnp.stack([motion.mu, motion.alpha, motion.beta])
@@ -163,7 +152,7 @@ def attitude_control(
 
 
 def rates_at_limit(rates_command: Vector3, rates_max: Vector3) -> Flag:
-    """Whether a commanded body rate is at its limit, but for the rounding of the common factor; all rates in rad/s."""
+    """Whether a commanded body rate is at its limit, within rounding; all rates in rad/s."""
     rounding = 4.0 * float(jnp.finfo(rates_command.dtype).eps)
     return jnp.any(jnp.abs(rates_command) >= (1.0 - rounding) * rates_max)
 
@@ -176,9 +165,9 @@ def velocity_control(
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
     """Compute surfaces and throttle for a commanded airspeed, path angle and course through the air: all three loops.
 
-    Returned are the controls, the signals for the record, and the new state of the autopilot. The commanded airspeed is
-    limited to the range of the flight limits. The recorded commands are those before the test inputs
-    `path_command.excitation` are added.
+    Returns the controls, the signals to record, and the new state of the autopilot. The commanded airspeed is limited
+    to the flight limits. The recorded commands are the values before the test inputs `path_command.excitation` are
+    added.
     """
     zero = jnp.zeros_like(controller_state.velocity_integral)
     added = LoopExcitation(zero, zero) if path_command.excitation is None else path_command.excitation

@@ -9,12 +9,7 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 
 class ModelResidual(eqx.Module):
-    """Measured minus modelled force and angular acceleration, low-pass filtered, body axes.
-
-    `force_b` (N) is mass times measured specific force, minus the modelled force without gravity; `acceleration_b` is
-    in rad/s^2. `rates_b` (rad/s) and `model_acceleration_b` (rad/s^2) are the gyro reading and the modelled angular
-    acceleration of the previous sample, from which the next difference is computed.
-    """
+    """Measured minus modelled force and angular acceleration, low-pass filtered, body axes."""
 
     force_b: Vector3  # mass times measured specific force, minus modelled force without gravity, N
     acceleration_b: Vector3  # measured minus modelled angular acceleration, rad/s^2
@@ -26,20 +21,15 @@ class ModelResidual(eqx.Module):
         force_residual_b: Vector3,  # measured minus modelled force at the new sample (3,), N
         rates_b: Vector3,  # gyro reading (3,), rad/s
         model_acceleration_b: Vector3,  # modelled angular acceleration at the new sample (3,), rad/s^2
-        # bandwidth of the low-pass filter, rad/s; 0: the residual stays constant (model-based inversion)
-        bandwidth: ScalarLike,
+        bandwidth: ScalarLike,  # of the low-pass filter, rad/s; 0: the residual stays constant (model-based inversion)
         step: ScalarLike,  # sampling period, s
         *,
         is_held: bool = False,  # whether the surfaces had the deflections of the new sample over the whole period
     ) -> "ModelResidual":
-        """Return the filtered residual after a new sample.
-
-        The measured angular acceleration is the change of the gyro reading since the previous sample over the period.
-        The modelled acceleration is the mean of both samples, so that the residual of a perfect model is zero; with
-        surfaces held over the period it is that of the new sample, whose deflections acted.
-        """
+        """Return the filtered residual after a new sample."""
         fade = -jnp.expm1(-bandwidth * step)
         measured_acceleration = (rates_b - self.rates_b) / step
+        # Over the period, a perfect model has the mean of both samples; held surfaces have acted as in the new sample.
         mean_b = 0.5 * (self.model_acceleration_b + model_acceleration_b)
         residual = measured_acceleration - (model_acceleration_b if is_held else mean_b)
         return ModelResidual(
@@ -57,35 +47,17 @@ def no_residual(rates_b: Vector3) -> ModelResidual:
 
 
 class AutopilotState(eqx.Module):
-    """State of one autopilot between samples.
+    """State of one autopilot between samples."""
 
-    Attributes
-    ----------
-    velocity_integral, attitude_integral, rates_integral
-        Time integrals of the errors in (V, gamma, chi), m and rad s; (mu, alpha, beta), rad s; (P, Q, R), rad.
-    attitude_filter, rates_filter, surfaces_filter
-        Filters that differentiate the command to the attitude loop, the command to the rate loop, and the deflections
-        that the rate loop demands.
-    surfaces_slow
-        Low-pass filtered deflections, rad.
-    residual
-        Measured minus modelled force and angular acceleration.
-    bank_command
-        Bank angle commanded at the previous sample, rad; None if the limits do not bound the bank rate.
-    """
-
-    # time integrals of the errors in (V, gamma, chi), m and rad s; (mu, alpha, beta), rad s; and (P, Q, R), rad
-    velocity_integral: Vector3
-    attitude_integral: Vector3
-    rates_integral: Vector3
-    # filters that differentiate the command to the attitude loop, and the command to the rate loop
-    attitude_filter: Differentiator
-    rates_filter: Differentiator
-    surfaces_filter: Differentiator  # filter that differentiates the deflections demanded by the rate loop
+    velocity_integral: Vector3  # time integral of the error in (V, gamma, chi), m and rad s
+    attitude_integral: Vector3  # time integral of the error in (mu, alpha, beta), rad s
+    rates_integral: Vector3  # time integral of the error in (P, Q, R), rad
+    attitude_filter: Differentiator  # differentiates the command to the attitude loop
+    rates_filter: Differentiator  # differentiates the command to the rate loop
+    surfaces_filter: Differentiator  # differentiates the deflections that the rate loop demands
     surfaces_slow: Vector  # low-pass filtered deflections, rad
     residual: ModelResidual  # measured minus modelled forces and accelerations
-    # previous commanded bank angle, rad; None if the limits do not bound the bank rate
-    bank_command: Scalar | None = None
+    bank_command: Scalar | None = None  # previous commanded bank angle, rad; None: the bank rate is not limited
 
 
 def initial_autopilot_state(
@@ -93,8 +65,8 @@ def initial_autopilot_state(
 ) -> AutopilotState:
     """Return the state of an autopilot after a long time in steady flight, with zero integrals.
 
-    `attitude` is (mu, alpha, beta), rad; `rates_b` (P, Q, R), rad/s; `surfaces` the deflections, rad. `limits` are the
-    autopilot's limits; None: the rate of the commanded bank angle is not limited.
+    `attitude` is (mu, alpha, beta), rad; `rates_b` is (P, Q, R), rad/s; `surfaces` are the deflections, rad. If
+    `limits` is None, the rate of the commanded bank angle is not limited.
     """
     zero = jnp.zeros(3)
     return AutopilotState(

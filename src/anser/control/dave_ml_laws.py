@@ -23,9 +23,8 @@ from anser.variables import STANDARD_SURFACES
 def named_signals(belief: Belief) -> dict[str, Scalar]:
     """Return an aircraft's estimated flight condition by the standard names of ANSI/AIAA S-119, SI units and radians.
 
-    Body rates are relative to the rotating Earth, in body axes: inertial rates minus the Earth's rotation, as the
-    participants of the NESC check-cases feed them to the control laws. The equivalent airspeed refers to the density of
-    the standard atmosphere at sea level. Source: ANSI/AIAA S-119-2011, annex A.
+    Body rates are relative to the rotating Earth, in body axes, as in the NESC check-cases. The equivalent airspeed
+    refers to the density of the standard atmosphere at sea level. Source: ANSI/AIAA S-119-2011, annex A.
     """
     state, condition = belief.state, belief.condition
     data = condition.air_data
@@ -58,13 +57,9 @@ def _to_arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
 
 
 class NamedCommands(AbstractGuidance):
-    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time` (s).
+    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`.
 
-    `initial_commands` are the values from the start, `change` the additions from `change_time` on, SI units and
-    radians. With `follows_line` 1, the distance from the line through the position at `change_time` along the commanded
-    `trueBaseCourseCommand`, the lateral deviation (m, right positive), is added to the command of that name; with 0
-    nothing is added. With `with_position`, latitude and longitude (rad) are commanded too, as `geLatitude` and
-    `geLongitude`. Raises ValueError if `change` has a name that is not in `initial_commands`.
+    Raises ValueError if `change` has a name that is not in `initial_commands`.
     """
 
     #: Commands from the start, SI units and radians.
@@ -73,11 +68,11 @@ class NamedCommands(AbstractGuidance):
     change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_to_arrays)
     #: Time of the change, s.
     change_time: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
-    #: 1: from `change_time` on, the distance to the ground track along `trueBaseCourseCommand` through the position at
-    #: that time, the integral of V sin(course - base course) over ground, is added to the commanded lateral deviation.
-    #: 0: the lateral deviation is as commanded. Without commands for both, the value has no effect.
+    #: 1: the distance from a line (m, right positive) is added to the command `lateralDeviationError`. The line has the
+    #: course `trueBaseCourseCommand`, and passes through the position at `change_time`. 0: nothing is added. If one of
+    #: the two commands is missing, the value has no effect.
     follows_line: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
-    #: Whether latitude and longitude (rad), as `geLatitude` and `geLongitude`, are added to the commands.
+    #: Whether latitude and longitude (rad) are commanded too, as `geLatitude` and `geLongitude`.
     with_position: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self) -> None:
@@ -123,10 +118,9 @@ class NamedCommands(AbstractGuidance):
 class DaveMlLaw(AbstractController):
     """Controller that evaluates a control law from a DAVE-ML file once per sampling period.
 
-    An input of the law takes its value, by name, from the command, or else from the flight condition (`named_signals`),
-    or else from the file. `surfaces` are the names of the outputs with the deflections of the airframe's surfaces, in
-    the airframe's order; `power` names the output with the commanded engine power, a fraction 0..1. The law has no
-    filters or integrals: the guidance computes filtered or integrated values and passes them as commands.
+    An input of the law takes the value of the same name in the command, in the flight condition (`named_signals`) or in
+    the file, in this order of precedence. The law has no filters or integrals: the guidance must pass filtered or
+    integrated values as commands.
     """
 
     law: Evaluator
@@ -164,8 +158,7 @@ def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power
     power
         Name of the law's output with the commanded engine power, as a fraction 0..1.
 
-    Raises ValueError if the file lacks an output, an output for a surface is not an angle, or the law has states,
-    because the file does not define how they evolve.
+    Raises ValueError if the file lacks an output, an output for a surface is not an angle, or the law has states.
     """
     outputs = tuple(f"{name}Deflection" for name in surfaces)
     for name in (*outputs, power):

@@ -9,27 +9,23 @@ from anser.shapes import Flag, ScalarLike, Vector, Vector3
 
 
 class Differentiator(eqx.Module):
-    """First-order filter of a command r, from which the rate of r is estimated: x_dot = N (r - x).
+    """First-order filter x_dot = N (r - x) that estimates the rate of a command r; N is the bandwidth, rad/s.
 
-    `state` is x, one value per channel, in the unit of r; N is the bandwidth, rad/s. The steps are exact for an r that
-    is constant over each step.
+    Each step is exact if r is constant over the step.
     """
 
-    state: Vector  # x, one value per channel
+    state: Vector  # x, one value per channel, in the unit of r
 
     def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
-        """Estimate the rate of the reference r (unit per s): the mean of x_dot over the coming step.
-
-        For a long ramp the estimate equals the slope.
-        """
+        """Estimate the rate of the reference r (unit per s): the mean of x_dot over the coming step."""
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.state)
 
     def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
         """Estimate the rate of the reference (unit per s), limited to `acceleration` / `bandwidth` in both directions.
 
-        A command with rate r may stop within the filter's time constant 1/N. A loop that follows the stop needs the
-        acceleration r N, and has `acceleration` (unit per s^2).
+        `acceleration` is the greatest acceleration of the loop that follows the reference, unit per s^2.
         """
+        # A command with rate r may stop within the filter's time constant 1/N: the loop then needs r N.
         rate_max = acceleration / bandwidth
         return jnp.clip(self.rate(reference, bandwidth, step), -rate_max, rate_max)
 
@@ -71,11 +67,10 @@ def limit_to_braking(
 ) -> Vector3:
     """Return the error, limited so that the loop approaches the reference no faster than `acceleration` can brake.
 
-    The linear loop e_dot = -K e, K = K_P / (1 + K_D), converges with e_ddot = K^2 e, which exceeds the acceleration L
-    for |e| > L / K^2. Beyond that error, e_dot is limited to the rate that L can brake, sqrt(2 L (|e| - L / 2K^2)),
-    which joins K e smoothly: the stop under bounded acceleration of time-optimal control (A. E. Bryson, Y.-C. Ho,
-    *Applied Optimal Control*, 1975). Without the limit, large commands drive the surfaces into a limit cycle between
-    the stops.
+    The linear loop e_dot = -K e, K = K_P / (1 + K_D), needs the acceleration K^2 e, which exceeds L if |e| > L / K^2.
+    For a larger error, |e_dot| is limited to sqrt(2 L (|e| - L / (2 K^2))), which joins K |e| smoothly: the stop under
+    bounded acceleration of time-optimal control (A. E. Bryson, Y.-C. Ho, *Applied Optimal Control*, 1975). If the error
+    were not limited, large commands would drive the surfaces into a limit cycle between the stops.
     """
     bandwidth = jnp.maximum(gains.proportional / (1 + gains.derivative), 1e-6)
     linear_error_max = acceleration / bandwidth**2

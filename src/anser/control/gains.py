@@ -22,34 +22,18 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 class LoopGains(eqx.Module):
     """Gains of one loop, one value per channel, shape (3,).
 
-    The demanded output rate nu = feed_forward r_dot + proportional e + integral (time integral of e) + derivative
-    e_dot, with reference r, output y and error e = r - y. Units: proportional 1/s, integral 1/s^2; derivative and
-    feed-forward are dimensionless.
+    nu = feed_forward r_dot + proportional e + integral (time integral of e) + derivative e_dot is the demanded rate of
+    the output y, with the reference r and the error e = r - y.
     """
 
-    proportional: Vector3
-    integral: Vector3
-    derivative: Vector3
-    feed_forward: Vector3
+    proportional: Vector3  # 1/s
+    integral: Vector3  # 1/s^2
+    derivative: Vector3  # dimensionless
+    feed_forward: Vector3  # dimensionless
 
 
 class AutopilotGains(eqx.Module):
-    """Gains of the three loops, and bandwidths of filters, actuators and engine, 1/s.
-
-    Attributes
-    ----------
-    rates, attitude, velocity
-        Gains of the channels (P, Q, R), (mu, alpha, beta) and (V, gamma, chi).
-    attitude_command_bandwidth, rates_command_bandwidth, surfaces_command_bandwidth
-        Bandwidths of the filters that differentiate the commands to attitude and rate loop, and the deflections.
-    actuator_bandwidth, engine_bandwidth
-        Bandwidths of actuators and engine after inversion of their lags.
-    surface_bandwidth
-        Bandwidth of the low-pass filter on the deflections that the outer loops use.
-    sensor_bandwidth
-        Bandwidth of the filter on the measured residual of the model; 0: the inversion is model-based, otherwise
-        incremental.
-    """
+    """Gains of the three loops, and bandwidths of filters, actuators and engine."""
 
     rates: LoopGains  #: Gains of channels P, Q, R.
     attitude: LoopGains  #: Gains of channels mu, alpha, beta.
@@ -60,8 +44,7 @@ class AutopilotGains(eqx.Module):
     actuator_bandwidth: Scalar  #: Bandwidth of the actuators after inversion of their lag, 1/s.
     surface_bandwidth: Scalar  #: Bandwidth of the low-pass filter on the deflections used by the outer loops, rad/s.
     engine_bandwidth: Scalar  #: Bandwidth of the engine after inversion of its lag, 1/s.
-    #: Bandwidth of the filter on the measured model residual, rad/s; above 0 the inversion is incremental, 0 is
-    #: model-based.
+    #: Bandwidth of the filter on the measured model residual, rad/s; 0: model-based inversion, above 0: incremental.
     sensor_bandwidth: Scalar
 
 
@@ -89,15 +72,14 @@ def published_gains() -> AutopilotGains:
 def design_gains(
     bandwidth: Vector3,  # bandwidth per channel (3,), 1/s
     damping: Vector3,  # damping per channel (3,); infinite for a loop without integral
-    # derivative gain K_D and feed-forward gain
-    derivative: Vector3 | float = 0.0,
+    derivative: Vector3 | float = 0.0,  # K_D
     feed_forward: Vector3 | float = 1.0,
 ) -> LoopGains:
     """Compute gains for which the error dynamics (1 + K_D) s^2 + K_P s + K_I = 0 have a bandwidth and a damping.
 
-    The bandwidth is K_P/(1 + K_D), the sum of both poles and nearly the faster pole for large damping. The damping is
-    that of the quadratic, so that K_I = (1 + K_D) (bandwidth/(2 damping))^2. The published gains are bandwidths of 5, 2
-    and 1 1/s with dampings of sqrt(50), infinity and sqrt(10).
+    The bandwidth is K_P / (1 + K_D), the sum of both poles. The damping is the damping of the quadratic, which gives
+    K_I = (1 + K_D) (bandwidth / (2 damping))^2. The published gains are bandwidths of 5, 2 and 1 1/s with dampings of
+    sqrt(50), infinity and sqrt(10).
     """
     xp = namespace(bandwidth, damping, derivative, feed_forward)
     bandwidth, damping, derivative, feed_forward = (
@@ -129,34 +111,26 @@ _RATES_DAMPING, _VELOCITY_DAMPING = np.sqrt(50.0), np.sqrt(10.0)
 
 
 class Bandwidths(eqx.Module):
-    """Bandwidths of the three loops, the actuators and the engine, 1/s, from which `automatic_gains` computes gains.
+    """Bandwidths of the three loops, the actuators and the engine, 1/s, from which `automatic_gains` computes gains."""
 
-    `rates`, `attitude` and `velocity` hold three values each, for (P, Q, R), (mu, alpha, beta) and (V, gamma, chi);
-    `actuators` and `engine` are bandwidths after inversion of the lags.
-    """
-
-    # bandwidths of actuators and engine after inversion of their lags
-    actuators: Scalar
-    engine: Scalar
-    # bandwidths of (P, Q, R), (mu, alpha, beta), (V, gamma, chi), shape (3,)
-    rates: Vector
-    attitude: Vector
-    velocity: Vector
+    actuators: Scalar  # after inversion of the lag
+    engine: Scalar  # after inversion of the lag
+    rates: Vector  # of (P, Q, R)
+    attitude: Vector  # of (mu, alpha, beta)
+    velocity: Vector  # of (V, gamma, chi)
 
 
 def derived_bandwidths(
     airframe: AbstractAirframe,
     condition: AirDataAndForces,
-    # trimmed deflections, rad, and engine power, percent
-    surfaces: Vector,
-    power: ScalarLike,
+    surfaces: Vector,  # trimmed deflections, rad
+    power: ScalarLike,  # trimmed engine power, percent
     step: ScalarLike,  # sampling period, s
 ) -> Bandwidths:
     """Compute the loop bandwidths (1/s) that an aircraft's actuators, engine and control authority allow.
 
-    `condition` is the trimmed flight condition. The ratios of the bandwidths are those of the published gains of the
-    F-16 ([TH]; theory section 5). The function reproduces those gains to 1 percent, because it takes twice the
-    bandwidth of the actuators' lag, 40.4 1/s, where [TH] rounds to 40 1/s.
+    `condition` must be the trimmed flight condition. The ratios of the bandwidths are as in the published gains of the
+    F-16 ([TH]; theory section 5). For the F-16, the result agrees with the published bandwidths within 1 percent.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -193,16 +167,12 @@ def derived_bandwidths(
 def _required_stiffness(
     airframe: AbstractAirframe, condition: AirDataAndForces, surfaces: Vector, actuator_bandwidth: Scalar
 ) -> Vector3:
-    """Return the least stiffness of the loops (1/s^2; P, Q, R) that tolerates `_GAIN_MARGIN` times the actuators' gain.
+    """Return the least stiffness of the loops (1/s^2; P, Q, R) that tolerates `_GAIN_MARGIN` on the actuators' gain."""
 
-    The stiffness of a loop is the angular acceleration per rad of error, the product of the bandwidths of attitude and
-    rate loop. Inversion cancels the aircraft's natural stiffness S and puts the loops' stiffness in its place. With k
-    times the nominal gain, an actuator with lag tau and bandwidth B after inversion moves r = k tau B (1 + K_D) / (k
-    tau B (1 + K_D) - (k - 1)) times as far as commanded, K_D being the derivative gain of the rate loop. S - r S plus r
-    times the loops' stiffness then remains: positive if the loops have more than (1 - 1/r) S = S (k - 1) / (k tau B (1
-    + K_D)), which is returned: at most S, and 0 for P.
-    """
-
+    # Stiffness is angular acceleration per rad of error. Inversion replaces the natural stiffness S by the stiffness C
+    # of the loops. With k times the nominal gain, an actuator with lag tau and bandwidth B after inversion moves r
+    # times as far as commanded: r = c / (c - (k - 1)) with c = k tau B (1 + K_D). The remaining stiffness
+    # S - r S + r C is positive if C > (1 - 1/r) S = S (k - 1) / c.
     def angular_acceleration(angles: Float[Array, "2"]) -> Vector3:
         data = eqx.tree_at(lambda d: (d.alpha, d.beta), condition.air_data, (angles[0], angles[1]))
         moment_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).moment_b
@@ -220,9 +190,7 @@ def _required_stiffness(
 def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
     """Compute all gains of the autopilot from loop bandwidths.
 
-    Feed-forward, damping and the ratios of the filter bandwidths to the loop bandwidths are those of the published
-    gains. The filter on rate commands scales with the least bandwidth of P, Q and R, the filter on attitude commands
-    and the low-pass filter on deflections with the lesser bandwidth of mu and alpha.
+    Feed-forward, damping, and the ratios of filter to loop bandwidths are as in the published gains.
     """
     xp = namespace(bandwidths)
     bandwidths, published = jax.tree.map(xp.asarray, (bandwidths, published_gains()))

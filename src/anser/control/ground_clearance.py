@@ -18,7 +18,7 @@ REACTION_S = 1.0
 ROLL_RATE_RAD_S = 1.0
 """Mean roll rate of a roll-out, rad/s; the attitude loop starts with 2 rad/s per rad and ends exponentially."""
 BANK_WITH_FULL_LIFT = jnp.pi / 3
-"""Bank up to which the autopilot keeps full lift while rolling out, rad; 30 deg further the lift has faded to zero."""
+"""Bank up to which the autopilot keeps full lift while rolling out, rad; at 30 deg more, the lift is zero."""
 _LIFT_FADE_RANGE = jnp.pi / 6
 _SPEED_MIN = 1.0  # m/s
 _PULL_MIN = 0.1  # of gravity: least assumed pull if the lift hardly carries the weight
@@ -35,12 +35,11 @@ def level_off_height(
 
     Notes
     -----
-    In the time t = 1 s + |bank| / (1 rad/s) the aircraft falls sink t + fall t^2 / 2. The pull then turns the path from
-    -gamma to level with normal acceleration a = `pull`: V d(gamma)/dt = a and dV/dt = g sin(gamma), without drag and
-    thrust, give d(V^2)/d(cos gamma) = (2 g / a) V^2, and with conserved energy the height is
-    V^2/2g (exp(2 g (1 - cos gamma)/a) - 1), for short arcs the circular arc V^2 (1 - cos gamma)/a. `pull` assumes that
-    the lift carries the whole weight, although only cos(gamma) of the weight acts normal to the path, and drag brakes:
-    both assumptions are conservative.
+    Before the pull acts, for t = 1 s + |bank| / (1 rad/s), the aircraft falls by sink t + fall t^2 / 2. The pull
+    a = `pull` then turns the path from the descent angle gamma to level. From V gamma_dot = -a and V_dot = g sin(gamma)
+    follows d(V^2)/d(cos gamma) = (2 g / a) V^2, without drag and thrust. The conserved energy gives the height of the
+    pull-up, V^2 / (2 g) (exp(2 g (1 - cos gamma) / a) - 1). The height is conservative, because drag brakes and only
+    cos(gamma) of the weight acts normal to the path.
     """
     gravity = STANDARD_GRAVITY_M_S2
     bank_magnitude = jnp.abs(bank)
@@ -54,11 +53,10 @@ def level_off_height(
 
 
 def required_pull(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, height_available: ScalarLike) -> Scalar:
-    """Compute the acceleration normal to the path (m/s^2) that ends a descent within `height_available` (m).
+    """Compute the acceleration normal to the path (m/s^2), in addition to carrying the weight, that ends a descent.
 
-    The acceleration comes in addition to the one that carries the weight. Airspeed (m/s), sink (m/s, down positive) and
-    bank (rad) are those of `level_off_height`. The height of the pull-up arc is `height_available` minus the height
-    lost before the pull acts, but at least a third of a second of the sink plus 1 m.
+    The descent ends within `height_available` (m). For the other arguments, see `level_off_height`. The pull-up is
+    assumed to take at least the height lost in a third of a second, plus 1 m.
     """
     sink_speed = jnp.maximum(sink, 0.0)
     delay = REACTION_S + jnp.abs(bank) / ROLL_RATE_RAD_S
@@ -87,16 +85,9 @@ _GAIN_MIN = 0.5  # 1/s: least gain of a channel, also for loops without gain
 
 
 class GroundClearance(eqx.Module):
-    """Result of the check of one aircraft's height: whether to abandon the plan, and the pull-up that is needed.
+    """Result of the check of one aircraft's height: whether to abandon the plan, and the pull-up that is needed."""
 
-    `is_lost` is true if the height above the floor no longer suffices to end the descent: the aircraft must leave its
-    plan at once. `pull` is the acceleration normal to the path, in addition to carrying the weight, that keeps the
-    aircraft above the least altitude, m/s^2: limited to the aircraft's capability, 0 without a sink.
-    `normal_acceleration_max` is the greatest acceleration normal to the path, by lift and load factor, m/s^2; `motion`
-    holds the present angles and rates.
-    """
-
-    # whether the height above the floor no longer suffices to end the descent: the aircraft must leave its plan at once
+    # True: the height above the floor does not suffice to end the descent, and the aircraft must leave its plan at once
     is_lost: Flag
     # acceleration normal to the path, in addition to carrying the weight, that keeps the aircraft above the least
     # altitude, limited to the aircraft's capability, m/s^2; 0 for an aircraft that does not sink
@@ -113,10 +104,9 @@ def ground_clearance(
 
     Notes
     -----
-    The floor is 30 m below the least altitude, but not below the ground: paths may follow the least altitude, and
-    neither tracking errors of metres nor the end of a level-off count as lost clearance. The height needed is that of
-    `level_off_height` with three quarters of the available pull: 0.9 of the lift at alpha_max, or the greatest load
-    factor, minus the weight.
+    The floor is 30 m below the least altitude, but not below the ground, because paths may follow the least altitude
+    with tracking errors of metres. The height needed is `level_off_height` with three quarters of the available pull.
+    The available pull is 0.9 of the lift at alpha_max, or the greatest load factor, minus the weight.
     """
     state, condition, mass = belief.state, belief.condition, belief.airframe.mass_properties.mass
     gravity, altitude = condition.earth.gravity, -state.position_n[2]
@@ -150,9 +140,8 @@ def level_off_command(
 ) -> PathCommand:
     """Return the guidance command with the pull-up that ground clearance requires and a turn within the remaining lift.
 
-    The path angle is raised until the velocity loop commands the required pull `clearance.pull`. Course change and
-    course rate are reduced to the remaining lift, fully for a required pull of 3 m/s^2 or more, in proportion below. A
-    command that already contains the required pull, with a turn within the remaining lift, is returned unchanged.
+    The path angle is raised until the velocity loop commands the pull `clearance.pull`. Course change and course rate
+    are reduced to the remaining lift: fully for a required pull of 3 m/s^2 or more, in proportion for a smaller pull.
     """
     motion = clearance.motion
     speed = jnp.maximum(motion.V, 1.0)

@@ -21,18 +21,7 @@ _STRAIGHT_FRACTION = 0.1  # fraction of the hold radius flown straight on after 
 
 
 class GuidanceSettings(eqx.Module):
-    """Settings of the guidance functions `follow` (along the plan) and `hold` (around the goal).
-
-    Attributes
-    ----------
-    position_gain, correction_max
-        Correction speed per metre of position error, 1/s (0: only the planned velocity is flown), and the greatest
-        correction speed, m/s.
-    hold_radius, hold_turn
-        Radius of the circle around the goal, m, and the sense of its turn: +1 to the right, -1 to the left.
-    climb_rate_max
-        Greatest vertical speed in the hold, m/s.
-    """
+    """Settings of the guidance functions `follow` (along the plan) and `hold` (around the goal)."""
 
     position_gain: Scalar  #: Correction speed per metre of position error, 1/s; 0 flies the planned velocity only.
     correction_max: Scalar  #: Greatest correction speed, m/s.
@@ -49,7 +38,7 @@ class FollowPlan(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the velocity command, the planned position (NED, m), and None, because the guidance has no state.
+        """Return the velocity command, the planned position (NED, m), and None for the state of the guidance.
 
         Raises ValueError if the aircraft has no plan.
         """
@@ -76,16 +65,15 @@ def command_from_chart(command: PathCommand, belief: Belief, environment: Enviro
 
 def follow(
     planned: PathPoint,  # present motion along the plan
-    # position of the aircraft (m) and velocity over ground (m/s), NED
-    position_n: Vector3,
-    velocity_n: Vector3,
+    position_n: Vector3,  # position of the aircraft, NED, m
+    velocity_n: Vector3,  # velocity over ground, NED, m/s
     wind_n: Vector3,  # wind measured by the aircraft (ground velocity minus air velocity), NED, m/s
     settings: GuidanceSettings,
 ) -> PathCommand:
     """Compute the command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
 
     The commanded velocity over the ground is v_planned + k (p_planned - p), with the rate a_planned + k (v_planned - v)
-    and the gain k = `position_gain`; the speed of the correction is limited smoothly to `correction_max`. The wind is
+    and the gain k = `position_gain`. The correction is limited smoothly to the speed `correction_max`. The wind is
     subtracted.
     """
 
@@ -100,12 +88,10 @@ def follow(
 
 def hold(
     relative_n: Vector3,  # position of the aircraft relative to the goal, NED, m
-    # velocities over ground, NED, m/s
-    velocity_n: Vector3,
-    goal_velocity_n: Vector3,
+    velocity_n: Vector3,  # velocity of the aircraft over ground, NED, m/s
+    goal_velocity_n: Vector3,  # velocity of the goal over ground, NED, m/s
     wind_n: Vector3,  # measured wind, NED, m/s
-    # velocity relative to the goal at the arrival, of any length. Used only within a tenth of the radius
-    # (`crosses_centre`), near the singularity of the radial
+    # velocity relative to the goal at the arrival, of any length; used only near the goal (`crosses_centre`)
     arrival_direction_n: Vector3,
     height: ScalarLike,  # commanded height above the goal, m
     speed: ScalarLike,  # commanded airspeed, m/s
@@ -113,9 +99,10 @@ def hold(
 ) -> PathCommand:
     """Compute the command (through the air) that flies on after the arrival and joins a circle around the goal.
 
-    A vector field around the goal: the velocity is turned from the outward radial by the angle theta, pi/2 on the
-    circle, less inside (pi/2 x^2 (2.5 - 1.5 x), x = distance/radius) and more outside. Inside, the curvature of the
-    path starts from 0 and stays below 3 / radius, so that the aircraft flies straight through the arrival.
+    The command is a vector field around the goal: the outward radial, turned by an angle theta. With the ratio x of
+    distance to radius, theta is pi/2 x^2 (2.5 - 1.5 x) inside the circle, pi/2 on the circle, and greater outside. The
+    aircraft flies straight through the arrival, because the curvature inside starts from 0. The curvature inside stays
+    below 3 / radius.
     """
     drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
     arrival_axis = arrival_direction_n[:2] / jnp.maximum(
@@ -148,12 +135,8 @@ def hold(
 
 
 def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
-    """Limit the change of the commanded path angle so that the pull or push is at most 6 m/s^2.
-
-    `present` is the present motion through the air. The path-angle loop turns an error e into an acceleration V e / (1
-    s) normal to the path, so that the change is limited to 6 m/s^2 over V, in rad. Airspeed and its rate are adjusted
-    so that the horizontal speed of the command is kept (not beyond a path angle of 78 deg).
-    """
+    """Limit the change of the commanded path angle to a pull or push of 6 m/s^2, and keep the horizontal speed."""
+    # the path-angle loop turns an error e into an acceleration V e / (1 s) normal to the path
     change_max = _PULL_MAX_M_S2 / jnp.maximum(present.V, 1.0)
     change = command.gamma - present.gamma
     gamma = jnp.where(
@@ -169,26 +152,22 @@ def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
 
 
 def _limit_turn(command: PathCommand, present: PathCommand, turn: ScalarLike) -> PathCommand:
-    """Limit the change of the commanded course to 45 deg, and choose the sense of large changes.
-
-    `present` is the present motion through the air; `turn` is +1 for a hold to the right, -1 to the left. A change of
-    more than 120 deg against the turn of the hold is flown the long way round, in the sense of the hold, so that the
-    turn never reverses. A limited change has no feed-forward, because the rate of the vector field is not the rate of
-    the limited turn.
-    """
+    """Limit the change of the commanded course to 45 deg; `turn` is +1 for a hold to the right, -1 to the left."""
     change = wrap_angle(command.chi - present.chi)
+    # a change of more than 120 deg against the hold is flown the long way round: the turn never reverses
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)
     limited_change = jnp.clip(change, -jnp.pi / 4, jnp.pi / 4)
     is_large = jnp.abs(change) > jnp.pi / 4
     chi = jnp.where(is_large, present.chi + limited_change, command.chi)
+    # no feed-forward: the rate of the vector field is not the rate of the limited turn
     chi_dot = jnp.where(is_large, 0.0, command.chi_dot)
     return eqx.tree_at(lambda c: (c.chi, c.chi_dot), command, (chi, chi_dot))
 
 
 def crosses_centre(relative_n: Vector3, settings: GuidanceSettings) -> Flag:
-    """Whether an aircraft is within a tenth of the hold radius from the goal, horizontally.
+    """Whether an aircraft is horizontally within a tenth of the hold radius of the goal, where `hold` flies straight.
 
-    `hold` then flies on in the direction of the arrival. `relative_n` is the position relative to the goal, NED, m.
+    `relative_n` is the position relative to the goal, NED, m.
     """
     return safe_hypot(relative_n[0], relative_n[1]) < _STRAIGHT_FRACTION * settings.hold_radius
 
@@ -198,8 +177,8 @@ def hold_point(
 ) -> Vector3:
     """Return the point of the hold's circle nearest to an aircraft, NED, m.
 
-    `relative_n` is the aircraft's position relative to the goal, NED, m; `height` the circle's height above the goal,
-    m.
+    `relative_n` is the position of the aircraft relative to the goal, NED, m; `height` is the height of the circle
+    above the goal, m.
     """
     radial = relative_n[:2] / jnp.maximum(safe_hypot(relative_n[0], relative_n[1]), 1.0)
     return goal_position_n + jnp.concatenate([settings.hold_radius * radial, -jnp.asarray(height)[None]])

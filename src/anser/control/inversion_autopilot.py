@@ -26,11 +26,7 @@ Loop = Literal["rates", "attitude", "velocity"]
 
 
 class LoopCommand(eqx.Module):
-    """Command to the attitude loop or the rate loop, and the throttle, which these loops do not control.
-
-    `value` is (mu, alpha, beta), rad, or (P, Q, R), rad/s; `rate` its time derivative, for the feed-forward; `throttle`
-    is constant, 0..1.
-    """
+    """Command to the attitude loop or the rate loop, and the throttle, which these loops do not control."""
 
     value: Vector3  #: (P, Q, R) rad/s or (mu, alpha, beta) rad.
     rate: Vector3  #: Time derivative of `value`, for the feed-forward, rad/s^2 or rad/s.
@@ -38,7 +34,7 @@ class LoopCommand(eqx.Module):
 
 
 class RateSignals(eqx.Module):
-    """Command to the rate loop, and flags of the limits reached, where the velocity loop is open; for recording."""
+    """Signals of one sample for recording, if the velocity loop is open."""
 
     rates_b: Vector3  # commanded (P, Q, R), rad/s
     rates_limited: Flag  # whether the attitude loop commands a body rate at its limit
@@ -56,8 +52,7 @@ class RateSignals(eqx.Module):
 class InversionAutopilot(AbstractController):
     """Autopilot by nonlinear dynamic inversion in three loops (theory section 5).
 
-    `loop` is the loop that takes the command: "velocity" a `PathCommand`, "attitude" and "rates" a `LoopCommand`; the
-    loops inside it are closed. The inversion is model-based, or incremental if `gains.sensor_bandwidth` is above 0.
+    The inversion is model-based if `gains.sensor_bandwidth` is 0, and incremental if this bandwidth is above 0.
     """
 
     gains: AutopilotGains
@@ -73,10 +68,10 @@ class InversionAutopilot(AbstractController):
     def control(
         self, controller_state: AutopilotState, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, AutopilotSignals | RateSignals, AutopilotState]:
-        """Compute the controls for a command to `loop`, by `velocity_control`, `attitude_control` or `rate_control`.
+        """Compute the controls for a command to the loop `loop`; `step` is the sampling period, s.
 
-        Returned are surfaces and throttle, the signals to record, and the new state of the autopilot. The signals are
-        `AutopilotSignals` for the velocity loop, otherwise `RateSignals`. `step` is the sampling period, s.
+        Returns surfaces and throttle, the signals to record, and the new state of the autopilot. The signals are
+        `AutopilotSignals` for the velocity loop, and `RateSignals` for the other loops.
         """
         model = onboard_model(belief, self.limits, self.gains, controller_state, step)
         if self.loop == "velocity":

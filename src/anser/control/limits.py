@@ -10,12 +10,7 @@ NORMAL_TURNING_G = 0.5
 
 
 class FlightLimits(eqx.Module):
-    """Flight envelope to which the autopilot limits its commands.
-
-    Airspeeds are in m/s, angles in rad, rates in rad/s. `bank_max` is the bank about the velocity vector; load factors
-    are lift over weight; `rates_max` holds (P, Q, R); `altitude_min` is the least altitude, m (the ground is at 0);
-    `bank_rate_max` bounds the rate of the commanded bank angle (None: no limit).
-    """
+    """Flight envelope to which the autopilot limits its commands."""
 
     speed_min: Scalar  #: Least airspeed, m/s.
     speed_max: Scalar  #: Greatest airspeed, m/s.
@@ -31,11 +26,9 @@ class FlightLimits(eqx.Module):
 
 
 def default_limits(alpha_range: tuple[ScalarLike, ScalarLike] = (-jnp.inf, jnp.inf)) -> FlightLimits:
-    """Return limits for the F-16 at low speed.
+    """Return limits for the F-16 at low speed, with the angle of attack within `alpha_range`, rad.
 
-    Airspeed 90 to 240 m/s, bank 60 deg, angle of attack -5 to 25 deg within `alpha_range` (rad, that of the aircraft's
-    data), load factor -1 to 5, body rates (P, Q, R) up to 120, 60 and 60 deg/s, least altitude 0 m, and no limit on the
-    rate of the bank command.
+    The bank rate is not limited.
     """
     degree = jnp.pi / 180
     return FlightLimits(

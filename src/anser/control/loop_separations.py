@@ -16,7 +16,7 @@ Two nested first-order loops form a pole pair with damping sqrt(ratio)/2, 0.71 a
 
 
 class LoopSeparation(NamedTuple):
-    """Channel of an outer loop, the channel of the inner loop that it commands, and the bandwidths of both, 1/s."""
+    """Channel of an outer loop, commanded channel of an inner loop, and the bandwidths of both channels, 1/s."""
 
     outer: str
     inner: str
@@ -30,19 +30,14 @@ class LoopSeparation(NamedTuple):
 
 
 def loop_separations(
-    # bandwidths of (P, Q, R), (mu, alpha, beta) and (V, gamma, chi), 1/s
-    rates: Sequence[float],
-    attitude: Sequence[float],
-    velocity: Sequence[float],
+    rates: Sequence[float],  # bandwidths of (P, Q, R), 1/s
+    attitude: Sequence[float],  # bandwidths of (mu, alpha, beta), 1/s
+    velocity: Sequence[float],  # bandwidths of (V, gamma, chi), 1/s
     # bandwidths of the actuators and of the engine, 1/s
     actuators: float = PUBLISHED_ACTUATOR_BANDWIDTH,
     engine: float = PUBLISHED_ENGINE_BANDWIDTH,
 ) -> tuple[LoopSeparation, ...]:
-    """Return the nine pairs of a channel and the inner channel that it commands, with their bandwidths.
-
-    The pairs are V with the engine, gamma with alpha, chi with mu, mu with P, alpha with Q, beta with R, and P, Q and R
-    with the surfaces.
-    """
+    """Return the nine pairs of a channel and the inner channel that it commands, with their bandwidths."""
     return (
         LoopSeparation("V", "engine", velocity[0], engine),
         LoopSeparation("gamma", "alpha", velocity[1], attitude[1]),

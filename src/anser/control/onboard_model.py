@@ -19,21 +19,14 @@ from anser.spatial.wind_axes import bank_about_velocity
 
 
 class PathMotion(eqx.Module):
-    """Path and attitude angles of one aircraft (rad), its airspeed (m/s), and their rates.
+    """Path and attitude angles of one aircraft, its airspeed, and their rates."""
 
-    `gamma` and `chi` are path angle and course through the air, `mu` is the bank about the velocity vector. The
-    attitude rates are (mu_dot, alpha_dot, beta_dot) = f + G (P, Q, R): `force_rates` is f, due to forces and gravity,
-    rad/s, `rate_matrix` is G. `path_rates` is (V_dot, gamma_dot, chi_dot), m/s^2 and rad/s.
-    """
-
-    # airspeed (m/s), path angle and course through the air (rad)
-    V: Scalar
-    gamma: Scalar
-    chi: Scalar
-    # bank about the velocity vector, angle of attack, sideslip, rad
-    mu: Scalar
-    alpha: Scalar
-    beta: Scalar
+    V: Scalar  # airspeed, m/s
+    gamma: Scalar  # path angle through the air, rad
+    chi: Scalar  # course through the air, rad
+    mu: Scalar  # bank about the velocity vector, rad
+    alpha: Scalar  # rad
+    beta: Scalar  # rad
     force_rates: Vector3  # f in (mu_dot, alpha_dot, beta_dot) = f + G (P, Q, R): rates due to forces and gravity, rad/s
     rate_matrix: Matrix33  # G: change of (mu_dot, alpha_dot, beta_dot) per (P, Q, R)
     path_rates: Vector3  # (V_dot, gamma_dot, chi_dot) from the acceleration, m/s^2 and rad/s
@@ -46,10 +39,7 @@ def path_motion(
 
     `slow_force_b` (N) is the non-gravitational force for `force_rates` (see `OnboardModel`); the path rates use the
     present force in `condition`. `velocity_b` is the velocity over the ground, body axes, m/s; `gravity` is positive,
-    m/s^2.
-
-    Vertical flight (cos gamma = 0) and a sideslip of 90 deg are outside the domain; denominators are bounded away from
-    0.
+    m/s^2. Vertical flight and a sideslip of 90 deg are outside the domain.
     """
     alpha, beta = condition.air_data.alpha, condition.air_data.beta
     velocity_air_n = rotate_back(condition.R_bn, velocity_b) - condition.wind_n
@@ -100,25 +90,21 @@ def path_motion(
 class OnboardModel(eqx.Module):
     """Onboard model at one instant, which the loops invert: forces, control effectiveness and motion along the path.
 
-    The forces in `condition` are those of the airframe's model at the present deflections plus the measured residual,
-    which is 0 if the inversion is model-based. `moments` holds aerodynamic moment and control effectiveness there.
-    `gravity` is in m/s^2; `step` is the sampling period, s.
-
-    The attitude and velocity loops use `slow_condition`, the forces at the low-pass filtered deflections
-    `surfaces_slow` (rad). Otherwise the lift of the moving elevator, differentiated twice on the way through the
-    feed-forward, would return to the elevator with a loop gain above one (a limit cycle at the rate limit). Neglecting
-    fast surface forces in the slow loops is the two-time-scale assumption of dynamic inversion.
+    The attitude and velocity loops use the forces of `slow_condition`: neglecting fast surface forces in the slow loops
+    is the two-time-scale assumption of dynamic inversion. If these loops used `condition`, the lift of the moving
+    elevator would return to the elevator through the feed-forward with a loop gain above one (a limit cycle at the rate
+    limit).
     """
 
     airframe: AbstractAirframe
     limits: FlightLimits
     state: AircraftState
-    condition: AirDataAndForces
-    slow_condition: AirDataAndForces
+    condition: AirDataAndForces  # forces of the airframe's model at the present deflections, plus `residual`
+    slow_condition: AirDataAndForces  # `condition` with the forces at the deflections `surfaces_slow`
     surfaces_slow: Vector  # low-pass filtered deflections, rad
     moments: SurfaceMoments  # aerodynamic moment and control effectiveness at the present deflections
     authority: Authority
-    residual: ModelResidual
+    residual: ModelResidual  # 0 if the inversion is model-based
     motion: PathMotion
     gravity: ScalarLike  # m/s^2
     step: ScalarLike  # sampling period, s
@@ -127,10 +113,7 @@ class OnboardModel(eqx.Module):
 def onboard_model(
     belief: Belief, limits: FlightLimits, gains: AutopilotGains, controller_state: AutopilotState, step: ScalarLike
 ) -> OnboardModel:
-    """Evaluate the onboard model at the estimated state in `belief`, and advance the measured residual by one sample.
-
-    `step` is the sampling period, s.
-    """
+    """Evaluate the onboard model at the estimated state in `belief`; advance the residual by one period `step` (s)."""
     airframe = belief.airframe
     state = belief.state
     condition = belief.condition

@@ -21,11 +21,7 @@ _PERIOD_S = 5.0
 
 
 class ProbingState(eqx.Module):
-    """State of a `ProbingController` between samples.
-
-    `controller` is the state of the controller with whose commands the test inputs are added; `surfaces` (rad) and
-    `power` (percent) are deflections and engine power at the start; `count` is the number of samples so far.
-    """
+    """State of a `ProbingController` between samples."""
 
     controller: Any  # state of the controller to whose commands the test inputs are added
     surfaces: Vector  # deflections at the start, rad
@@ -36,10 +32,9 @@ class ProbingState(eqx.Module):
 class ProbingController(AbstractController):
     """Controller that adds multisines to the surface commands of `controller` while an adaptive estimator needs them.
 
-    Test inputs are added until `learning_time` (s; 0: never), and whenever the relative standard deviation of the
-    control effectiveness exceeds `uncertainty_max`. Until `learning_time`, the surfaces and the engine power of the
-    start are held in place of the commands of `controller`. `signals` has a multisine of magnitude 1 for each surface,
-    repeated after `period` (s); `amplitude` is the greatest test input of each surface, rad.
+    Test inputs are added until `learning_time`, and whenever the relative standard deviation of the control
+    effectiveness exceeds `uncertainty_max`. Until `learning_time`, the surfaces and the engine power of the start
+    replace the commands of `controller`.
     """
 
     controller: AbstractController  #: Controller to whose surface commands the test inputs are added.
@@ -62,8 +57,8 @@ class ProbingController(AbstractController):
     ) -> tuple[Controls, Any, ProbingState]:
         """Return surfaces and throttle with the test input, the signals of `controller`, and the new state.
 
-        Until `learning_time`, when no command of `controller` is flown, the signals are NaN and their flags false.
-        `step` is the sampling period, s. Raises ValueError if the belief has no estimates of an adaptive estimator.
+        Until `learning_time`, the signals are NaN and their flags false. `step` is the sampling period, s. Raises
+        ValueError if the belief has no estimates of an adaptive estimator.
         """
         if belief.estimates is None:
             raise ValueError("a controller with test inputs needs an adaptive estimator, which says when to move")
@@ -95,9 +90,9 @@ def probing_controller(
 ) -> ProbingController:
     """Build a controller that adds test inputs of greatest magnitude `amplitude` (rad) to `surfaces` surfaces.
 
-    Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 0.2 Hz. The harmonics,
-    from the second on, are assigned to the surfaces in turn, so that the inputs are orthogonal over a period of 5 s.
-    Until `learning_time` (s), the controls of the start are held (see `ProbingController`); 0: never.
+    Each surface has a multisine (`anser.parts.input_signals.multisine`) of four harmonics of 0.2 Hz. The surfaces take
+    the harmonics in turn, starting with the second, so that the inputs are orthogonal over a period of 5 s. Until
+    `learning_time` (s; 0: never), the controls of the start are held.
     """
     frequencies_hz = 2.0 / _PERIOD_S, (1.0 + _LINES * surfaces) / _PERIOD_S
     signals = (

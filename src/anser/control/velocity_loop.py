@@ -23,37 +23,30 @@ _NEWTON_STEPS = 2  # the lift curve is piecewise linear: a second step is exact 
 
 
 class ThrustDemand(eqx.Module):
-    """Demand to the engine: throttle (0..1), thrust (N), and a flag if the engine cannot give the thrust."""
+    """Demand to the engine."""
 
-    throttle: Scalar
-    thrust: Scalar
+    throttle: Scalar  # 0..1
+    thrust: Scalar  # N
     saturated: Scalar  # whether the engine cannot give the thrust
 
 
 class AttitudeDemand(eqx.Module):
-    """Command of the velocity loop to the attitude loop, `angles` (mu, alpha, beta), rad, and flags of limits.
-
-    `alpha_saturated`: the path angle is not followed (alpha or load factor at a limit, lift unloaded, or a push-over
-    limited). `bank_saturated`: the course is not followed (bank or bank rate at a limit, bank faded out, or too little
-    lift). `lift_short`, `load_factor_short`: the turn is reduced for the lift at alpha_max, or for the greatest load
-    factor.
-    """
+    """Command of the velocity loop to the attitude loop, and flags of limits."""
 
     angles: Vector3  # (mu, alpha, beta), rad
     # the path angle is not followed: alpha or load factor at a limit, lift unloaded, or a push-over limited
     alpha_saturated: Flag
     bank_saturated: Flag  # the course is not followed: bank or bank rate at a limit, bank faded out, or too little lift
-    lift_short: Flag  # the bank is limited by the lift at alpha_max
-    load_factor_short: Flag  # the bank is limited by the greatest load factor
+    lift_short: Flag  # the turn is reduced because of the lift at alpha_max
+    load_factor_short: Flag  # the turn is reduced because of the greatest load factor
 
 
 def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: ScalarLike) -> ThrustDemand:
     """Compute throttle and thrust for a commanded V_dot (m/s^2) by inversion of the engine's thrust and lag.
 
-    T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta), with at least 0.2 for
-    the product of the cosines. The power then approaches the power for T with the bandwidth `engine_bandwidth` (1/s).
-    The demand is saturated if the engine cannot give T: at full power, at idle, or at the power of the least thrust of
-    a propeller.
+    The thrust is T = [m (V_dot + g sin gamma) - F] / max(cos alpha cos beta, 0.2), with the aerodynamic force F along
+    the velocity. The engine power approaches the power for T with the bandwidth `engine_bandwidth` (1/s). The demand is
+    saturated if the engine cannot give T.
     """
     airframe, condition, motion, power = model.airframe, model.slow_condition, model.motion, model.state.power
     engine = airframe.engine
@@ -84,8 +77,8 @@ def lift_at_alpha(
 ) -> Scalar:
     """Compute the force normal to the path (N, up positive) in the plane of symmetry at the angle of attack `alpha`.
 
-    L = F_X sin(alpha) - F_Z cos(alpha). Air data other than alpha (rad) are those of `condition`; `surfaces` are the
-    deflections (rad); `other_force_b` is the non-aerodynamic force, mainly thrust, N.
+    L = F_X sin(alpha) - F_Z cos(alpha). The other air data are from `condition`; `surfaces` are the deflections, rad;
+    `other_force_b` is the non-aerodynamic force, mainly thrust, N.
     """
     data = eqx.tree_at(lambda d: d.alpha, condition.air_data, jnp.asarray(alpha))
     force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + other_force_b
@@ -95,8 +88,7 @@ def lift_at_alpha(
 def side_force(model: OnboardModel) -> Scalar:
     """Compute the side force (N, right positive) in straight flight without sideslip; 0 for a symmetric aircraft.
 
-    The body rates and the deflections of commanded surfaces are 0: small deflections against the rolling and yawing
-    moments are neglected.
+    Body rates and the deflections of commanded surfaces are set to 0.
     """
     airframe, condition = model.airframe, model.slow_condition
     data = eqx.tree_at(lambda d: d.beta, condition.air_data, jnp.zeros_like(condition.air_data.beta))
@@ -108,14 +100,13 @@ def side_force(model: OnboardModel) -> Scalar:
 def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarLike) -> AttitudeDemand:
     """Compute bank and angle of attack for commanded gamma_dot and chi_dot (rad/s) in coordinated flight (beta = 0).
 
-    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), with the side force Y of an
-    asymmetric aircraft and the resultant acceleration a of the two arguments. Alpha follows from the balance of forces
-    normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with L = F_X
-    sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If the bank
-    error exceeds 60 deg (an upset), the aircraft unloads first.
+    The bank is mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), with the side force Y of
+    an asymmetric aircraft and the resultant a of both arguments. Alpha follows from the forces normal to the path at
+    the present bank: m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu). L is `lift_at_alpha` with the
+    measured residual. If the bank error exceeds 60 deg (an upset), the aircraft unloads first.
 
-    If the command needs more than nine tenths of the lift at alpha_max, or more than the greatest load factor, V
-    gamma_dot and V cos(gamma) chi_dot are reduced by the same factor; the part that carries the weight is not reduced.
+    If the command needs more than 0.9 of the lift at alpha_max, or more than the greatest load factor, V gamma_dot and
+    V cos(gamma) chi_dot are reduced by a common factor; the lift that carries the weight is not reduced.
     """
     limits, condition, motion, gravity = model.limits, model.slow_condition, model.motion, model.gravity
     mass = model.airframe.mass_properties.mass
@@ -176,14 +167,14 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
 
 def limit_bank_rate(
     demand: AttitudeDemand,  # demand without rate limit
-    previous_bank: Scalar | None,  # bank angle commanded one step (s) earlier, rad; None without rate limit
+    previous_bank: Scalar | None,  # bank angle commanded one step earlier, rad; None: no rate limit
     limits: FlightLimits,
-    step: ScalarLike,
+    step: ScalarLike,  # s
 ) -> tuple[AttitudeDemand, Scalar | None]:
     """Limit the rate of the commanded bank angle; return the demand, and the bank angle (rad) for the next step.
 
-    A previous bank angle beyond the bank limit, as at a start in an upset, is first set to the limit, so the attitude
-    loop rolls back at once. Without a rate limit, demand and `previous_bank` are returned unchanged.
+    A previous bank angle beyond the bank limit, as at a start in an upset, is first set to the limit. If the bank rate
+    is not limited, demand and `previous_bank` are returned unchanged.
     """
     if previous_bank is None or limits.bank_rate_max is None:
         return demand, previous_bank
@@ -197,11 +188,7 @@ def limit_bank_rate(
 
 
 def _feasible_share(gravity_normal: Scalar, normal: Scalar, lateral: Scalar, magnitude_max: Scalar) -> Scalar:
-    """Return the largest share s in 0..1 of a path acceleration for which the total acceleration keeps a limit.
-
-    The path acceleration (m/s^2) has the components `normal` in the vertical plane and `lateral`; gravity needs
-    `gravity_normal` in any case: |(gravity_normal + s normal, s lateral)| <= `magnitude_max`.
-    """
+    """Return the largest s in 0..1 with |(gravity_normal + s normal, s lateral)| <= magnitude_max; all in m/s^2."""
     square = normal**2 + lateral**2 + 1e-12
     root = jnp.sqrt(
         jnp.maximum((gravity_normal * normal) ** 2 + square * (magnitude_max**2 - gravity_normal**2), 1e-12)

@@ -17,10 +17,7 @@ ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Element of a DAVE-ML file without effect on the model: header, provenance or uncertainty.
-
-    `tag`, `attributes`, `text` (without outer blanks) and `children` are those of the XML element.
-    """
+    """Element of a DAVE-ML file without effect on the model: header, provenance or uncertainty."""
 
     tag: str
     attributes: tuple[tuple[str, str], ...] = ()
@@ -28,7 +25,7 @@ class Note:
     children: tuple["Note", ...] = ()
 
     def get(self, attribute: str, otherwise: str = "") -> str:
-        """Return the value of an attribute, or `otherwise` if the attribute is absent."""
+        """Return the value of an attribute; `otherwise` if the attribute is absent."""
         return dict(self.attributes).get(attribute, otherwise)
 
     def all(self, tag: str) -> tuple["Note", ...]:
@@ -38,30 +35,24 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class SourceLocation:
-    """Position in a DAVE-ML file: line and column from 1, or None for a definition made in Python."""
+    """Position in a DAVE-ML file: line and column from 1; None for a definition made in Python."""
 
     file: str = ""
     line: int | None = None
     column: int | None = None
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Return an error at the position, with descriptions of the arrived and the expected content."""
+        """Return an error at this position."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """Variable of a DAVE-ML file: input, output, state, constant or computed quantity.
+    """Variable of a DAVE-ML file: input, output, state, constant or computed quantity."""
 
-    `initial` is the value of a constant, the initial value of a state or the default of an input; `minimum` and
-    `maximum` limit the variable. All three are in `units`. `formula` is None unless the value follows from other
-    variables.
-    """
-
-    #: varID, name (of ANSI/AIAA S-119 for standard variables) and units, as written. The texts below are documentation.
-    id: str
-    name: str
-    units: str
+    id: str  #: varID.
+    name: str  #: Name, for standard variables by ANSI/AIAA S-119.
+    units: str  #: Units of `initial`, `minimum` and `maximum`, as written in the file.
     description: str = ""
     axis_system: str = ""
     sign: str = ""
@@ -71,7 +62,7 @@ class Variable:
     #: Limits to which every value of the variable is clipped; None: no limit.
     minimum: float | None = None
     maximum: float | None = None
-    formula: Formula | None = None  #: Calculation of the value from other variables; None if there is none.
+    formula: Formula | None = None  #: Calculation of the value from other variables, if any.
     roles: frozenset[Role] = frozenset()
     notes: tuple[Note, ...] = ()  #: Provenance and uncertainty.
     location: SourceLocation = field(default=SourceLocation(), compare=False)
@@ -98,7 +89,7 @@ class Breakpoints(_Described):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GriddedTable(_Described):
-    """Table (gtID `id`) with values on a grid: a dimension for each of `axes`, the bpIDs of the breakpoints."""
+    """Table (gtID `id`) with values on a grid; `axes` are the bpIDs of the breakpoints of each dimension."""
 
     id: str
     axes: tuple[str, ...]
@@ -116,22 +107,18 @@ class UngriddedTable(_Described):
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """Independent variable (varID `id`) of a function, clipped to `minimum` and `maximum` before the lookup.
-
-    None means no limit. `extrapolate` names the ends of the table beyond which the function is extrapolated; beyond the
-    remaining ends the value at the end is held.
-    """
+    """Independent variable (varID `id`) of a function, clipped to `minimum` and `maximum` before the lookup."""
 
     id: str
-    minimum: float | None = None
-    maximum: float | None = None
-    extrapolate: Extrapolate = "neither"
+    minimum: float | None = None  #: None: no limit.
+    maximum: float | None = None  #: None: no limit.
+    extrapolate: Extrapolate = "neither"  #: Ends of the table with extrapolation; elsewhere the end value is held.
     interpolate: Interpolate = "linear"
 
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """Function of a DAVE-ML file: computes the variable `result` by looking up a gridded or ungridded table.
+    """Function of a DAVE-ML file: computes the variable `result` from a gridded or ungridded table.
 
     The arguments are in the order of the table's axes.
     """
@@ -147,20 +134,17 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Value of the variable `id` (varID) in a check shot: value of an input, or expected value of a computed variable.
+    """Value of a variable in a check shot: value of an input, or expected value of a computed variable."""
 
-    `units` are the variable's if the file omits them; `tolerance`, in `units`, is None if the file states none.
-    """
-
-    id: str
+    id: str  #: varID.
     value: float
-    units: str
-    tolerance: float | None = None
+    units: str  #: Units of value and tolerance; units of the variable if the file omits them.
+    tolerance: float | None = None  #: None if the file states no tolerance.
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Check shot: values of inputs with the values of outputs and internal variables that the model must give."""
+    """Check shot: values of inputs, and the values of outputs and internal variables that the model must compute."""
 
     name: str
     inputs: tuple[Signal, ...]
@@ -173,12 +157,9 @@ class Shot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Definition:
-    """Content of a DAVE-ML file, in file order; variables, breakpoints and tables by varID, bpID, gtID or utID.
+    """Content of a DAVE-ML file, in file order; variables, breakpoints and tables by varID, bpID, gtID or utID."""
 
-    `file` is the name of the file in error messages.
-    """
-
-    file: str
+    file: str  #: Name of the file in error messages.
     header: Note
     variables: Mapping[str, Variable]
     breakpoints: Mapping[str, Breakpoints] = field(default_factory=dict)

@@ -44,16 +44,17 @@ def quote(text: str) -> str:
 FILE_BYTES_MAX: Final = 8 * 2**20
 """Greatest size of a file, bytes."""
 NESTING_MAX: Final = 100
-"""Greatest depth of nested elements, hence of nested operations in a formula."""
+"""Greatest depth of nested elements."""
 ELEMENTS_MAX: Final = 100_000
 """Greatest number of elements in a file."""
 
 
 @dataclass(slots=True, eq=False)
 class Element:
-    """XML element with its position in the file: line and column of the start tag, from 1.
+    """XML element with the position of its start tag in the file; line and column count from 1.
 
-    `tag` is without namespace prefix, names of attributes are with prefix; `text` excludes the text of children.
+    The namespace prefix is removed from `tag`, but not from the names of attributes. `text` excludes the text of
+    children.
     """
 
     tag: str
@@ -65,13 +66,13 @@ class Element:
     children: list["Element"] = field(default_factory=list)
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Return an error at the element, with descriptions of the arrived and the expected content."""
+        """Return an error at this element."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
     def permit(self, attributes: Iterable[str] = (), once: Iterable[str] = (), repeatable: Iterable[str] = ()) -> None:
-        """Raise DaveMlError for attributes or children that are not permitted, or a repeated child of a tag in `once`.
+        """Raise DaveMlError for a forbidden attribute or child, or for a repeated child of a tag in `once`.
 
-        Attributes of XML itself (``xml...``) and with a namespace prefix are always permitted.
+        Attributes of XML itself (``xml...``) and attributes with a namespace prefix are always permitted.
         """
         attribute_names = set(attributes)
         for name in self.attributes:
@@ -172,8 +173,8 @@ class _Builder:
 def parse_elements(content: str | bytes, name: str) -> Element:
     """Parse an XML document (bytes in the declared encoding) and return its root element.
 
-    `name` is the file name in messages. Raises DaveMlError if the document is not well-formed XML in a supported
-    encoding, declares entities or uses entities other than the five of XML, or exceeds the limits of this module.
+    `name` is the file name in messages. Raises DaveMlError if the document is not well-formed XML, declares entities,
+    uses entities other than the five of XML, or exceeds the limits of this module.
     """
     if len(content) > FILE_BYTES_MAX:
         raise DaveMlError(name, f"{len(content):,} bytes", f"at most {FILE_BYTES_MAX:,}")
@@ -205,9 +206,9 @@ _ALLOWED: Final = frozenset("0123456789+-.eE, \t\r\n")
 
 
 def parse_number(text: str, element: Element, description: str) -> float:
-    """Parse one finite number. Raises DaveMlError at `element` if the text is not a finite number.
+    """Parse one finite number; `description` names the number in messages.
 
-    `description` names the number in the message.
+    Raises DaveMlError, at `element`, if the text is not a finite number.
     """
     stripped = text.strip()
     try:
@@ -222,7 +223,7 @@ def parse_number(text: str, element: Element, description: str) -> float:
 
 
 def optional_number(element: Element, attribute: str) -> float | None:
-    """Return the number in an attribute; None if the attribute is absent. Raises DaveMlError if not a finite number."""
+    """Return the number in an attribute, None if absent. Raises DaveMlError if the text is no finite number."""
     if attribute not in element.attributes:
         return None
     return parse_number(element.attributes[attribute], element, attribute)
@@ -231,7 +232,7 @@ def optional_number(element: Element, attribute: str) -> float | None:
 def parse_numbers(element: Element, description: str) -> np.ndarray:
     """Return the numbers in the text of an element, separated by commas or white space, as an array of shape (n,).
 
-    Raises DaveMlError if the text has no numbers, more than `TABLE_NUMBERS_MAX`, or a word that is no finite number;
+    Raises DaveMlError if the text has no numbers, more than `TABLE_NUMBERS_MAX`, or a word that is no finite number.
     `description` names the numbers in the message.
     """
     invalid_characters = set(element.text) - _ALLOWED

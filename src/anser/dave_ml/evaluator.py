@@ -1,7 +1,4 @@
-"""Evaluator: the computation of a DAVE-ML model in JAX, for one time and one aircraft; `vmap` for several.
-
-Also the order in which the variables of a file are computed, and the sources of each variable.
-"""
+"""Evaluator: the computation of a DAVE-ML model in JAX, for one time and one aircraft; `vmap` for several."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -39,33 +36,25 @@ _INPUT_ROLES: Final = frozenset({"isInput", "isControl", "isDisturbance"})
 
 @dataclass(frozen=True)
 class Quantity:
-    """Variable of a DAVE-ML file in the form that the evaluator needs.
-
-    `formula` is None for inputs, constants and table results. `sources` are the varIDs in the formula or of the table's
-    arguments. `level` is the number of successive table lookups from the inputs to the variable. `limits` are minimum
-    and maximum in the file's units (None: no limit).
-    """
+    """Variable of a DAVE-ML file in the form that the evaluator needs."""
 
     id: str
     name: str
     units: str
-    formula: Formula | None
-    sources: tuple[str, ...]
-    level: int
-    limits: tuple[float | None, float | None]
+    formula: Formula | None  #: None for inputs, constants and table results.
+    sources: tuple[str, ...]  #: varIDs in the formula or of the table's arguments.
+    level: int  #: Number of successive table lookups from the inputs to the variable.
+    limits: tuple[float | None, float | None]  #: Minimum and maximum in the file's units; None: no limit.
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Computation graph of a model without the numbers of tables and constants: the static part of an evaluator.
+    """Computation graph of a model without the numbers of tables and constants: the static part of an evaluator."""
 
-    The quantities are sorted by level; within a level, sources precede the variables computed from them. `inputs`
-    (states included) and `outputs` are varIDs in file order.
-    """
-
+    #: Sorted by level; within a level, sources precede the variables computed from them.
     quantities: tuple[Quantity, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]  #: varIDs of inputs and states, in file order.
+    outputs: tuple[str, ...]  #: varIDs in file order.
 
     def __hash__(self) -> int:
         return self._hash
@@ -80,7 +69,7 @@ class Structure:
         return {quantity.id: quantity for quantity in self.quantities}
 
     def find(self, key: str) -> str:
-        """Return the varID of the variable with varID or name `key`; raises ValueError for no or several matches."""
+        """Return the varID of the variable with varID or name `key`. Raises ValueError for no or several matches."""
         if key in self.by_id:
             return key
         matches = [quantity.id for quantity in self.quantities if quantity.name == key]
@@ -92,7 +81,7 @@ class Structure:
     def required_variables(self, targets: Collection[str], available: Collection[str]) -> set[str]:
         """Return the varIDs of all variables needed to compute the `targets`, the targets included.
 
-        Variables in `available` are included if needed, but not their sources. All arguments are varIDs.
+        The sources of variables in `available` are not followed. All arguments are varIDs.
         """
         required: set[str] = set()
         pending = list(targets)
@@ -156,7 +145,7 @@ def _by_result(definition: Definition) -> dict[str, Function]:
 
 
 def _is_input(variable: Variable, has_function: bool) -> bool:
-    """Whether a variable is an input: no formula, no table, and marked as input or state or without initial value."""
+    """True if a variable has no formula and no table, and is marked as input or state or lacks an initial value."""
     if has_function or variable.formula is not None:
         return False
     return bool(_INPUT_ROLES & variable.roles) or "isState" in variable.roles or variable.initial is None
@@ -184,9 +173,9 @@ def _sources(variable: Variable, function: Function | None, definition: Definiti
 
 
 def compute_constants(definition: Definition, structure: Structure) -> dict[str, float]:
-    """Return constants, defaults of inputs, and values of formulas that contain constants alone; by varID.
+    """Return constants, defaults of inputs, and values of formulas that contain only constants; by varID.
 
-    The values, in the file's units, are clipped to the limits of the variables. Raises DaveMlError if a formula of
+    The values are in the file's units and within the limits of the variables. Raises DaveMlError if a formula of
     constants gives NaN or infinity.
     """
     constants: dict[str, float] = {}
@@ -212,13 +201,12 @@ def compute_constants(definition: Definition, structure: Structure) -> dict[str,
 class Evaluator(eqx.Module):
     """The computation of a DAVE-ML file as a JAX pytree.
 
-    Constants and table values are leaves of the pytree, so their change does not recompile. Numbers in formulas and
-    the limits of variables belong to the static structure. `constants`, by varID, hold also values calculated from
-    constants (updated by `with_constants`) and defaults of inputs. `tables` has one tuple per stage, the tables that
-    are looked up together, with arguments from inputs, formulas and earlier stages.
+    A change of constants or table values, the leaves of the pytree, does not recompile. Numbers in formulas and the
+    limits of variables are static.
     """
 
-    constants: dict[str, Scalar]
+    constants: dict[str, Scalar]  #: By varID: constants, values calculated from constants, and defaults of inputs.
+    #: One tuple per stage. The tables of a stage depend on inputs, formulas and earlier stages only.
     tables: tuple[tuple[Lookup | ScatteredTable, ...], ...]
     structure: Structure = eqx.field(static=True)
 
@@ -231,13 +219,13 @@ class Evaluator(eqx.Module):
             Scalars by varID or name. An input may be omitted if the file gives a default or no requested variable
             depends on the input.
         outputs
-            Variables to compute, by varID or name; default: the variables marked as output.
+            Variables to compute, by varID or name; None: the variables marked as output.
 
         Raises
         ------
         ValueError
-            If a variable does not exist, a variable in `inputs` is not an input, a required input is missing, or an
-            input is not a scalar.
+            A variable does not exist, a variable in `inputs` is not an input, a required input is missing, or an input
+            is not a scalar.
         """
         output_names = self.structure.outputs if outputs is None else tuple(outputs)
         output_ids = {name: self.structure.find(name) for name in output_names}
@@ -260,9 +248,9 @@ class Evaluator(eqx.Module):
         return {name: values[identifier] for name, identifier in output_ids.items()}
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Compute variables at one time, inputs and results in SI units and radians, percent as fractions.
+        """Compute variables as in `evaluate`, with inputs and results in SI units and radians; percent as fractions.
 
-        `inputs`, `outputs`, result and exceptions are those of `evaluate`; also raises ValueError for unknown units.
+        Raises ValueError also if a unit is unknown.
         """
         output_names = self.structure.outputs if outputs is None else tuple(outputs)
         units = {name: self.unit(name) for name in (*inputs, *output_names)}
@@ -271,7 +259,7 @@ class Evaluator(eqx.Module):
         return {name: value * units[name].factor + units[name].offset for name, value in file_outputs.items()}
 
     def unit(self, name: str) -> Unit:
-        """Return the unit of the variable with a varID or name; raises ValueError if variable or unit is unknown."""
+        """Return the unit of a variable by varID or name. Raises ValueError if variable or unit is unknown."""
         quantity = self.structure.by_id[self.structure.find(name)]
         try:
             return parse_unit(quantity.units)
@@ -281,8 +269,8 @@ class Evaluator(eqx.Module):
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
         """Return a copy with changed constants or defaults, in the file's units, by varID or name.
 
-        Values that the file calculates from these constants are updated. A calculated value may be set too, and
-        replaces the calculation until one of its sources is changed. Raises ValueError if a variable is no constant.
+        Values that the file calculates from these constants are updated. A calculated value may be set too; a later
+        change of its sources calculates the value again. Raises ValueError if a variable is no constant.
         """
         changed = {self.structure.find(name): value for name, value in changes.items()}
         for identifier in changed:
@@ -334,7 +322,7 @@ def _number(value: ScalarLike) -> Array:
 
 
 def _clip(value: Any, limits: tuple[float | None, float | None], xp: Any = jnp) -> Any:
-    """Return a value clipped to (minimum, maximum), None for no limit, with the functions of the array library `xp`."""
+    """Return a value clipped to (minimum, maximum); None: no limit."""
     minimum, maximum = limits
     value = value if minimum is None else xp.maximum(value, minimum)
     return value if maximum is None else xp.minimum(value, maximum)
@@ -343,8 +331,8 @@ def _clip(value: Any, limits: tuple[float | None, float | None], xp: Any = jnp) 
 def make_evaluator(definition: Definition) -> Evaluator:
     """Build the evaluator of the definition of a DAVE-ML file.
 
-    Raises DaveMlError if a source of a variable does not exist, a variable has two sources or depends on itself, a
-    formula of constants gives NaN or infinity, or a table cannot be interpolated.
+    Raises DaveMlError if a variable has a missing source, two sources or depends on itself, a formula of constants
+    gives NaN or infinity, or a table cannot be interpolated.
     """
     with jax.ensure_compile_time_eval():  # concrete numbers, even if a traced function reads a file
         return _compile_definition(_sorted_lines(definition))
@@ -371,10 +359,9 @@ def _compile_definition(definition: Definition) -> Evaluator:
 
 
 def _sorted_lines(definition: Definition) -> Definition:
-    """Return a copy of a definition in which each ungridded table of one coordinate is also a sorted gridded table.
+    """Return a copy of a definition with each ungridded table of one coordinate also as a gridded table.
 
-    The gridded table has the utID as identifier and is used by the evaluator. Raises DaveMlError if two points have the
-    same coordinate.
+    The gridded table has the utID as identifier. Raises DaveMlError if two points have the same coordinate.
     """
     breakpoints, gridded = dict(definition.breakpoints), dict(definition.gridded)
     for table in definition.ungridded.values():

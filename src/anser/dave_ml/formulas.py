@@ -1,7 +1,6 @@
 """Formulas of DAVE-ML as plain data, their conversion from and to content MathML 2, and their evaluation.
 
-Sources: DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4. Evaluation in JAX has finite derivatives
-everywhere; formulas of constants are evaluated in NumPy.
+Sources: DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4. Derivatives in JAX are finite everywhere.
 """
 
 import functools
@@ -44,9 +43,9 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class Piecewise:
-    """Formula with cases: the value of the first piece (value, condition) whose condition is true, else `otherwise`."""
+    """Formula with cases: the value of the first piece with a true condition; `otherwise` if all are false."""
 
-    pieces: tuple[tuple["Formula", "Formula"], ...]
+    pieces: tuple[tuple["Formula", "Formula"], ...]  #: Pairs of value and condition.
     otherwise: "Formula"
 
 
@@ -77,7 +76,7 @@ OPERATIONS: Final = {**NUMERIC, **COMPARISONS, **LOGICAL}
 
 
 def variables_in(formula: Formula) -> Iterator[str]:
-    """Yield the varIDs of the variables in a formula, repeated ones included."""
+    """Yield the varIDs of the variables in a formula, with repetitions."""
     if isinstance(formula, VariableReference):
         yield formula.id
     elif isinstance(formula, Operation):
@@ -91,24 +90,20 @@ def variables_in(formula: Formula) -> Iterator[str]:
 
 
 def is_logical(formula: Formula) -> bool:
-    """Whether a formula is a comparison or a logical operation, whose result is a truth value."""
+    """Whether a formula is a comparison or a logical operation."""
     return isinstance(formula, Operation) and formula.operation not in NUMERIC
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Evaluation of formulas with an array library, NumPy or JAX.
-
-    The fields are the functions of the library: `operations` by name, `power` (base, constant exponent), and `select`
-    (condition, value if true, value if false).
-    """
+    """Evaluation of formulas with an array library, NumPy or JAX."""
 
     operations: Mapping[str, Callable[..., Any]]  #: Function of each operation, by name.
     power: Callable[[Any, float], Any]  #: Power with a constant exponent: function of base and exponent.
     select: Callable[[Any, Any, Any], Any]  #: Function of a condition and the values for true and for false.
 
     def value_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """Return the value of a formula from the `values` of variables by varID; a truth value counts as 1 or 0."""
+        """Return the value of a formula from the `values` of variables by varID; 1 or 0 for a truth value."""
         if isinstance(formula, Number):
             return formula.value
         if isinstance(formula, VariableReference):
@@ -127,7 +122,7 @@ class Arithmetic:
         return self.operations[formula.operation](*arguments)
 
     def _truth_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """Return the truth value of a formula; a number counts as true unless 0."""
+        """Return the truth value of a formula; a number is true unless 0."""
         if not (isinstance(formula, Operation) and is_logical(formula)):
             return self.operations["neq"](self.value_of(formula, values), 0.0)
         if formula.operation in LOGICAL:
@@ -270,8 +265,8 @@ def _format_formula(formula: Formula) -> str:
 def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Callable[..., Any]:
     """Return `function` with `slopes` as partial derivatives, and with 0 in place of derivatives that are not finite.
 
-    `slopes` are functions of the arguments and the value, one per argument. Without the replacement, an unselected
-    branch or a singular point (root of zero) would turn the whole gradient into NaN.
+    `slopes` are functions of the arguments and the value. A derivative that is not finite, in an unselected branch or
+    at a singular point, would turn the whole gradient into NaN.
     """
 
     @jax.custom_jvp
@@ -327,8 +322,6 @@ def _power_of_number(base: Any, exponent: float) -> Any:
 def _by_reciprocals(
     divide: Callable[[Any, Any], Any], basic_functions: Mapping[str, Callable[..., Any]]
 ) -> dict[str, Any]:
-    """Return secant, cosecant, cotangent, their inverses and hyperbolic forms, by name, from the basic functions."""
-
     def inverse(name: str) -> Callable[[Any], Any]:
         return lambda a: basic_functions[name](divide(1.0, a))
 
@@ -380,10 +373,7 @@ _FOLDED: Final = {"min": "minimum", "max": "maximum", "and": "logical_and", "or"
 def _arithmetic(
     xp: Any, replacements: Mapping[str, Callable[..., Any]], constant_power: Callable[[Any, float], Any]
 ) -> Arithmetic:
-    """Build the evaluation with the functions of NumPy or `jax.numpy` (`xp`), except for those in `replacements`.
-
-    `constant_power` is the function of a base and a constant exponent.
-    """
+    """Build the evaluation with the functions of NumPy or `jax.numpy` (`xp`), except for those in `replacements`."""
     functions = {name: getattr(xp, library_name) for name, library_name in _NAMES_IN_LIBRARIES.items()}
     functions |= {"arccot": functools.partial(_principal_arccot, xp), **replacements}
     divide, power, sqrt, ln = (functions[name] for name in ("divide", "power", "sqrt", "ln"))

@@ -24,17 +24,13 @@ INTERNAL_TOLERANCE: Final = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Comparison of one value of a check shot: expected and computed value and tolerance, in the variable's units.
+    """Comparison of one value of a check shot with the computed value, in the variable's units."""
 
-    `shot` is the name of the check shot, `id` the varID; `kind` says whether the file lists the value as output or as
-    internal value.
-    """
-
-    shot: str
-    id: str
+    shot: str  #: Name of the check shot.
+    id: str  #: varID.
     name: str
     units: str
-    kind: Kind
+    kind: Kind  #: Whether the file lists the value as output or as internal value.
     expected: float
     computed: float
     tolerance: float
@@ -124,15 +120,16 @@ def make_shots(
 ) -> tuple[Shot, ...]:
     """Compute check shots for a model: values of outputs and of internal variables (neither input nor output).
 
+    Raises ValueError if a variable does not exist, is no input or needs a value, or a shot sets other inputs than the
+    first shot.
+
     Parameters
     ----------
     inputs
-        For each shot, by its name: input values by varID or name, in the file's units. Every shot sets the same inputs.
+        For each shot, by its name: input values by varID or name, in the file's units. Every shot must set the same
+        inputs.
     tolerance
         Tolerance of the outputs, relative to max(1, |value|); internal values get no tolerance.
-
-    Raises ValueError if a variable does not exist, is no input or needs a value, or a shot sets other inputs than the
-    first one.
     """
     if not inputs:
         return ()
@@ -189,28 +186,21 @@ class Model:
         return self.evaluator.evaluate(inputs, outputs)
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Return values of variables by name, from inputs by name, in SI units and radians, percent as fractions.
-
-        `outputs` are the names of the variables; None: the outputs of the file. See `Evaluator.evaluate_si` for errors.
-        """
+        """Return variables at one time in SI units and radians, percent as fractions; see `Evaluator.evaluate_si`."""
         return self.evaluator.evaluate_si(inputs, outputs)
 
     def check(self) -> list[CheckResult]:
-        """Compare the model with the check shots of its file.
-
-        Raises ValueError if a shot sets a variable that is not an input, omits an input without a default, or states a
-        value in units that do not convert to the variable's units.
-        """
+        """Compare the model with the check shots of its file; see `check_shots` for errors."""
         return check_shots(self.definition, self.evaluator)
 
     def with_shots(self, inputs: Mapping[str, Mapping[str, float]], tolerance: float = 1e-9) -> "Model":
-        """Return a copy whose check shots are computed at `inputs` and replace those of the file; see `make_shots`."""
+        """Return a copy with check shots computed at `inputs` instead of the shots of the file; see `make_shots`."""
         shots = make_shots(self.definition, self.evaluator, inputs, tolerance)
         return replace(self, definition=replace(self.definition, shots=shots, check_notes=()))
 
 
 def make_model(definition: Definition) -> Model:
-    """Build the model of a definition; raises DaveMlError for wrong units or a definition that cannot be evaluated."""
+    """Build the model of a definition. Raises DaveMlError if units are wrong or the definition cannot be evaluated."""
     refuse_wrong_units(definition)
     return Model(definition, make_evaluator(definition))
 
@@ -218,9 +208,9 @@ def make_model(definition: Definition) -> Model:
 def read_dave_ml(content: str | bytes, name: str) -> Model:
     """Read a model from the content of a DAVE-ML 2 file, a text or bytes in the declared encoding.
 
-    `name` is the file name in messages. Size, nesting and amount of numbers are limited; entities are refused, and
-    external references are not fetched. Raises DaveMlError if the file is no valid model; the message gives line and
-    column, the content that arrived and the content expected.
+    `name` is the file name in messages. Entities are refused, and external references are not fetched. Raises
+    DaveMlError if the file is no valid model or exceeds the limits of size, nesting and numbers; the message gives line
+    and column.
     """
     return make_model(parse_definition(content, name))
 
@@ -229,8 +219,12 @@ def adapt_model(model: Model, names: Mapping[str, str], defaults: Mapping[str, f
     """Return a copy of a model with other variable names and with default values for inputs, in the file's units.
 
     `names` maps each new name to a variable, by varID or name in the file; `defaults` maps inputs to values. Raises
-    ValueError if a variable does not exist, a default is given for a variable that the file computes, or a new name
-    belongs to another variable; DaveMlError (a ValueError) if the units do not fit a new name of the standard.
+    ValueError in any of these cases:
+
+    - a variable does not exist;
+    - a default is given for a variable that the file computes;
+    - a new name belongs to another variable;
+    - the units do not fit a new name of the standard (DaveMlError).
     """
     if not names and not defaults:
         return model

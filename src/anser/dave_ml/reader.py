@@ -52,10 +52,7 @@ def _note(element: Element) -> Note:
 
 
 def _documentation(element: Element) -> dict[str, Any]:
-    """Return description (white space collapsed), notes and location of an element, as keyword arguments.
-
-    The keys are fields of the classes in `anser.dave_ml.definition`.
-    """
+    """Return description, notes and location of an element, as arguments for classes of `definition`."""
     return {
         "description": " ".join(text for child in element.all("description")[:1] for text in child.text.split()),
         "notes": tuple(map(_note, element.all(*NOTES))),
@@ -64,7 +61,7 @@ def _documentation(element: Element) -> dict[str, Any]:
 
 
 def _named(element: Element) -> dict[str, Any]:
-    """Return name and units (empty if absent), description, notes and location of an element as keyword arguments."""
+    """Return name, units (empty if absent) and the entries of `_documentation`."""
     units = element.attributes.get("units", "").strip()
     return {"name": element.attributes.get("name", ""), "units": units, **_documentation(element)}
 
@@ -77,10 +74,7 @@ def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, flo
 
 
 class TableReader:
-    """Reader of breakpoints and tables, collected by identifier.
-
-    No identifier may repeat another identifier or one of `used_identifiers`, the varIDs of the file.
-    """
+    """Reader of breakpoints and tables, by identifier; no identifier may be repeated or be in `used_identifiers`."""
 
     def __init__(self, used_identifiers: Iterable[str]) -> None:
         self.breakpoints: dict[str, Breakpoints] = {}
@@ -89,10 +83,7 @@ class TableReader:
         self._used_identifiers = set(used_identifiers)
 
     def _identifier(self, element: Element, attribute: str, base: str | None = None) -> str:
-        """Return the identifier in an attribute; for a table inside a function, an unused text that starts with `base`.
-
-        Raises DaveMlError if the attribute is missing or repeats an identifier.
-        """
+        """Return the identifier in an attribute; for a table inside a function, an unused text starting with `base`."""
         if base is None or element.tag.endswith("Def"):
             identifier = element.attribute(attribute)
             if identifier in self._used_identifiers:
@@ -117,9 +108,8 @@ class TableReader:
     ) -> str:
         """Store the gridded table `identifier` with the numbers in the text of `data`, and return the identifier.
 
-        `axes` are the bpIDs of the breakpoints, last axis fastest in the text; `fields` replace name, units and
-        documentation of `element`. Raises DaveMlError, for the number of axes at `axes_element`, if the number of axes
-        or of values is wrong.
+        `axes` are the bpIDs of the breakpoints; the last axis varies fastest in the text. `fields` replace name, units
+        and documentation of `element`. Raises DaveMlError if the number of axes or of values is wrong.
         """
         if not 1 <= len(axes) <= AXES_MAX:
             raise axes_element.fault(f"{len(axes)} axes of table {identifier}", f"1 to {AXES_MAX}")
@@ -143,7 +133,7 @@ class TableReader:
     def read_gridded_table(self, element: Element, base: str | None = None) -> str:
         """Add the table of a ``<griddedTableDef>`` or ``<griddedTable>`` to `gridded`; return its identifier.
 
-        The identifier is the gtID; for a ``<griddedTable>``, which stands inside a function, an unused text that starts
+        The identifier is the gtID. A ``<griddedTable>``, a table inside a function, gets an unused text that starts
         with `base`.
         """
         element.permit(("name", "gtID", "units"), once=("description", "breakpointRefs", "dataTable", *NOTES))
@@ -162,8 +152,8 @@ class TableReader:
     def read_ungridded_table(self, element: Element, base: str | None = None) -> str:
         """Add the table of an ``<ungriddedTableDef>`` or ``<ungriddedTable>`` to `ungridded`; return its identifier.
 
-        The identifier is the utID; for an ``<ungriddedTable>``, which stands inside a function, an unused text that
-        starts with `base`.
+        The identifier is the utID. An ``<ungriddedTable>``, a table inside a function, gets an unused text that starts
+        with `base`.
         """
         element.permit(("name", "utID", "units"), once=("description", *NOTES), repeatable=("dataPoint",))
         points: list[np.ndarray] = []
@@ -207,10 +197,7 @@ class TableReader:
         return Function(element.attribute("name"), result, arguments, table, **_documentation(element))
 
     def _read_inline_table(self, element: Element, dependent: Element, result: str) -> str:
-        """Store the table of a function with ``<dependentVarPts>`` and its breakpoints; return the identifier.
-
-        The identifiers of table and breakpoints are formed from `result`, the varID of the dependent variable.
-        """
+        """Store the table of a function with ``<dependentVarPts>`` and its breakpoints; return the identifier."""
         dependent.permit(("varID", "name", "units", "sign"))
         axes = []
         for count, points in enumerate(element.all("independentVarPts"), start=1):
@@ -220,10 +207,7 @@ class TableReader:
         return self._add_grid(dependent, dependent, element, axes, identifier, name="")
 
     def _read_function_table(self, element: Element, _dependent: Element, result: str) -> str:
-        """Return the identifier of the table in a ``<functionDefn>``: referenced, or contained and then stored.
-
-        A contained table gets an identifier formed from `result`, the varID of the dependent variable.
-        """
+        """Return the identifier of the table in a ``<functionDefn>``; store the table if the element contains it."""
         definition = element.require("functionDefn")
         definition.permit(("name",), once=_TABLES)
         if len(definition.children) != 1:

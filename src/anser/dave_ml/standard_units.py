@@ -17,10 +17,7 @@ _SYMBOLS: Final = ("m", "kg", "s", "rad", "K", "A")
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Unit of measurement, with its conversion to SI: ``value_si = factor * value + offset``.
-
-    `dimension` has the exponents of m, kg, s, rad, K and A.
-    """
+    """Unit of measurement, with its conversion to SI: ``value_si = factor * value + offset``."""
 
     #: Conversion to metre, kilogram, second, radian, kelvin, ampere and derived units; percent to a fraction.
     factor: float
@@ -35,7 +32,6 @@ class Unit:
 
 
 def _unit(factor: float, si: str = "", offset: float = 0.0) -> Unit:
-    """Return the unit that is `factor` times the SI unit `si` (notation of `Unit.si`), plus `offset`."""
     powers = {symbol: int(power or 1) for symbol, _, power in (part.partition("^") for part in si.split())}
     return Unit(factor, offset, tuple(powers.get(symbol, 0) for symbol in _SYMBOLS))
 
@@ -81,7 +77,7 @@ _NAMED_UNITS: Final = {
     **dict.fromkeys(("nd", "ND", "non-dimensional", "nondimensional", "frac", "fract"), Unit(1.0)),
     "pct": Unit(0.01),
 }
-"""Units with a name of their own; all other units are products and quotients of their powers."""
+"""Named units; all other units are products and quotients of powers of these units."""
 _LONGEST_FIRST: Final = sorted(_NAMED_UNITS, key=len, reverse=True)
 _NAME_MAX: Final = 40
 
@@ -131,7 +127,7 @@ def _parse_unit(name: str) -> Unit | None:
 def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
     """Return the units and powers in a text of adjacent unit names, longer names first; None if impossible.
 
-    Cached for every tail of a text: without the cache, the parse time of some names grows exponentially.
+    Without the cache, the parse time of some names grows exponentially.
     """
     if not text:
         return ()
@@ -147,14 +143,11 @@ def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """Physical quantity of a standard variable, such as "a length", and its permitted units.
-
-    If `accepts_other_units`, all units of the dimension of `units` are permitted.
-    """
+    """Physical quantity of a standard variable, such as "a length", and its permitted units."""
 
     name: str
     units: tuple[str, ...]
-    accepts_other_units: bool = True
+    accepts_other_units: bool = True  #: True: all units of the dimension of `units` are permitted.
 
     def accepts(self, units: str) -> bool:
         """Whether a unit, as written in a file, is permitted for the quantity."""
@@ -205,9 +198,7 @@ _STANDARD_VARIABLES: Final[tuple[tuple[Measure, str], ...]] = (
     ),
     (Measure("a share", ("pct", "frac", "fract"), accepts_other_units=False), "powerLeverAngle"),
 )
-"""Names of standard variables; `_XYZ` and `_RPY` stand for three names each, with the endings of `_AXES`.
-
-`powerLeverAngle` is a fraction of full power: an angle would not define the thrust."""
+"""Names of standard variables; `_XYZ` and `_RPY` stand for three names each, with the endings of `_AXES`."""
 _AXES: Final = {"XYZ": ("X", "Y", "Z"), "RPY": ("Roll", "Pitch", "Yaw")}
 
 
@@ -228,8 +219,8 @@ STANDARD_MEASURES: Final[dict[str, Measure]] = {
 def refuse_wrong_units(definition: Definition) -> None:
     """Raise DaveMlError if a standard variable or a table has wrong units.
 
-    A standard variable needs a known unit of the right dimension. Breakpoints and table values are in the units of
-    their variables; units stated at breakpoints or table must equal the variable's.
+    A standard variable needs a known unit of the right dimension. Units stated at breakpoints or table must equal the
+    units of the variable.
     """
     for variable in definition.variables.values():
         refuse_nonstandard_units(variable)

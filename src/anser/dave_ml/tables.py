@@ -1,8 +1,4 @@
-"""Tables of a DAVE-ML file in JAX.
-
-Gridded tables are grouped by shared axes for one lookup; ungridded tables (scattered points) are interpolated linearly
-on a Delaunay triangulation.
-"""
+"""Tables of a DAVE-ML file in JAX: gridded tables, and ungridded tables on a Delaunay triangulation."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -25,16 +21,12 @@ PACKED_NUMBERS_MAX: Final = 4_000_000
 
 
 class Lookup(eqx.Module):
-    """Gridded functions that are looked up together.
-
-    `arguments` are the variables (varID) on the axes, `interpolation` the kind of interpolation on each axis, `results`
-    the dependent variables (varID) of each group of `tables`.
-    """
+    """Gridded functions that are looked up together."""
 
     tables: Tables
-    arguments: tuple[str, ...] = eqx.field(static=True)
-    results: tuple[tuple[str, ...], ...] = eqx.field(static=True)
-    interpolation: tuple[Interpolate, ...] = eqx.field(static=True)
+    arguments: tuple[str, ...] = eqx.field(static=True)  #: Variable (varID) on each axis.
+    results: tuple[tuple[str, ...], ...] = eqx.field(static=True)  #: Dependent variables (varID) of each group.
+    interpolation: tuple[Interpolate, ...] = eqx.field(static=True)  #: Kind of interpolation on each axis.
 
     @property
     def result_names(self) -> tuple[str, ...]:
@@ -42,7 +34,10 @@ class Lookup(eqx.Module):
         return tuple(result for group in self.results for result in group)
 
     def __call__(self, values: Mapping[str, Array], requested: Collection[str]) -> dict[str, Array]:
-        """Return the requested results by varID, not yet clipped; `values` need only the arguments of their tables."""
+        """Return the requested results by varID, not clipped.
+
+        `values` must have the arguments of the requested tables.
+        """
         groups = [k for k, results in enumerate(self.results) if not set(results).isdisjoint(requested)]
         axes = sorted({axis for k in groups for axis in self.tables.axis_indices[k]})
         tables = self.tables if len(groups) == len(self.results) else _select_tables(self.tables, groups, axes)
@@ -63,8 +58,8 @@ class Lookup(eqx.Module):
 def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
     """Return the fraction within the interval between two breakpoints; 0 or 1 if the interpolation is not linear.
 
-    The value of the upper breakpoint applies from the middle of the interval (discrete), above the lower breakpoint
-    (ceiling), or from the upper breakpoint (floor). Source: DAVE-ML 2.0.2 reference, section 6.3.
+    The fraction is 1 at or above the middle (discrete), 1 above the lower breakpoint (ceiling), 1 at the upper
+    breakpoint (floor). Source: DAVE-ML 2.0.2 reference, section 6.3.
     """
     if interpolation == "linear":
         return fraction
@@ -73,7 +68,6 @@ def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
 
 
 def _select_tables(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -> Tables:
-    """Return a copy of tables that has only the groups and the axes at the indices `groups` and `axes`."""
     all_axes = tables.axes
     arrays = (all_axes.breakpoints, all_axes.lower, all_axes.upper)
     breakpoints, lower, upper = (jnp.stack([array[axis] for axis in axes]) for array in arrays)
@@ -98,24 +92,17 @@ def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> N
 
 @dataclass(frozen=True)
 class _Axis:
-    """Axis of a table: variable (varID), breakpoints, and limits to which the variable is clipped before the lookup.
-
-    `even`: the interpolation is linear and the breakpoints are evenly spaced. Equal axes of a lookup share one search.
-    """
+    """Axis of a table: variable (varID), breakpoints, and limits to which the variable is clipped before the lookup."""
 
     variable: str
     points: tuple[float, ...]
     lower: float
     upper: float
     interpolation: Interpolate
-    even: bool
+    even: bool  #: Whether the interpolation is linear and the breakpoints are evenly spaced.
 
 
 def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
-    """Return the axis of a table with breakpoints `points` for an argument of a function.
-
-    The limits of the axis are those of the argument and, at an end without extrapolation, the end of the table.
-    """
     stepped = argument.interpolate != "linear"
     below = argument.extrapolate in ("min", "both") and not stepped and points.size > 1
     above = argument.extrapolate in ("max", "both") and not stepped and points.size > 1
@@ -131,9 +118,9 @@ def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
 
 
 def make_lookups(definition: Definition, functions: Sequence[Function]) -> tuple[Lookup, ...]:
-    """Return the lookups, at most two, of the gridded functions of a stage (functions that can be looked up together).
+    """Return the lookups, at most two, of gridded functions that can be looked up together.
 
-    Functions on evenly spaced axes get a separate lookup: their cell index is computed, without a search.
+    Functions on evenly spaced axes get a separate lookup, which computes the cell index without a search.
     """
     gridded: dict[Function, tuple[list[_Axis], np.ndarray]] = {}
     for function in functions:
@@ -188,31 +175,27 @@ _INSIDE: Final = -1e-12
 
 
 class ScatteredTable(eqx.Module):
-    """Function given by values at scattered points (ungridded table).
+    """Function given by values at scattered points (ungridded table), linear on each simplex.
 
-    Inside the convex hull of the points, interpolation is linear on each simplex. Outside, the value of the nearest
-    point on the hull's facets is used: exact for two arguments, approximate for more (barycentric coordinates clipped
-    on the nearest facet). If `extrapolated`, the value outside continues the linear function of the simplex in which
-    the least barycentric coordinate is greatest.
+    Outside the convex hull, the value of the nearest point on the hull's facets is used; for more than two arguments
+    this point is approximate. If `extrapolated`, the linear function of the nearest simplex is continued instead. The
+    nearest simplex is the simplex in which the least barycentric coordinate is greatest.
     """
 
-    #: For each of s simplices with d + 1 corners: matrix from coordinates relative to the origin to the first d
-    #: barycentric coordinates, origin, and indices of the corners in `values`.
-    to_barycentric: Float[Array, "s d d"]
+    # s simplices with d + 1 corners, and f facets of the hull
+    to_barycentric: Float[Array, "s d d"]  #: Coordinates relative to the origin to first d barycentric coordinates.
     origins: Float[Array, "s d"]
-    corners: Int[Array, "s c"]
-    #: For each of f facets of the hull: origin, pseudo-inverse of the edge matrix, edge matrix, indices in `values`.
+    corners: Int[Array, "s c"]  #: Indices of the corners in `values`.
     facet_origins: Float[Array, "f d"]
-    facet_inverses: Float[Array, "f e d"]
+    facet_inverses: Float[Array, "f e d"]  #: Pseudo-inverses of `facet_edges`.
     facet_edges: Float[Array, "f d e"]
-    facet_corners: Int[Array, "f d"]
-    #: Value at each point, and limits to which the arguments are clipped.
-    values: Float[Array, " n"]
+    facet_corners: Int[Array, "f d"]  #: Indices of the corners in `values`.
+    values: Float[Array, " n"]  #: Value at each point.
+    #: Limits to which the arguments are clipped.
     lower: Float[Array, " d"]
     upper: Float[Array, " d"]
-    #: varIDs of the arguments and of the dependent variable.
-    arguments: tuple[str, ...] = eqx.field(static=True)
-    result: str = eqx.field(static=True)
+    arguments: tuple[str, ...] = eqx.field(static=True)  #: varIDs of the arguments.
+    result: str = eqx.field(static=True)  #: varID of the dependent variable.
     extrapolated: bool = eqx.field(static=True)
 
     @property
@@ -290,7 +273,7 @@ def _extrapolated(function: Function) -> bool:
 def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
     """Compute the Delaunay triangulations of the tables with two or more coordinates, by utID.
 
-    Raises DaveMlError if the points of a table span no volume or coincide, or if the tables have too many points or
+    Raises DaveMlError if the points of a table span no volume or coincide, or if there are too many points or
     coordinates (`POINTS_MAX`).
     """
     meshes = {}
@@ -307,7 +290,6 @@ def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
 
 
 def _mesh(table: UngriddedTable) -> Any:
-    """Return the Delaunay triangulation (SciPy) of a table's points, in the units of the file."""
     count, d = table.points.shape
     refuse_duplicate_points(table)
     flat = table.location.fault(

@@ -32,8 +32,8 @@ _NUMBERS_IN_LINE: Final = 12
 def write_dave_ml(model: Model) -> str:
     """Return a model as the text of a DAVE-ML 2 file, from which `read_dave_ml` builds a model with the same values.
 
-    Numbers keep full precision. Points inside a function become separate breakpoints and tables. Notes with the tag
-    `confidenceBound` are not written: separate tables have no place for them.
+    Numbers keep full precision. Tables inside a function become separate breakpoints and tables. Notes with the tag
+    `confidenceBound` are not written.
     """
     definition = model.definition
     parts = [
@@ -65,7 +65,6 @@ def _text(name: str, text: str, attributes: Mapping[str, str] | None = None) -> 
 
 
 def _nonempty_attributes(**attributes: str | float | None) -> dict[str, str]:
-    """Return the attributes as texts, without the attributes that are None or empty."""
     return {
         key: value if isinstance(value, str) else repr(float(value))
         for key, value in attributes.items()
@@ -89,7 +88,7 @@ def _notes(notes: Iterable[Note], *tags: str) -> list[str]:
 
 
 def _numbers(values: np.ndarray) -> list[str]:
-    """Return the values, last axis fastest, as lines of comma-separated numbers."""
+    """Return the values as lines of comma-separated numbers; the last axis varies fastest."""
     tokens = [repr(float(value)) for value in values.ravel()]
     lines = [", ".join(tokens[k : k + _NUMBERS_IN_LINE]) for k in range(0, len(tokens), _NUMBERS_IN_LINE)]
     return [*(f"{line}," for line in lines[:-1]), *lines[-1:]]

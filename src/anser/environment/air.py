@@ -1,20 +1,21 @@
 """Air in layers over the geopotential altitude, and conversion between true, calibrated and equivalent airspeed.
 
-A table of layers is an array (layer, 7) of base altitude (geopotential, m), temperature (K), lapse rate (K/m), lapse
-rate over temperature (1/m) and pressure p (Pa) at the base, and the coefficients ``power`` and ``decay`` (1/m) of the
-pressure: at a height z above the base the pressure is ``p exp(-power log1p(lapse z / T) - decay z)``. In a hydrostatic
-layer with a lapse rate ``power`` = g/(R lapse) and ``decay`` = 0, in an isothermal layer ``power`` = 0 and ``decay`` =
-g/(R T). Between two measured pressures the logarithm is linear in altitude: ``power`` = 0. The first layer continues
-below its base, the last up to any altitude. Of two layers with one base, the first is the air below.
+A table of layers is an array (layer, 7). The columns are, at the base of the layer: geopotential altitude (m),
+temperature T (K), lapse rate (K/m), lapse rate over temperature (1/m), pressure p (Pa), and the coefficients ``power``
+and ``decay`` (1/m). The pressure at a height z above the base is ``p exp(-power log1p(lapse z / T) - decay z)``:
 
-The temperature of moist air is the virtual temperature: dry air of this temperature has the pressure and the density
-of the moist air. The module needs NumPy alone, so that files are read without JAX.
+- hydrostatic layer with a lapse rate: ``power`` = g/(R lapse), ``decay`` = 0;
+- isothermal layer: ``power`` = 0, ``decay`` = g/(R T);
+- layer between two measured pressures: ``power`` = 0, so that the logarithm of the pressure is linear in altitude.
 
-The calibrated airspeed is that which an ideal pitot-static airspeed indicator shows: the true airspeed that has the
-same impact pressure at sea level in the standard atmosphere. The impact pressure is that of compressible flow,
-isentropic below Mach 1 and behind a normal shock above (Rayleigh's pitot formula). The equivalent airspeed has the same
-dynamic pressure at the standard's sea-level density. The conversions take numbers, NumPy arrays (computed by NumPy) and
-JAX arrays (computed by JAX); gradients are finite down to an airspeed of zero.
+The first layer continues below its base, the last layer up to any altitude. Two layers may have the same base altitude;
+values at this altitude come from the second layer. The temperature of moist air is the virtual temperature: dry air of
+this temperature has the pressure and the density of the moist air.
+
+The calibrated airspeed is the true airspeed with the same impact pressure at sea level in the standard atmosphere. The
+impact pressure is isentropic below Mach 1 and behind a normal shock above Mach 1 (Rayleigh's pitot formula). The
+equivalent airspeed has the same dynamic pressure at the standard's sea-level density. The conversions take numbers,
+NumPy arrays and JAX arrays; gradients are finite down to an airspeed of zero.
 """
 
 import math
@@ -40,8 +41,7 @@ CELSIUS_K = 273.15
 LOWEST_M = -5000.0
 """Geometric altitude, m, below which the air is constant."""
 
-# [USSA76] table 4: geopotential bases in m and lapse rates in K/m; the last row carries the air on above the
-# standard's top.
+# [USSA76] table 4: geopotential bases in m and lapse rates in K/m; the last layer continues above the standard's top
 BASES_M = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3, 84852.0])
 LAPSES_K_M = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3, 0.0])
 _HYDROSTATIC_K_M = STANDARD_GRAVITY_M_S2 / AIR_GAS_CONSTANT_J_KG_K
@@ -51,24 +51,19 @@ Layers = np.ndarray
 
 
 class AirValues(NamedTuple):
-    """Air at one or several altitudes: density kg/m^3, pressure Pa, (virtual) temperature K, speed of sound m/s."""
+    """Air at one or several altitudes."""
 
-    density: np.ndarray
-    pressure: np.ndarray
-    temperature: np.ndarray
-    speed_of_sound: np.ndarray
+    density: np.ndarray  #: kg/m^3.
+    pressure: np.ndarray  #: Pa.
+    temperature: np.ndarray  #: Virtual temperature, K.
+    speed_of_sound: np.ndarray  #: m/s.
 
 
 def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float = SEA_LEVEL_PRESSURE_PA) -> "Layers":
-    """Return the table of layers of the standard atmosphere with another temperature or sea-level pressure.
+    """Return the table of layers of the standard atmosphere with another temperature or sea-level pressure (Pa).
 
-    Parameters
-    ----------
-    temperature_offset
-        Difference from the standard temperature at every geopotential altitude, K.
-    sea_level_pressure
-        Pressure at sea level, Pa. The pressures at the bases of the layers follow from the hydrostatic law, upwards
-        from sea level. Source: [USSA76] eq. (33a), (33b).
+    `temperature_offset` is the difference from the standard temperature at every geopotential altitude, K. The pressure
+    is hydrostatic upwards from sea level. Source: [USSA76] eq. (33a), (33b).
     """
     layers = []
     temperature, pressure = SEA_LEVEL_TEMPERATURE_K + temperature_offset, sea_level_pressure
@@ -82,10 +77,10 @@ def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float =
 
 
 def _hydrostatic_layer(base: float, temperature: float, temperature_top: float, pressure: float) -> list[float]:
-    """Return the row, 7 numbers, of the table of layers for a hydrostatic layer 500 m thick.
+    """Return the row of the table of layers for a hydrostatic layer 500 m thick.
 
-    `base` is the geopotential altitude of the base, m; `temperature` and `temperature_top` are the virtual temperatures
-    at base and top, K; `pressure` is the pressure at the base, Pa.
+    `base` is the geopotential altitude (m) and `pressure` (Pa) the pressure at the base. `temperature` and
+    `temperature_top` are the virtual temperatures at base and top, K.
     """
     lapse = (temperature_top - temperature) / _HUMID_STEP_M
     return [base, temperature, lapse, lapse / temperature, pressure, *_hydrostatic_law(lapse, temperature)]
@@ -99,7 +94,7 @@ def _hydrostatic_law(lapse: float, temperature: float) -> tuple[float, float]:
 STANDARD_LAYERS: Layers = standard_layers()
 
 VAPOUR_MOLAR_RATIO = 0.62198
-"""Molar mass of water over that of dry air."""
+"""Molar mass of water over the molar mass of dry air."""
 _HUMID_STEP_M = 500.0  # between the bases of the humid layers
 _HUMID_ROUNDS = 6  # fixed-point steps of the pressure at a layer's top, to rounding
 
@@ -118,8 +113,7 @@ def virtual_temperature(
 ) -> np.ndarray:
     """Return the virtual temperature (K) of moist air: dry air of this temperature has equal pressure and density.
 
-    Inputs: temperature (K), pressure (Pa) and relative humidity over water (0 to 1) of the moist air. Source: law of
-    ideal gases with the molar masses of both gases.
+    Inputs: temperature (K), pressure (Pa) and relative humidity over water (0 to 1) of the moist air.
     """
     vapour = np.minimum(relative_humidity * vapour_pressure(temperature), pressure)
     return temperature / (1.0 - (1.0 - VAPOUR_MOLAR_RATIO) * vapour / pressure)
@@ -130,8 +124,7 @@ def humid_layers(
 ) -> "Layers":
     """Return the table of layers of the standard atmosphere with moist air below the tropopause.
 
-    The relative humidity, 0 to 1, is constant from sea level to 10.5 km geopotential altitude; from the tropopause at
-    11 km upwards the air is dry. Within each layer of 500 m the virtual temperature is linear in the altitude. For
+    The relative humidity, 0 to 1, is constant up to 10.5 km geopotential altitude; the air is dry above 11 km. For
     temperature offset (K) and sea-level pressure (Pa) see `standard_layers`.
     """
     bases = np.arange(0.0, BASES_M[1], _HUMID_STEP_M)
@@ -164,9 +157,8 @@ def measured_layers(
     """Return the table of layers of a sounding, from its levels in rising order.
 
     Inputs per level: geopotential altitude (m), virtual temperature (K), pressure (Pa). Temperature and logarithm of
-    the pressure are linear between levels. Beyond the levels the pressure is hydrostatic: below the lowest level with
-    the lapse rate of the standard troposphere, -6.5 K/km (an inversion at the ground does not continue downwards),
-    above the highest level with a constant temperature.
+    the pressure are linear between levels. Beyond the levels the pressure is hydrostatic. Below the lowest level the
+    lapse rate is -6.5 K/km; above the highest level the temperature is constant.
     """
     h, T, p = (np.asarray(values, dtype=float) for values in (geopotential, temperature, pressure))
     lapse = np.append(np.diff(T) / np.diff(h), 0.0)
@@ -176,7 +168,7 @@ def measured_layers(
 
 
 def padded_layers(layers: Layers, count: int) -> "Layers":
-    """Return a table of `count` layers (at least `len(layers)`) with unchanged air: the top layer is cut every 1 km."""
+    """Return a table of `count` layers (at least `len(layers)`) with unchanged air; the top layer is cut every 1 km."""
     missing = count - len(layers)
     heights = layers[-1, 0] + 1000.0 * np.arange(1.0, missing + 1.0)
     air = air_at_geopotential(layers, heights)
@@ -199,7 +191,7 @@ def geometric_altitude(geopotential: Any) -> Any:
 def air_in_layers(layers: Layers, altitude: np.ndarray | float) -> AirValues:
     """Return the air of `layers` at geometric altitudes above mean sea level (m), a number or an array of any shape.
 
-    Below -5 km the air is the air at -5 km.
+    Below -5 km the result is the air at -5 km.
     """
     return air_at_geopotential(layers, geopotential_altitude(np.maximum(altitude, LOWEST_M)))
 
@@ -233,9 +225,8 @@ def density_altitude(density: np.ndarray | float) -> np.ndarray:
 def _altitude_from(logarithm: np.ndarray, base: np.ndarray, power: np.ndarray, decay: np.ndarray) -> np.ndarray:
     """Return the geopotential altitude (m) at which pressure or density of the standard atmosphere has a value.
 
-    `logarithm` is the natural logarithm of the value, `base` holds the logarithm of the quantity at the base of each
-    layer. Above the base the quantity falls by the factor ``exp(-power log1p(lapse z / T) - decay z)`` as the pressure
-    does in the module's docstring; `decay` is in 1/m.
+    `logarithm` is the natural logarithm of the value; `base` has the logarithms at the bases of the layers. For `power`
+    and `decay` (1/m) see the module's docstring.
     """
     row = np.searchsorted(-base[1:], -logarithm, side="right")
     drop, relative_lapse = base[row] - logarithm, STANDARD_LAYERS[row, 3]
@@ -246,10 +237,7 @@ def _altitude_from(logarithm: np.ndarray, base: np.ndarray, power: np.ndarray, d
 
 
 def altimeter_setting(station_altitude: float, pressure: float) -> float:
-    """Return the QNH (Pa) of a station, from its geopotential altitude (m) and its pressure (Pa).
-
-    An altimeter with this setting shows the station's altitude at the station's pressure.
-    """
+    """Return the QNH (Pa) of a station, from its geopotential altitude (m) and its pressure (Pa)."""
     return float(air_at_geopotential(STANDARD_LAYERS, pressure_altitude(pressure) - station_altitude).pressure)
 
 
@@ -271,7 +259,7 @@ _NEWTON_STEPS = 8  # to rounding, for Mach numbers up to 30
 
 
 class AirState(Protocol):
-    """Interface of the air at a point, `Air` or `AirValues`: pressure, density and speed of sound."""
+    """Interface of the air at a point: `Air` or `AirValues`."""
 
     @property
     def pressure(self) -> Any:
@@ -302,7 +290,7 @@ def impact_pressure_ratio(mach: Any) -> Any:
 
 
 def mach_from_impact_pressure(ratio: Any) -> Any:
-    """Return the Mach number from the ratio of impact to static pressure (positive); Newton's method above Mach 1."""
+    """Return the Mach number from the ratio of impact to static pressure (positive)."""
     xp = _namespace(ratio)
     subsonic = xp.sqrt(5.0 * xp.expm1(xp.log1p(ratio) / 3.5))
     is_fast = ratio > _CRITICAL_RATIO
@@ -351,8 +339,8 @@ def true_from_equivalent(airspeed: Any, air: AirState) -> Any:
 def true_airspeed(form: str, value: Any, air: AirState) -> Any:
     """Return the true airspeed, m/s, from an airspeed in the form `form` (see `AirspeedForm`).
 
-    `value` is in m/s, or the Mach number for the form "mach"; `air` is the air at the aircraft. A form other than
-    calibrated, equivalent or Mach number counts as true airspeed.
+    `value` is in m/s, or the Mach number for the form "mach"; `air` is the air at the aircraft. An unknown form is
+    taken as true airspeed.
     """
     match form:
         case "speed_cas_m_s":

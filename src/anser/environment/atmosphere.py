@@ -13,16 +13,16 @@ from anser.shapes import Scalar, ScalarLike
 
 
 class Air(eqx.Module):
-    """State of the air at one point: density kg/m^3, pressure Pa, temperature K (virtual), speed of sound m/s."""
+    """State of the air at one point."""
 
-    density: Scalar
-    pressure: Scalar
-    temperature: Scalar
-    speed_of_sound: Scalar
+    density: Scalar  #: kg/m^3.
+    pressure: Scalar  #: Pa.
+    temperature: Scalar  #: Virtual temperature, K.
+    speed_of_sound: Scalar  #: m/s.
 
 
 class AbstractAtmosphere(eqx.Module):
-    """Interface of an atmosphere whose air depends on altitude only."""
+    """Interface of an atmosphere with air that depends on altitude only."""
 
     @abc.abstractmethod
     def at(self, altitude: ScalarLike) -> Air:
@@ -32,16 +32,16 @@ class AbstractAtmosphere(eqx.Module):
 class StandardAtmosphere(AbstractAtmosphere):
     """U.S. Standard Atmosphere 1976, geometric altitudes from -5 km to 86 km.
 
-    Outside this range the air stays well defined: below -5 km it is the air at -5 km; above 86 km (84.852 km
-    geopotential) the temperature is constant and the pressure falls exponentially. The temperature is the
-    molecular-scale temperature; the kinetic temperature of the standard differs above 80 km only, by up to 0.04 %.
+    Below -5 km the result is the air at -5 km; above 86 km the temperature is constant and the pressure falls
+    exponentially. The temperature is the molecular-scale temperature. The kinetic temperature of the standard differs
+    above 80 km only, by up to 0.04 %.
     """
 
     def at(self, altitude: ScalarLike) -> Air:
         """Return the air at a geometric altitude above mean sea level (m).
 
-        Pressure and temperature are continuous in altitude; at the base of a layer, where the slopes are discontinuous,
-        derivatives are those of the layer above. Source: theory section 3; [USSA76] eq. (23), (33a), (33b), (42), (50).
+        At the base of a layer the derivatives are the derivatives in the layer above. Source: theory section 3;
+        [USSA76] eq. (23), (33a), (33b), (42), (50).
         """
         h = geopotential_altitude(jnp.maximum(jnp.asarray(altitude), LOWEST_M))
         return _air_in_layers(jnp.asarray(STANDARD_LAYERS[1:, 0], h.dtype), jnp.asarray(STANDARD_LAYERS, h.dtype), h)
@@ -50,7 +50,7 @@ class StandardAtmosphere(AbstractAtmosphere):
 def atmosphere_layers(atmosphere: AbstractAtmosphere) -> Layers:
     """Return the table of layers of an atmosphere, a NumPy array (layer, 7), see `anser.environment.air`.
 
-    Raises TypeError for an atmosphere that is neither a `StandardAtmosphere` nor a `LayeredAtmosphere`.
+    Raises TypeError if the atmosphere is neither a `StandardAtmosphere` nor a `LayeredAtmosphere`.
     """
     if isinstance(atmosphere, StandardAtmosphere):
         return STANDARD_LAYERS
@@ -60,17 +60,14 @@ def atmosphere_layers(atmosphere: AbstractAtmosphere) -> Layers:
 
 
 class LayeredAtmosphere(AbstractAtmosphere):
-    """Atmosphere of an off-standard day or of a sounding, from a table of layers.
-
-    The columns of `layers` are those of a table of layers in `anser.environment.air`.
-    """
+    """Atmosphere of an off-standard day or of a sounding, from a table of layers (see `anser.environment.air`)."""
 
     layers: Float[Array, "layer 7"]
 
     def at(self, altitude: ScalarLike) -> Air:
-        """Return the air at a geometric altitude above mean sea level (m); below -5 km it is the air at -5 km.
+        """Return the air at a geometric altitude above mean sea level (m); below -5 km the air at -5 km.
 
-        At the base of a layer the derivatives are those of the layer above.
+        At the base of a layer the derivatives are the derivatives in the layer above.
         """
         h = geopotential_altitude(jnp.maximum(jnp.asarray(altitude), LOWEST_M))
         return _air_in_layers(self.layers[1:, 0], self.layers, h)

@@ -1,7 +1,4 @@
-"""Earth models, flat or rotating and round.
-
-Gravity and gravitation, the local map (chart), and the terms of the equations of motion in local axes.
-"""
+"""Earth models, flat or round: gravity, the local map (chart), and terms of the equations of motion."""
 
 import abc
 
@@ -35,9 +32,9 @@ from anser.spatial.wgs84 import (
 
 
 def somigliana(latitude: ScalarLike) -> Scalar:
-    """Return the gravity on the WGS-84 ellipsoid (m/s^2, down) at a geodetic latitude (rad).
+    """Return the normal gravity on the WGS-84 ellipsoid (m/s^2, down) at a geodetic latitude (rad).
 
-    Normal gravity: gravitation and centrifugal acceleration together. Source: theory section 1, [WGS84].
+    The result includes the centrifugal acceleration. Source: theory section 1, [WGS84].
     """
     xp = namespace(latitude)
     s2 = xp.sin(latitude) ** 2
@@ -49,9 +46,8 @@ def gravitation_j2(
 ) -> Vector3:
     """Compute the gravitation (3,), ECEF, m/s^2, of an oblate Earth, without centrifugal acceleration.
 
-    `position_e` is the position (3,), ECEF, m; `gravitational_parameter` is GM, m^3/s^2; `oblateness_j2` is J2 for the
-    reference radius `equatorial_radius`, m, or 0 for the field of a point mass.
-    Source: [SL] eq. 1.6-14; [NESC].
+    `position_e` is the position (3,), ECEF, m; `gravitational_parameter` is GM, m^3/s^2. `oblateness_j2` is J2 for the
+    reference radius `equatorial_radius` (m); 0 gives the field of a point mass. Source: [SL] eq. 1.6-14; [NESC].
     """
     r2 = jnp.sum(position_e * position_e)
     strength = gravitational_parameter / (r2 * jnp.sqrt(r2))
@@ -62,26 +58,15 @@ def gravitation_j2(
 
 
 class LocalEarth(eqx.Module):
-    """Earth-dependent terms of the equations of motion at one position and velocity, in local NED axes.
+    """Earth-dependent terms of the equations of motion at one position and velocity, in local NED axes."""
 
-    Attributes
-    ----------
-    gravity
-        Effective gravity (gravitation and centrifugal acceleration) along down, m/s^2.
-    apparent_gravity_n
-        Acceleration of a free body relative to the NED axes, which travel with the aircraft: effective gravity less
-        the Coriolis acceleration and the acceleration of the turning axes, m/s^2.
-    earth_rate_n, transport_rate_n
-        Angular velocity of the Earth, and of the travelling NED axes relative to the Earth, rad/s.
-    chart_scale
-        Rates of the chart coordinates (north, east, down) over the velocity components, no unit.
-    """
-
-    gravity: Scalar
+    gravity: Scalar  #: Effective gravity (gravitation and centrifugal acceleration) along down, m/s^2.
+    #: Acceleration of a free body relative to the NED axes, which travel with the aircraft, m/s^2: effective gravity
+    #: minus the Coriolis acceleration and the acceleration due to the rotation of the axes.
     apparent_gravity_n: Vector3
-    earth_rate_n: Vector3
-    transport_rate_n: Vector3
-    chart_scale: Vector3
+    earth_rate_n: Vector3  #: Angular velocity of the Earth, rad/s.
+    transport_rate_n: Vector3  #: Angular velocity of the travelling NED axes relative to the Earth, rad/s.
+    chart_scale: Vector3  #: Rates of the chart coordinates (north, east, down) over the velocity components.
 
 
 class AbstractEarth(eqx.Module):
@@ -101,25 +86,25 @@ class AbstractEarth(eqx.Module):
 
     @abc.abstractmethod
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the straight line of sight (m) from an observer to a second point, and the point's velocity (m/s).
+        """Return the line of sight (m) from an observer to a second point, and the point's velocity over ground (m/s).
 
-        Inputs: chart positions of observer and second point, m, and the rate of the second point's chart position, m/s.
-        Line of sight and velocity over the ground of the second point are in the NED axes at the observer.
+        `position_n` and `other_n` are the chart positions of observer and second point, m. `other_velocity_n` is the
+        rate of `other_n`, m/s. The results are in the NED axes at the observer.
         """
 
     @abc.abstractmethod
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
         """Return a point's chart position (m) and its rate (m/s) from the line of sight: the inverse of `sight`.
 
-        `position_n` is the observer's chart position (m), `line_n` the line of sight (m) and `velocity_n` the point's
-        velocity over ground (m/s), both in the observer's NED axes.
+        `position_n` is the observer's chart position (m). The line of sight `line_n` (m) and the point's velocity over
+        ground `velocity_n` (m/s) are in the NED axes at the observer.
         """
 
 
 class FlatEarth(AbstractEarth):
-    """A flat Earth at rest with uniform gravity, `gravity` (m/s^2), along down (theory section 2)."""
+    """A flat Earth at rest with uniform gravity (theory section 2)."""
 
-    gravity: Scalar
+    gravity: Scalar  #: Gravity along down, m/s^2.
 
     @property
     def gravity_at_origin(self) -> Scalar:
@@ -138,23 +123,21 @@ class FlatEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the line of sight, `other_n - position_n` (m), and `other_velocity_n` (m/s) unchanged."""
+        """Return the line of sight, `other_n - position_n` (m), and `other_velocity_n` (m/s)."""
         return other_n - position_n, other_velocity_n
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the point's position, `position_n + line_n` (m), and `velocity_n` (m/s) unchanged."""
+        """Return the point's position, `position_n + line_n` (m), and `velocity_n` (m/s)."""
         return position_n + line_n, velocity_n
 
 
 class RotatingEarth(AbstractEarth):
     """A rotating ellipsoid (or sphere) with the gravitation of an oblate body.
 
-    The chart is the flat-Earth map of theory section 1, without approximation (`geodetic_from_flat`), around the origin
-    at geodetic `latitude` and `longitude` (rad) and height 0: north depends on latitude alone, east on longitude alone,
-    down on height alone. The scale of the chart differs from 1 by about the distance from the origin over the Earth's
-    radius, also times tan(latitude); `chart_scale` accounts for the difference. The map is one-to-one, and quantities
-    at a position are exact everywhere. Neighbouring points on both sides of a pole or of the meridian opposite to the
-    origin are far apart in the chart, so no path may be planned across a pole or across this meridian.
+    The chart is the flat-Earth map of theory section 1, without approximation (`geodetic_from_flat`). North depends on
+    latitude alone, east on longitude alone, down on height alone. `chart_scale` differs from 1 by about the distance
+    from the origin over the Earth's radius, also times tan(latitude). No path may be planned across a pole or across
+    the meridian opposite to the origin, because neighbouring points on both sides are far apart in the chart.
     """
 
     ellipsoid: Ellipsoid  #: Figure of the Earth; altitudes are heights above the ellipsoid.
@@ -223,9 +206,9 @@ class RotatingEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the straight line of sight (m) and the second point's velocity over ground (m/s), observer's NED axes.
+        """Return line of sight (m) and velocity over ground (m/s) of a second point, in the observer's NED axes.
 
-        `position_n` and `other_n` are chart positions, m; `other_velocity_n` is the rate of `other_n`, m/s.
+        Arguments: `AbstractEarth.sight`.
         """
         R_ne, other_R_ne = self._axes(position_n), self._axes(other_n)
         line_e = self.ecef_from_chart(other_n) - self.ecef_from_chart(position_n)
@@ -235,7 +218,7 @@ class RotatingEarth(AbstractEarth):
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
         """Return the chart position (m) of the far end of the line of sight, and the rate of this position (m/s).
 
-        For the inputs see `AbstractEarth.motion_on_chart`.
+        Arguments: `AbstractEarth.motion_on_chart`.
         """
         R_ne = self._axes(position_n)
         other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))

@@ -23,9 +23,9 @@ class AbstractWind(eqx.Module):
 
 
 class SteadyWind(AbstractWind):
-    """A uniform, constant wind: `velocity_n` is the velocity of the air over the ground, NED, m/s."""
+    """A uniform, constant wind."""
 
-    velocity_n: Vector3
+    velocity_n: Vector3  #: Velocity of the air over the ground, NED, m/s.
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Return the velocity of the air (3,), NED, m/s; position and time have no effect."""
@@ -33,14 +33,13 @@ class SteadyWind(AbstractWind):
 
 
 class LayeredWind(AbstractWind):
-    """Wind profile over the altitude, constant in time and horizontally uniform.
+    """Wind profile, linear over altitude, constant in time and horizontally uniform.
 
-    `altitudes` are rising geometric altitudes above sea level, m, and `velocities_n` the velocities of the air there,
-    NED, m/s: linear in between, constant below the first and above the last altitude.
+    The wind is constant below the first and above the last altitude.
     """
 
-    altitudes: Float[Array, " layer"]
-    velocities_n: Float[Array, "layer 3"]
+    altitudes: Float[Array, " layer"]  #: Rising geometric altitudes above sea level, m.
+    velocities_n: Float[Array, "layer 3"]  #: Velocities of the air, NED, m/s.
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Return the velocity of the air (3,), NED, m/s, at the altitude of a position; the time has no effect."""
@@ -50,8 +49,8 @@ class LayeredWind(AbstractWind):
 def linear_weights(at: ScalarLike, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the weight of each breakpoint, 0 to 1, in a linear interpolation at the value `at`.
 
-    The breakpoints rise. Below the first breakpoint the first has weight 1, above the last the last. At a breakpoint
-    the derivative is that of the interval above.
+    The breakpoints must rise. Beyond the breakpoints, the nearest breakpoint has weight 1. At a breakpoint the
+    derivative is the derivative in the interval above.
     """
     lower, upper = breakpoints[:-1], breakpoints[1:]
     parts = jnp.where(at >= upper, 1.0, jnp.where(at < lower, 0.0, (at - lower) / (upper - lower)))
@@ -77,11 +76,10 @@ class Environment(eqx.Module):
 def standard_environment(
     latitude: ScalarLike | None = None, wind_n: Vector3 | None = None, earth: AbstractEarth | None = None
 ) -> Environment:
-    """Build an environment of the standard atmosphere, a steady wind (NED, m/s; by default none) and an Earth.
+    """Build an environment of the standard atmosphere, a steady wind (NED, m/s; None: no wind) and an Earth.
 
-    If `earth` is None, the Earth is flat. The gravity is then `somigliana` at the geodetic latitude (rad) or, if
-    `latitude` is None, standard gravity, 9.80665 m/s^2, which is also the value in the atmosphere's hydrostatic law.
-    With an `earth`, `latitude` has no effect.
+    If `earth` is None, the Earth is flat. The gravity is then `somigliana` at the geodetic `latitude` (rad); `latitude`
+    None: 9.80665 m/s^2. If an `earth` is given, `latitude` has no effect.
     """
     gravity = as_array(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
     return Environment(

@@ -17,22 +17,21 @@ from anser.spatial.wgs84 import angle_on_flat_map
 class GriddedWind(AbstractWind):
     """Wind field on a grid, linear between the nodes; beyond the grid, the wind at the boundary.
 
-    The levels of the grid may have another altitude at every node and time, as pressure levels have: the altitudes are
-    interpolated like the velocities, so that the result is linear in pressure between two levels.
+    The altitude of a level may differ between nodes and times, for example on pressure levels. Altitudes are
+    interpolated like velocities.
 
     Attributes
     ----------
     columns
         Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first. The first axis holds the nodes in
-        row-major order of ensemble member, time, northward and eastward coordinate. All aircraft and flights of a
-        batch share the array (`anser.numerics.arrays.Stacked.shared`).
+        row-major order of ensemble member, time, northward and eastward coordinate.
     member
         Index of the ensemble member that is flown.
     axes
-        Axes of the grid: times (s; no such axis if the field has one time), northward and eastward coordinates, in m
-        on the chart, or in rad of latitude and longitude from the chart's origin.
+        Axes of the grid: times (s; absent if the field has one time), northward and eastward coordinates. The
+        coordinates are in m on the chart, or in rad of latitude and longitude from the chart's origin.
     level_tops
-        Greatest altitude over all nodes, m, of each level but the first and the last.
+        For each level except the first and the last, the greatest altitude over all nodes, m.
     altitude_min, altitude_max
         Least and greatest altitude at which every column has wind, m.
     radii
@@ -40,10 +39,10 @@ class GriddedWind(AbstractWind):
     is_geopotential
         Whether the altitudes of the field are geopotential.
     interval_count
-        Number of neighbouring intervals between levels to search for an altitude; more than 1 if the altitude of a
-        level varies so much that one altitude lies in different intervals at different nodes.
+        Number of neighbouring intervals between levels to search for an altitude; more than 1 if one altitude lies in
+        different intervals at different nodes.
     is_held
-        True: a flight may leave the grid, and meets the wind of the boundary there; False: see `has_left_field`.
+        True: a flight may leave the grid and then meets the wind of the boundary; False: see `has_left_field`.
     """
 
     columns: Float[Array, "node level 4"]
@@ -104,7 +103,7 @@ class GriddedWind(AbstractWind):
 def has_left_field(wind: AbstractWind, position_n: Vector3, time: ScalarLike) -> Flag:
     """Whether a flight at a chart position (NED, m) and a time (s) has left a gridded wind that ends at its boundary.
 
-    False for every other wind, and for a gridded wind that continues with its boundary values (`is_held`).
+    False for every other wind, and for a gridded wind with `is_held`.
     """
     if isinstance(wind, GriddedWind) and not wind.is_held:
         return wind.is_outside(position_n, time)

@@ -1,7 +1,6 @@
 """Shaping filters of turbulence: filters that turn white noise into gusts with a prescribed spectrum.
 
-The discretization is exact. Time is in units of L/V (scale length over airspeed) and gusts are in units of their
-intensity (root mean square), so that the filters remain valid while airspeed, height and intensity change.
+Time is in units of L/V (scale length over airspeed), and gusts are in units of their intensity (root mean square).
 """
 
 import abc
@@ -34,8 +33,7 @@ class AbstractShapingFilter(eqx.Module):
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
         """Return the state transition matrix over a time span (in units of L/V), and a root of the noise covariance.
 
-        The noise covariance, root times transposed root, is what the white noise adds to the covariance of the state
-        within the span.
+        The noise covariance is root times transposed root.
         """
 
     @abc.abstractmethod
@@ -47,7 +45,7 @@ class AbstractShapingFilter(eqx.Module):
     ) -> Float[Array, " size"]:
         """Return the filter state after a time span (in units of L/V) of any length, without discretization error.
 
-        `normals` are independent standard normal random numbers.
+        `normals` must be independent standard normal random numbers.
         """
         # float64 at any precision: the covariance added in a short span suffers from cancellation
         transition, noise_root = (matrix.astype(state.dtype) for matrix in self.transition(span.astype(float)))
@@ -57,7 +55,7 @@ class AbstractShapingFilter(eqx.Module):
 class FirstOrderFilter(AbstractShapingFilter):
     """First-order filter H(s) = sqrt(2) / (1 + s), with the one-sided spectrum (2/pi) / (1 + w^2).
 
-    The filter forms Dryden's longitudinal gust, and the roll rate of the gusts in both spectra.
+    Used for Dryden's longitudinal gust, and for the roll rate of the gusts in both spectra.
     """
 
     @property
@@ -119,10 +117,10 @@ class DrydenTransverse(AbstractShapingFilter):
 
 
 class ModalFilter(AbstractShapingFilter):
-    """Filter H(s) = sum of r_i / (s + p_i) with distinct real poles -p_i; p_i and the residues r_i are static."""
+    """Filter H(s) = sum of r_i / (s + p_i) with distinct real poles -p_i."""
 
-    poles: tuple[float, ...] = eqx.field(static=True)
-    residues: tuple[float, ...] = eqx.field(static=True)
+    poles: tuple[float, ...] = eqx.field(static=True)  #: p_i.
+    residues: tuple[float, ...] = eqx.field(static=True)  #: r_i.
 
     @property
     def size(self) -> int:
@@ -135,10 +133,7 @@ class ModalFilter(AbstractShapingFilter):
         return jnp.sum(np.linalg.cholesky(1.0 / sums) * normals[None, :], axis=1)
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
-        """Return transition matrix and root of the noise covariance over a span (in units of L/V).
-
-        One white noise drives all modes, so the covariance is not diagonal.
-        """
+        """Return transition matrix and root of the noise covariance over a span (in units of L/V)."""
         poles = np.asarray(self.poles)
         sums = np.add.outer(poles, poles)
         added = -jnp.expm1(-sums * span) / sums
@@ -150,7 +145,7 @@ class ModalFilter(AbstractShapingFilter):
 
 
 def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
-    """Return the Cholesky factor of a small matrix, unrolled; pivots made negative by rounding become a tiny number."""
+    """Return the Cholesky factor of a small matrix; a pivot made negative by rounding becomes a tiny number."""
     lower: list[list[Array]] = []
     for i in range(count):
         lower_row: list[Array] = []
@@ -174,8 +169,7 @@ _REPEATED = 1e-3
 def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> ModalFilter:
     """Build the filter with the transfer function `gain` * numerator(s) / denominator(s).
 
-    The coefficients of numerator and denominator stand from s^0 upwards. Raises ValueError if a pole is complex, not
-    stable or repeated.
+    The coefficients are in the order s^0, s^1, ... Raises ValueError if a pole is complex, not stable or repeated.
     """
     bottom = np.polynomial.Polynomial(denominator)
     roots = bottom.roots()

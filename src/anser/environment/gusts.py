@@ -12,29 +12,20 @@ from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 
 
 class Gust(eqx.Module):
-    """Velocity (m/s) and rotation (rad/s) of the air around one aircraft relative to the mean wind, body axes.
+    """Velocity and rotation of the air around one aircraft relative to the mean wind, body axes."""
 
-    `velocity_b` is the velocity at the centre of gravity, `rates_b` the rotation that fits the gradients of the
-    velocity over the aircraft best. The aerodynamic forces follow from the aircraft's motion through the mean wind
-    minus the gust.
-    """
-
-    velocity_b: Vector3
-    rates_b: Vector3
+    velocity_b: Vector3  #: Velocity of the air at the centre of gravity, m/s.
+    rates_b: Vector3  #: Rotation of the air, rad/s: best fit to the gradients of the velocity over the aircraft.
 
 
 class AirFlow(eqx.Module):
-    """Flow at one aircraft, the input of a gust model.
+    """Flow at one aircraft, the input of a gust model."""
 
-    `airspeed` is the true airspeed without gusts, m/s; `height` is above the ground, m; `R_bn` is the rotation matrix
-    from NED to body axes; `wind_n` is the mean wind, NED, m/s; `time` counts from the start of the flight, s.
-    """
-
-    airspeed: Scalar
-    height: Scalar
-    R_bn: Matrix33
-    wind_n: Vector3
-    time: Scalar
+    airspeed: Scalar  #: True airspeed without gusts, m/s.
+    height: Scalar  #: Height above the ground, m.
+    R_bn: Matrix33  #: Rotation matrix from NED to body axes.
+    wind_n: Vector3  #: Mean wind, NED, m/s.
+    time: Scalar  #: Time from the start of the flight, s.
 
 
 class AbstractGusts(eqx.Module):
@@ -47,14 +38,14 @@ class AbstractGusts(eqx.Module):
 
     @abc.abstractmethod
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> Any:
-        """Return the initial state of the gust model from standard normal random numbers.
+        """Return the initial state of the gust model; random gusts start with their stationary distribution.
 
-        Random gusts start with their stationary distribution.
+        `normals` must be independent standard normal random numbers.
         """
 
     @abc.abstractmethod
     def at(self, state: Any, flow: AirFlow) -> Gust:
-        """Return the gust at a sample from the model's state; the gust is constant until the next sample."""
+        """Return the gust at a sample; the gust is constant until the next sample."""
 
     @abc.abstractmethod
     def advance(self, state: Any, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Any:
@@ -82,17 +73,12 @@ class NoGusts(AbstractGusts):
 
 
 class DiscreteGust(AbstractGusts):
-    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust.
+    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust."""
 
-    `amplitudes` is V_m along each body axis, m/s; `length` is d_m, the distance from the edge of the gust to its
-    greatest velocity, m; the aircraft enters the gust at the time `start`, s. With `returns`, the gust decays
-    symmetrically from d_m to 2 d_m, as in certification; otherwise it remains at V_m.
-    """
-
-    amplitudes: Vector3
-    length: Scalar
-    start: Scalar
-    returns: Flag
+    amplitudes: Vector3  #: V_m along each body axis, m/s.
+    length: Scalar  #: d_m, distance from the edge of the gust to its greatest velocity, m.
+    start: Scalar  #: Time at which the aircraft enters the gust, s.
+    returns: Flag  #: True: the gust falls to 0 from d_m to 2 d_m, as in certification; False: the gust remains at V_m.
 
     @property
     def normals(self) -> int:
@@ -104,18 +90,18 @@ class DiscreteGust(AbstractGusts):
         return jnp.zeros_like(self.length)
 
     def at(self, state: Scalar, flow: AirFlow) -> Gust:
-        """Return the gust at the distance flown in the gust, `state` (m); the gust has no rotation."""
+        """Return the gust at the distance `state` (m) flown in the gust; the gust has no rotation."""
         part = state / self.length
         part = jnp.clip(part, 0.0, jnp.where(self.returns, 2.0, 1.0))
         return Gust(0.5 * self.amplitudes * (1.0 - jnp.cos(jnp.pi * part)), jnp.zeros_like(self.amplitudes))
 
     def advance(self, state: Scalar, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Scalar:
-        """Return the state after one step: the distance flown in the gust since `start`, m."""
+        """Return the distance flown in the gust after one step, m."""
         return state + jnp.where(flow.time >= self.start, step * flow.airspeed, 0.0)
 
 
 class SummedGusts(AbstractGusts):
-    """Sum of several gust models; the states are a tuple with the state of each model."""
+    """Sum of several gust models; the state is a tuple with the state of each model."""
 
     parts: tuple[AbstractGusts, ...]
 
@@ -129,13 +115,13 @@ class SummedGusts(AbstractGusts):
         return [normals[stop - part.normals : stop] for part, stop in zip(self.parts, stops, strict=True)]
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> tuple[Any, ...]:
-        """Return a tuple of the models' initial states; each model gets its part of the normals."""
+        """Return a tuple of the models' initial states."""
         return tuple(
             part.init(part_normals, flow) for part, part_normals in zip(self.parts, self._shared(normals), strict=True)
         )
 
     def at(self, state: tuple[Any, ...], flow: AirFlow) -> Gust:
-        """Return the sum of the models' gusts, velocities and rates, in body axes."""
+        """Return the sum of the models' gusts."""
         gusts = [part.at(part_state, flow) for part, part_state in zip(self.parts, state, strict=True)]
         velocities, rates = (
             jnp.stack(vectors) for vectors in zip(*((gust.velocity_b, gust.rates_b) for gust in gusts), strict=True)

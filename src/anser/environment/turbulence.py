@@ -1,8 +1,4 @@
-"""Continuous turbulence by MIL-F-8785C and MIL-HDBK-1797.
-
-The module contains scale lengths and intensities as functions of height, Dryden and von Karman spectra, and the body
-rates equivalent to the gradients of the gusts.
-"""
+"""Continuous turbulence by MIL-F-8785C and MIL-HDBK-1797, with Dryden and von Karman spectra."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -42,7 +38,7 @@ class ExceedanceTable(eqx.Module):
     def at(self, height: ScalarLike, log_probability: ScalarLike) -> Scalar:
         """Return the root-mean-square gust velocity, m/s, at a height (m) and a log10 of the exceedance probability.
 
-        Linear in both arguments, constant beyond the table.
+        The result is linear in both arguments, and constant beyond the table.
         """
         shares = linear_weights(jnp.asarray(height), self.heights)
         # column by column: the full product would be too large for one kernel
@@ -51,16 +47,11 @@ class ExceedanceTable(eqx.Module):
 
 
 class TurbulenceLevels(eqx.Module):
-    """Scale lengths and intensities of turbulence at one height above the ground.
+    """Scale lengths and intensities of turbulence at one height above the ground."""
 
-    `lengths` (m) and `sigmas` (root-mean-square values, m/s) are those of the gust components u, v, w; the lengths are
-    as in the spectra of MIL-F-8785C, for v and w twice those of MIL-HDBK-1797. `altitude_blend` is the weight of the
-    high-altitude model in lengths, intensities and gust axes: 0 up to 1,000 ft, 1 from 2,000 ft, linear in between.
-    """
-
-    lengths: Vector3
-    sigmas: Vector3
-    altitude_blend: Scalar
+    lengths: Vector3  #: Scale lengths of u, v, w as in MIL-F-8785C, m; MIL-HDBK-1797 halves the lengths of v and w.
+    sigmas: Vector3  #: Intensities (root mean square) of u, v, w, m/s.
+    altitude_blend: Scalar  #: Weight of the high-altitude model: 0 up to 1,000 ft, 1 above 2,000 ft, linear in between.
 
 
 def turbulence_levels(
@@ -72,13 +63,13 @@ def turbulence_levels(
 ) -> TurbulenceLevels:
     """Compute the scale lengths and intensities of turbulence at a height above the ground (m).
 
-    Up to 1,000 ft the intensities follow from the wind at 20 ft, `wind_20ft` (m/s), from 2,000 ft on from the table at
-    the exceedance probability, `log_probability` (log10). In between, scale lengths and intensities are linear in
-    height. Below 10 ft the values at 10 ft apply. `family` selects Dryden or von Karman, whose scale lengths at
-    altitude differ.
+    - Up to 1,000 ft, the intensities follow from the wind at 20 ft, `wind_20ft` (m/s).
+    - Above 2,000 ft, the intensities follow from the table at the exceedance probability 10^`log_probability`.
+    - In between, lengths and intensities are linear in height.
+    - Below 10 ft, the values at 10 ft apply.
 
-    MIL-F-8785C and MIL-HDBK-1797 agree: the handbook halves the scale lengths of v and w, but its spectra contain twice
-    these lengths.
+    The spectra of MIL-F-8785C and MIL-HDBK-1797 are equal: the handbook halves the lengths of v and w, but its spectra
+    contain twice these lengths.
     """
     height_ft = jnp.asarray(height) / FOOT_M
     low_ft = jnp.clip(height_ft, _LOWEST_FT, _LOW_FT)
@@ -102,41 +93,33 @@ _ROLL = FirstOrderFilter()
 
 
 class TurbulenceState(eqx.Module):
-    """State of the turbulence at one aircraft between two samples, in units of the gusts' intensities.
+    """State of the turbulence at one aircraft between two samples, in units of the gusts' intensities."""
 
-    `u`, `v`, `w` and `p` are the states of the shaping filters of the three gust components and of the gust roll rate.
-    `low_passed_w` and `low_passed_v` are the gusts w and v after the low-pass filters of the pitch and yaw gust rates.
-    """
-
+    #: States of the shaping filters of the gust components u, v, w and of the gust roll rate p.
     u: Array
     v: Array
     w: Array
     p: Array
-    low_passed_w: Scalar
-    low_passed_v: Scalar
+    low_passed_w: Scalar  #: Gust w after the low-pass filter of the pitch gust rate.
+    low_passed_v: Scalar  #: Gust v after the low-pass filter of the yaw gust rate.
 
 
 class Turbulence(AbstractGusts):
     """Turbulence of MIL-F-8785C and MIL-HDBK-1797 (identical spectra), independent for each aircraft.
 
-    `wind_20ft` is the wind at 20 ft above the ground, m/s, which sets the intensity up to 1,000 ft; from 2,000 ft on,
-    the intensity follows from `table` at the exceedance probability 10^`log_probability`. `span` is the wing span, m.
+    Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w down. (The standards take
+    the direction of the mean flow past the aircraft.) Above 2,000 ft the axes are the body axes. In between, the gust
+    is a mean of both, with a weight linear in height. Gusts are constant between samples.
 
-    An aircraft flies through a frozen field; gusts of two aircraft are independent, an assumption for distances of
-    several scale lengths. Up to 1,000 ft, u is horizontal in the direction of the nose, v horizontal to the right, w
-    down (the standards take the direction of the mean flow past the aircraft, equal without sideslip); from 2,000 ft
-    the axes are the body axes; in between the gust is the average, linear in height. Gusts are constant between
-    samples.
-
-    The rates are those of the air: q is minus the gradient of w along the flight and r the gradient of v, both
-    low-passed by the span; p is independent noise. (The standards print the opposite signs: rates of the aircraft
-    relative to the air.)
+    The rates are rates of the air: q is minus the gradient of w along the flight, and r is the gradient of v, both
+    after a low-pass filter; p is independent noise. The standards print the opposite signs, for rates of the aircraft
+    relative to the air.
     """
 
-    wind_20ft: Scalar
-    log_probability: Scalar
+    wind_20ft: Scalar  #: Wind at 20 ft above the ground, m/s, which sets the intensity up to 1,000 ft.
+    log_probability: Scalar  #: Log10 of the exceedance probability, for the intensity above 2,000 ft from `table`.
     table: ExceedanceTable
-    span: Scalar
+    span: Scalar  #: Wing span, m.
     family: SpectrumFamily = eqx.field(static=True, default="dryden")  #: Family of the spectra.
 
     @property
@@ -148,7 +131,7 @@ class Turbulence(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """Number of standard normals of all four filters together: u, v, w and roll rate."""
+        """Number of standard normals of all four filters together."""
         along, across = self.filters
         return along.size + 2 * across.size + 1
 
@@ -157,9 +140,9 @@ class Turbulence(AbstractGusts):
         return turbulence_levels(flow.height, self.wind_20ft, self.log_probability, self.table, self.family)
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> TurbulenceState:
-        """Return a random state of the filters with the stationary distribution, from standard normals.
+        """Return a random state with the stationary distribution, from standard normals.
 
-        The low-pass filters of the pitch and yaw gust rates start at the gusts w and v, so that both rates start at 0.
+        The pitch and yaw gust rates of this state are 0.
         """
         along, across = self.filters
         u, v, w, p = self._shared(normals)
@@ -217,8 +200,8 @@ class Turbulence(AbstractGusts):
 def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scalar:
     """Return the standard deviation of the gust roll rate, rad/s, from scale length L (m) and intensity (m/s) of w.
 
-    `span` is the wing span b, m. The variance is the integral of the spectrum of the standards,
-    (sigma^2 / (V L)) 0.8 (pi L / 4 b)^(1/3) / (1 + (4 b w / pi V)^2), over the angular frequency w; V cancels.
+    `span` is the wing span b, m. The variance is the integral of (sigma^2 / (V L)) 0.8 (pi L / 4 b)^(1/3) / (1 + (4 b w
+    / pi V)^2), the spectrum of the standards, over the angular frequency w.
     """
     ratio = 0.8 * (np.pi * jnp.asarray(length) / (4.0 * span)) ** (1.0 / 3.0)
     return sigma * jnp.sqrt(ratio * np.pi**2 / (8.0 * span * length))
@@ -227,8 +210,8 @@ def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scala
 def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: ScalarLike) -> Scalar:
     """Return the state of a first-order lag after a time span in which the input changes linearly; exact.
 
-    `span` is the length of the time span in units of the lag's time constant. `former_input` and `new_input` are the
-    inputs at the start and at the end of the span.
+    `span` is the time span over the lag's time constant. `former_input` and `new_input` are the inputs at the start and
+    at the end of the span.
     """
     decay_less_1 = jnp.expm1(-jnp.asarray(span))
     decay, mean = 1.0 + decay_less_1, -decay_less_1 / span
@@ -236,11 +219,7 @@ def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: S
 
 
 def _axes(flow: AirFlow, altitude_blend: Scalar) -> Callable[[Vector3], Vector3]:
-    """Return the function that transforms a vector from turbulence axes to body axes.
-
-    `altitude_blend` is 0 for the horizontal axes of low altitude, 1 for body axes (see `Turbulence`); in between, the
-    function returns the weighted mean of both vectors.
-    """
+    """Return the function that transforms a vector from turbulence axes (see `Turbulence`) to body axes."""
     ahead_n = rotate_back(flow.R_bn, jnp.zeros_like(flow.wind_n).at[0].set(1.0))
     north, east = ahead_n[:2] / jnp.maximum(safe_hypot(ahead_n[0], ahead_n[1]), 1e-6)
 

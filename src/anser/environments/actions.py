@@ -38,11 +38,7 @@ class DirectControls(AbstractController):
 
 
 class AutopilotStep(NamedTuple):
-    """One step of the expert's autopilot, from which a level computes the action with the same effect.
-
-    `command` is the command to the autopilot, a `PathCommand` or `LoopCommand`; `controls` are the resulting surfaces
-    (rad) and throttle; `signals` the commands between the loops, such as the body rates.
-    """
+    """One step of the expert's autopilot, which an action level converts to an equivalent action."""
 
     command: Any  # command to the autopilot: `PathCommand` or `LoopCommand`
     controls: Controls  # resulting surfaces (rad) and throttle
@@ -50,19 +46,16 @@ class AutopilotStep(NamedTuple):
 
 
 class AbstractActionLevel(eqx.Module):
-    """Interface of the levels at which an action enters the closed loop.
+    """Interface of the levels at which an action enters the closed loop."""
 
-    `decision_s` is the duration of a decision, s, in which the action is constant.
-    """
-
-    #: Duration of a decision, s.
+    #: Duration of a decision, s. The action is constant within a decision.
     decision_s: eqx.AbstractVar[float]
 
     @abc.abstractmethod
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
-        """Return the table of an action's entries: name, unit, scale and meaning, in the order of the action.
+        """Return the table of an action's entries, in the order of the action.
 
-        The arrays of `autopilot` and `airframe` must be concrete numbers, not traced.
+        The arrays of `autopilot` and `airframe` must be concrete, not traced by JAX.
         """
 
     @abc.abstractmethod
@@ -73,16 +66,12 @@ class AbstractActionLevel(eqx.Module):
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> Any:
         """Return the command to the level's controller for an action with entries in -1..1.
 
-        The environment calls the method once, at the start of a decision, with the aircraft's estimates in `belief`.
+        `belief` must hold the aircraft's estimates at the start of the decision.
         """
 
     @abc.abstractmethod
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the action, entries in -1..1, that has the same effect as one step of the expert's autopilot.
-
-        For example, at the level of body rates the action commands the rates that the autopilot's attitude loop
-        commands.
-        """
+        """Return the action (entries in -1..1) that has the same effect as one step of the expert's autopilot."""
 
 
 def _from_unit(action: Array, low: ScalarLike, high: ScalarLike) -> Array:
@@ -94,10 +83,7 @@ def _to_unit(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Array:
 
 
 def _command(variable: str | Variable, low: ScalarLike, high: ScalarLike) -> Entry:
-    """Return the table entry of a commanded variable, for an action scaled to -1..1.
-
-    -1 commands `low` and 1 commands `high`, both in the variable's unit in datasets, such as deg.
-    """
+    """Return the table entry of a command from `low` (action -1) to `high` (action 1), in the variable's unit."""
     centre, half_range = 0.5 * (float(low) + float(high)), 0.5 * (float(high) - float(low))
     return catalogue_entry(variable, centre, half_range, "_command", "Commanded")
 
@@ -106,10 +92,7 @@ _THROTTLE = Entry("throttle", "1", 0.5, 0.5, "Throttle")
 
 
 class SurfaceLevel(AbstractActionLevel):
-    """Level of action with the deflections of the commanded surfaces, between their stops, and the throttle.
-
-    `decision_s` is the duration of a decision, s, in which the action is constant.
-    """
+    """Action level that commands the throttle and the surfaces' deflections between their stops."""
 
     decision_s: float = eqx.field(static=True, default=0.01)
 
@@ -125,33 +108,27 @@ class SurfaceLevel(AbstractActionLevel):
         return DirectControls()
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> Controls:
-        """Convert an action to surfaces (rad) and throttle (0..1); a surface that follows a schedule is commanded 0."""
+        """Convert an action to surfaces (rad) and throttle (0..1); surfaces that follow a schedule get 0."""
         index, low, high = _commanded(belief.airframe.actuators)
         deflections = _from_unit(action[:-1], low, high)
         surfaces = jnp.zeros(len(belief.airframe.actuators.names), deflections.dtype).at[index].set(deflections)
         return Controls(surfaces, 0.5 * (action[-1] + 1.0))
 
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the autopilot's commanded surfaces and throttle as an action, each scaled to -1..1 over its range."""
+        """Return the autopilot's surfaces and throttle as an action, each scaled from its range to -1..1."""
         index, low, high = _commanded(belief.airframe.actuators)
         surfaces = _to_unit(step.controls.surfaces[index], low, high)
         return jnp.append(surfaces, _to_unit(step.controls.throttle, 0.0, 1.0))
 
 
 def _commanded(actuators: AbstractActuators) -> tuple[np.ndarray, Array, Array]:
-    """Return indices, lower stops and upper stops (rad) of the surfaces that a controller commands.
-
-    Surfaces that follow a schedule are left out.
-    """
+    """Return indices, lower stops and upper stops (rad) of the surfaces that do not follow a schedule."""
     index = np.flatnonzero(actuators.is_commanded)
     return index, actuators.lower[index], actuators.upper[index]
 
 
 class RateLevel(AbstractActionLevel):
-    """Level of action with body rates, up to the autopilot's limits, and the throttle.
-
-    The rate loop of the autopilot follows the commanded body rates, constant for `decision_s` (s).
-    """
+    """Action level that commands the throttle and the body rates, up to the autopilot's limits."""
 
     decision_s: float = eqx.field(static=True, default=0.05)
 
@@ -162,7 +139,7 @@ class RateLevel(AbstractActionLevel):
         return (*(_command(f"{axis}_rate_deg_s", -limit, limit) for axis, limit in rates), _THROTTLE)
 
     def controller(self, autopilot: InversionAutopilot) -> AbstractController:
-        """Return the rate loop of the autopilot as a controller of commanded body rates and throttle."""
+        """Return the rate loop of the autopilot, which follows commanded body rates and throttle."""
         return InversionAutopilot(autopilot.gains, autopilot.limits, loop="rates")
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> LoopCommand:
@@ -177,16 +154,14 @@ class RateLevel(AbstractActionLevel):
 
 
 class VelocityLevel(AbstractActionLevel):
-    """Level of action with airspeed, within the autopilot's limits, path angle, and change of the course.
+    """Action level that commands airspeed, path angle, and change of the course from the start of the decision.
 
-    The command is constant for `decision_s` (s). The path angle is commanded up to `path_angle_max` (rad) in both
-    directions; the course by its change from the course at the start of the decision, up to `course_change_max` (rad)
-    to either side, so that the action has no jump at a course of +-180 deg.
+    The airspeed covers the autopilot's limits.
     """
 
     decision_s: float = eqx.field(static=True, default=0.1)
-    path_angle_max: float = eqx.field(static=True, default=20.0 * DEG_RAD)  #: Greatest commanded path angle, rad.
-    #: Greatest commanded change of the course within a decision, rad.
+    path_angle_max: float = eqx.field(static=True, default=20.0 * DEG_RAD)  #: Greatest path angle up or down, rad.
+    #: Greatest change of the course to either side, rad. A change has no jump at a course of +-180 deg.
     course_change_max: float = eqx.field(static=True, default=90.0 * DEG_RAD)
 
     def entries(self, autopilot: InversionAutopilot, airframe: AbstractAirframe) -> tuple[Entry, ...]:
@@ -203,20 +178,16 @@ class VelocityLevel(AbstractActionLevel):
         return autopilot
 
     def command(self, action: Action, autopilot: InversionAutopilot, belief: Belief) -> PathCommand:
-        """Convert an action to airspeed (m/s), path angle and course (rad) through the air, with rates of 0."""
+        """Convert an action to airspeed (m/s), path angle and course (rad) relative to the air, with rates of 0."""
         zero = jnp.zeros_like(action[0])
         V = _from_unit(action[0], autopilot.limits.speed_min, autopilot.limits.speed_max)
         chi = wrap_angle(_course(belief) + self.course_change_max * action[2])
         return PathCommand(V, self.path_angle_max * action[1], chi, zero, zero, zero)
 
     def action(self, step: AutopilotStep, autopilot: InversionAutopilot, belief: Belief) -> Action:
-        """Return the action that commands nearly the same as the expert's path command, entries clipped to -1..1.
-
-        An action cannot command the rates of airspeed, path angle and course. Each rate, times feed-forward gain over
-        proportional gain of the velocity loop, is therefore added to its quantity, which has the same effect in the
-        loop.
-        """
+        """Return the action with nearly the same effect as the expert's path command, clipped to -1..1."""
         command, gains = step.command, autopilot.gains.velocity
+        # An action has no rates: value + lead * rate has the same effect in the velocity loop.
         lead = gains.feed_forward / gains.proportional
         change = wrap_angle(command.chi - _course(belief)) + lead[2] * command.chi_dot
         V, gamma = command.V + lead[0] * command.V_dot, command.gamma + lead[1] * command.gamma_dot
@@ -226,7 +197,7 @@ class VelocityLevel(AbstractActionLevel):
 
 
 def _course(belief: Belief) -> Array:
-    """Return the course (rad) of the aircraft's estimated velocity through the air."""
+    """Return the course (rad) of the estimated velocity relative to the air."""
     velocity_air_n = rotate_back(belief.condition.R_bn, belief.state.velocity_b) - belief.condition.wind_n
     return polar(velocity_air_n, jnp.zeros_like(velocity_air_n)).chi
 

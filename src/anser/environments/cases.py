@@ -1,7 +1,6 @@
 """Cases of an environment: start, air and task of each episode, made before the first step.
 
-A reset selects one of the cases by its key, and neither trims nor plans. Aircraft, air and sensors come from a scenario
-with one aircraft, so the tables of a scenario file describe them.
+The key of a reset selects one of the cases. The tables of a scenario file describe aircraft, air and sensors.
 """
 
 import dataclasses
@@ -41,26 +40,12 @@ Rng = np.random.Generator
 
 
 class Case(eqx.Module):
-    """Aircraft, air, start and task of one episode.
+    """Aircraft, air, start and task of one episode."""
 
-    Attributes
-    ----------
-    vehicle
-        The aircraft with its sensors, estimator and autopilot, without a mission.
-    environment
-        Air and Earth.
-    start
-        State and controls at the start, as a trim point; a steady flight, except in tasks such as `UpsetRecovery`.
-    task
-        Numbers of the task, such as commands, as `draw` of the task returns them for one episode.
-    decisions
-        Number of decisions of a full episode, after which the episode is truncated.
-    """
-
-    vehicle: Vehicle  #: The aircraft with its sensors, estimator and autopilot, without a mission.
+    vehicle: Vehicle  #: The aircraft with its sensors, estimator and autopilot; `mission` is None.
     environment: Environment  #: Air and Earth.
-    start: TrimPoint  #: State and controls at the start; a trim point, but not a steady flight for every task.
-    task: Any  #: Numbers of the task, such as commands, as `draw` of the task returns them for one episode.
+    start: TrimPoint  #: State and controls at the start: a steady flight, except in tasks such as `UpsetRecovery`.
+    task: Any  #: Numbers of the task, such as commands: the part of `AbstractTask.draw` for this episode.
     decisions: Integer  #: Number of decisions of a full episode, after which the episode is truncated.
 
     @property
@@ -80,25 +65,15 @@ def autopilot_of(vehicle: Vehicle) -> InversionAutopilot:
 
 
 class Situation(eqx.Module):
-    """Truth and estimates at the start of an episode or after a decision, the input of a task's functions.
-
-    Attributes
-    ----------
-    case, instant
-        Case of the episode; environment, time and integration step at the end of the decision.
-    truth, belief
-        True motion of the aircraft with air data and forces, and the aircraft's own estimate.
-    variables, estimates
-        True variables of the catalogue by dataset name ("alpha_deg"), in its unit, and the same as the aircraft
-        estimates them.
-    """
+    """Truth and estimates at the start of an episode or after a decision: the input of a task's functions."""
 
     case: Case  #: Case of the episode.
-    instant: Instant  #: Environment, time and integration step at the end of the decision.
-    truth: Truth  #: True motion of the aircraft, and air data and forces.
+    instant: Instant  #: Environment, time and integration step at the start of the episode or after the decision.
+    truth: Truth  #: True motion of the aircraft, with air data and forces.
     belief: Belief  #: The aircraft's own estimate of its motion.
-    variables: Mapping[str, Scalar]  #: True variables of the catalogue by dataset name ("alpha_deg"), in its unit.
-    estimates: Mapping[str, Scalar]  #: Variables of the catalogue as the aircraft estimates them, by dataset name.
+    #: True values of variables by dataset name, such as "alpha_deg", in the units that the names state.
+    variables: Mapping[str, Scalar]
+    estimates: Mapping[str, Scalar]  #: The aircraft's estimates of the same variables, in the same units.
 
     @property
     def time(self) -> Scalar:
@@ -111,8 +86,8 @@ def single_aircraft(
 ) -> tuple[Vehicle, Environment]:
     """Build an aircraft without a mission, and its environment, from the tables of a scenario.
 
-    `aircraft`, `tables` and `step_s` are those of `anser.environments.make`. Raises ScenarioError if a table is not
-    valid, or has no effect on an aircraft without a mission.
+    For the arguments see `anser.environments.make`. Raises ScenarioError if a table is not valid, or has no effect on
+    an aircraft without a mission.
     """
     _refuse(name for name in tables if name in Scenario.model_fields and name not in _TABLES)
     if isinstance(aircraft, str):
@@ -154,7 +129,7 @@ _MISSION_KEYS = "goal", "bend", "arrive_s", "arrive_from_s", "arrive_to_s", "ren
 
 
 def _refuse(paths: Iterable[str]) -> None:
-    """Raise ScenarioError if there are `paths`: those of keys and tables that have no effect in an environment."""
+    """Raise ScenarioError if `paths` has items: keys and tables that have no effect in an environment."""
     expected = (
         f"none: an aircraft without a mission has the tables {', '.join(_TABLES)} (events of the kinds "
         f"{', '.join(_EVENTS)}; no guidance or planner among the parts), a table aircraft without "
@@ -176,10 +151,10 @@ _TRIM_BATCH = 64
 def trim_rows(
     airframe: AbstractAirframe, environment: Environment, targets: Mapping[str, Float[np.ndarray, " row"]]
 ) -> tuple[TrimPoint, Bool[np.ndarray, " row"]]:
-    """Solve the trim of an aircraft in many flight conditions, one per row of the arrays in `targets`.
+    """Trim an aircraft in many flight conditions, one per index of the arrays in `targets`.
 
-    `targets` has an array for fields of `TrimTarget`, by name; fields without an array are 0. Returns the trim points
-    (leading axis row), and for each row whether the trim converged within the aircraft's limits.
+    The keys of `targets` are fields of `TrimTarget`; a missing field is 0. Returns the trim points with a leading axis,
+    and flags: whether each trim converged within the aircraft's limits.
     """
     count = len(next(iter(targets.values())))
     names = [field.name for field in dataclasses.fields(TrimTarget)]
@@ -192,15 +167,11 @@ def trim_rows(
 
 
 class FlightRange(eqx.Module):
-    """Range of airspeed, altitude, path angle, bank and wind from which the starts of episodes are drawn.
-
-    `speed_m_s` (true airspeed) and `altitude_m` (above sea level) are least and greatest values. Path angle and bank
-    are drawn up to `path_angle_deg` and `bank_deg` in both directions, the wind from any direction up to `wind_m_s`.
-    """
+    """Range of airspeed, altitude, path angle, bank and wind from which the starts of episodes are drawn."""
 
     speed_m_s: tuple[float, float] = eqx.field(static=True)  #: Least and greatest true airspeed.
     altitude_m: tuple[float, float] = eqx.field(static=True)  #: Least and greatest altitude above sea level.
-    path_angle_deg: float = eqx.field(static=True, default=10.0)  #: Greatest magnitude of the path angle.
+    path_angle_deg: float = eqx.field(static=True, default=10.0)  #: Greatest path angle up or down.
     bank_deg: float = eqx.field(static=True, default=45.0)  #: Greatest bank of the steady turn to either side.
     wind_m_s: float = eqx.field(static=True, default=15.0)  #: Greatest speed of the steady wind from any direction.
 
@@ -213,11 +184,13 @@ class FlightRange(eqx.Module):
 
 
 def default_range(vehicle: Vehicle) -> FlightRange:
-    """Return the range of starts that suits an aircraft, with the defaults of `FlightRange` for angles and wind.
+    """Return the range of starts for an aircraft, with the defaults of `FlightRange` for angles and wind.
 
-    Airspeed: from 1.1 times the least to 0.9 times the greatest at which the aircraft's data and the autopilot's limits
-    are valid, and in a narrow range at least its middle quarter. Altitude: from 1 km to 8 km, as far as the data are
-    valid. Raises ValueError without an autopilot of the package, or without a valid airspeed.
+    - Airspeed: 1.1 times the least to 0.9 times the greatest airspeed that the aircraft's data and the autopilot's
+      limits allow. If that range is narrow, the airspeed covers at least the middle quarter of the allowed airspeeds.
+    - Altitude: 1 km to 8 km, cut to the altitudes of the aircraft's data.
+
+    Raises ValueError if the controller is not an `InversionAutopilot`, or if no airspeed is allowed.
     """
     airframe, limits = vehicle.airframe, autopilot_of(vehicle).limits
     low, high = valid_airspeed_range(airframe)
@@ -235,10 +208,10 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:
-    """Draw `count` random steady flights in the range `flown`: level, climbing, descending, turning, in any direction.
+    """Draw `count` random steady flights in the range `flown`: trim points with a leading axis.
 
-    Returns the trim points with a leading axis. Raises ValueError if at most 2 % of the drawn conditions are steady
-    flights within the aircraft's limits.
+    The flights climb, descend and turn, on any course. Raises ValueError if at most 2 % of the drawn conditions are
+    steady flights within the aircraft's limits.
     """
     points: list[TrimPoint] = []
     found = drawn = 0
@@ -270,10 +243,11 @@ def stack_cases(
 ) -> Stacked[Case]:
     """Return the cases of one aircraft, stacked along a leading axis.
 
-    `drawn` is the result of the task's `draw`: the starts and the task's numbers of all cases. To a `SteadyWind` of the
-    environment each case adds a random horizontal wind: speed uniform up to `flown.wind_m_s`, any direction. A wind of
-    another class is common to all cases. The wind at the start is added to the velocity of each start, because the
-    starts are drawn in still air. `decisions` is the number of decisions of a full episode, `dtype` the precision.
+    If the wind of `environment` is a `SteadyWind`, each case adds a random horizontal wind: speed uniform up to
+    `flown.wind_m_s`, any direction. A wind of another class is the same in all cases.
+
+    `drawn` must be the result of `AbstractTask.draw`, in still air; this function adds the wind to each start's
+    velocity. `decisions` is the number of decisions of a full episode, `dtype` the floating-point precision.
     """
     count = len(drawn[0].mu)
     speed, direction = rng.uniform(0.0, flown.wind_m_s, count), rng.uniform(-np.pi, np.pi, count)
@@ -298,7 +272,7 @@ def stack_cases(
 
 @compiled_quickly
 def _velocities_in_wind(environments: Stacked[Environment], states: AircraftState) -> Float[Array, "row 3"]:
-    """Return the velocities over the ground (body axes, m/s) of starts in still air, with the wind there added."""
+    """Return the velocities over the ground (body axes, m/s): wind plus the velocities of starts in still air."""
 
     def in_wind(environment: Environment, state: AircraftState) -> Array:
         wind_n = environment.wind.at(state.position_n, 0.0)

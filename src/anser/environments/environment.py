@@ -1,8 +1,7 @@
 """Environment for learning: the closed loop of one aircraft under an action, with task, reward and automatic reset.
 
-The functions follow the contract of gymnax 1.0: `reset`, `step` with six results, a reset within the step, the last
-observation in `info["final_observation"]`, `observe`, and gradients on request. All functions are pure and compute one
-environment; `jax.vmap` computes many at once.
+The functions follow the interface of gymnax 1.0. All functions are pure and compute one environment; `jax.vmap`
+computes many at once.
 """
 
 import abc
@@ -57,64 +56,44 @@ MOTION = (
 
 
 class Parameters(eqx.Module):
-    """Numbers of an environment, the argument `params` of its functions.
+    """Numbers of an environment, the argument `params` of its functions."""
 
-    `cases` are the cases of the episodes, stacked along a leading axis; for a fleet along two axes, cases and aircraft.
-    `observations` are those at the start of each case, computed in advance; None: each reset computes the observation.
-    None is required with random gusts or sensor errors, or if other parameters are changed. `step` is the step of the
-    integration, s.
-    """
-
-    #: Cases of the episodes, stacked along a leading axis; for a fleet along two axes, cases and aircraft.
+    #: Cases of the episodes, stacked along a leading axis; for a fleet along two axes, (case, aircraft).
     cases: Stacked[Case]
-    #: Observation at the start of each case, as computed in advance; None: each reset computes the observation. Set
-    #: None when other parameters are changed; random gusts or sensor errors require None too.
+    #: Observation at the start of each case, computed in advance; None: each reset computes the observation. Must be
+    #: None if gusts or sensor errors are random, or if other parameters have been changed.
     observations: Float[Array, "case entry"] | None
     step: Scalar  #: Step of the integration, s.
 
     @property
     def decisions(self) -> Integer:
-        """Number of decisions of a full episode, for each case, shape (case,); for a fleet (case, aircraft)."""
+        """Number of decisions of a full episode of each case, shape (case,); for a fleet (case, aircraft)."""
         return self.cases.batched.decisions
 
     def case(self, row: Integer) -> Case:
-        """Return case number `row`, from 0; for environments of one aircraft."""
+        """Return case number `row` of an environment of one aircraft, counted from 0."""
         return self.cases.at(row)  # pyright: ignore[reportArgumentType]
 
 
 class EpisodeState(eqx.Module):
-    """State of one environment between two decisions.
-
-    Attributes
-    ----------
-    time
-        Number of decisions since the reset.
-    row, key
-        Number of the case in `Parameters.cases`, from 0, and key of the episode's random numbers.
-    vehicle
-        State of the aircraft and its parts; for a fleet with a leading axis over the aircraft.
-    settled
-        Number of successive decisions, up to the latest, at whose ends all errors were within the tolerances.
-    """
+    """State of one environment between two decisions."""
 
     time: Integer  #: Number of decisions since the reset.
-    row: Integer  #: Number of the case in `Parameters.cases`, from 0.
+    row: Integer  #: Index of the case in `Parameters.cases`.
     key: UInt32[Array, "2"]  #: Key of the episode's random numbers.
-    vehicle: VehicleState  #: State of the aircraft and its parts; for a fleet with a leading axis over the aircraft.
-    #: Number of successive decisions, up to the latest, at whose ends all errors were within the tolerances.
-    settled: Integer
+    vehicle: VehicleState  #: State of the aircraft; for a fleet with a leading axis over the aircraft.
+    settled: Integer  #: Number of successive decisions, up to the latest, with all errors within the tolerances.
 
 
 class AbstractEnvironment(abc.ABC):
     """Common functions of the environments of one aircraft and of a fleet.
 
-    `observed` is the table of the entries of one aircraft's observation. In the environment of a fleet, observations,
-    actions and rewards have an axis over the aircraft. An environment is hashable, so that `jax.jit(environment.step)`
-    compiles a step. `supports_transition_gradients`, part of gymnax's contract, says that `with_transition_gradients`
-    exists.
+    In the environment of a fleet, observations, actions and rewards have a leading axis over the aircraft. An
+    environment is hashable, as `jax.jit(environment.step)` requires.
     """
 
-    observed: tuple[Entry, ...]
+    observed: tuple[Entry, ...]  #: Table of the entries of one aircraft's observation.
+    #: Flag of gymnax's interface: True means that `with_transition_gradients` exists.
     supports_transition_gradients: ClassVar[bool] = True
 
     def __deepcopy__(self, memo: Any) -> Self:
@@ -123,19 +102,19 @@ class AbstractEnvironment(abc.ABC):
     @property
     @abc.abstractmethod
     def single(self) -> "AircraftEnvironment":
-        """Environment of one aircraft: for one aircraft the environment itself, for a fleet its `member`."""
+        """Environment of one aircraft: this environment itself, or the `member` of a fleet's environment."""
 
     @abc.abstractmethod
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for the aircraft in a state, or stacked for each of a fleet.
+        """Return `function(case, vehicle, *arguments)` for the aircraft, or for each aircraft of a fleet.
 
-        `case` is the aircraft's case in the episode, `vehicle` its state. For a fleet, `arguments` and results have a
-        leading axis over the aircraft.
+        `case` is the aircraft's case in the episode and `vehicle` the aircraft's state. For a fleet, `arguments` and
+        results have a leading axis over the aircraft.
         """
 
     @abc.abstractmethod
     def judge(self, situation: Situation) -> tuple[Float[Array, "..."], Float[Array, "..."], Flag]:
-        """Return errors divided by their tolerances, reward (0..1), and whether the episode ends by failure."""
+        """Return errors divided by the tolerances, reward (0..1), and whether the episode ends by failure."""
 
     @abc.abstractmethod
     def observation_of(self, situation: Situation) -> Observations:
@@ -152,7 +131,7 @@ class AbstractEnvironment(abc.ABC):
         return len(self.single.commanded)
 
     def observation_space(self, params: Parameters | None = None) -> Box:
-        """Return the unbounded space of one aircraft's observations; entries are about -1..1 in ordinary flight."""
+        """Return the unbounded space of one aircraft's observations."""
         return Box(-np.inf, np.inf, (len(self.observed),))
 
     def action_space(self, params: Parameters | None = None) -> Box:
@@ -160,15 +139,14 @@ class AbstractEnvironment(abc.ABC):
         return Box(-1.0, 1.0, (self.num_actions,))
 
     def reset(self, key: Array, params: Parameters | None = None) -> tuple[Observations, EpisodeState]:
-        """Return observation and state at the start of an episode; the key selects the case.
-
-        The two words of the key select the case, (word 0 xor word 1) modulo the number of cases, and seed the episode's
-        random numbers. Consecutive seeds select consecutive cases; split or folded keys select random cases.
+        """Return observation and state at the start of an episode.
 
         Parameters
         ----------
         key
-            Key of JAX's default generator: a typed key or two raw 32-bit words. Raises ValueError for another shape.
+            Key of JAX's default generator, a typed key or two raw 32-bit words; raises ValueError for another shape.
+            The key seeds the episode's random numbers, and selects case (word 0 xor word 1) modulo the number of cases.
+            Keys of consecutive seeds select consecutive cases; split or folded keys select random cases.
         params
             Parameters; None: `default_params`.
         """
@@ -183,7 +161,7 @@ class AbstractEnvironment(abc.ABC):
         return self.observe(key, state, None, params), state
 
     def start_of_case(self, row: Integer, key: UInt32[Array, "2"], params: Parameters) -> EpisodeState:
-        """Return the state at the start of case number `row`; `key` seeds the episode's random numbers."""
+        """Return the state at the start of case `row`; `key` seeds the episode's random numbers."""
         zero, shape = jnp.zeros((), jnp.int32), params.decisions.shape[1:]
         state = EpisodeState(zero, row, key, None, zero)  # pyright: ignore[reportArgumentType]
 
@@ -197,7 +175,7 @@ class AbstractEnvironment(abc.ABC):
     def observe(
         self, key: Array, state: EpisodeState, action: Any = None, params: Parameters | None = None
     ) -> Observations:
-        """Return the observation in a state; key and action, part of gymnax's contract, have no effect."""
+        """Return the observation in a state; `key` and `action` have no effect."""
         return self.observation_of(self.situation(state, params))
 
     def situation(self, state: EpisodeState, params: Parameters | None = None) -> Situation:
@@ -223,10 +201,17 @@ class AbstractEnvironment(abc.ABC):
 
         Returns
         -------
-        Observation and state, both after the decision or, if the episode ended, at the start of the next; reward, 0..1,
-        0 at a failure; `terminated`, whether the episode ended by failure; `truncated`, whether the episode ended at
-        full length without failure; `info` with `final_observation` (the observation before a reset), `success`,
-        `terminated`, `truncated`, and `discount` (0 at a failure, otherwise 1).
+        observation, state
+            Values after the decision; if the episode ended, values at the start of the next episode.
+        reward
+            0..1; 0 at a failure.
+        terminated
+            Whether the episode ended by failure.
+        truncated
+            Whether the episode ended at full length without a failure.
+        info
+            `final_observation` (before a reset), `success`, `terminated`, `truncated`, and `discount` (0 at a failure,
+            1 at any other decision).
         """
         params = self.default_params if params is None else params
         *flown, reward, terminated, info = self.step_env(key, state, action, params)
@@ -238,10 +223,9 @@ class AbstractEnvironment(abc.ABC):
     def step_env(
         self, key: Array, state: EpisodeState, action: Actions, params: Parameters
     ) -> tuple[Observations, EpisodeState, Float[Array, "*aircraft"], Flag, dict[str, Array]]:
-        """Fly one decision without a reset at the end of the episode.
+        """Fly one decision without a reset: return observation, state, reward, `terminated` and `info` (see `step`).
 
-        Returns observation, state, reward, `terminated` and `info`, each with the meaning in `step`; `truncated` is in
-        `info`. The key has no effect.
+        `key` has no effect.
         """
         single = self.single
         fly = functools.partial(single.fly_decision, state, params)
@@ -268,23 +252,7 @@ class AbstractEnvironment(abc.ABC):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AircraftEnvironment(AbstractEnvironment):
-    """Environment of one aircraft with a task and a level of action.
-
-    Attributes
-    ----------
-    task, level
-        Task, with reward and success, and level of action.
-    parameters
-        Default parameters, `default_params`.
-    observed, commanded
-        Tables of the entries of observations and of actions.
-    decision_steps
-        Number of integration steps in a decision.
-    name, aircraft
-        Name of the task, and name of the aircraft.
-    transition_gradients_enabled
-        Whether `step` passes gradients through observation and state.
-    """
+    """Environment of one aircraft with a task and a level of action."""
 
     task: AbstractTask  #: Task, with reward and success.
     level: AbstractActionLevel  #: Level of action.
@@ -306,25 +274,22 @@ class AircraftEnvironment(AbstractEnvironment):
         return dataclasses.replace(self, transition_gradients_enabled=True)
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` with the case of the episode and the state of the aircraft."""
+        """Return `function(case, vehicle, *arguments)`: case of the episode, state of the aircraft, `arguments`."""
         return function(params.case(state.row), state.vehicle, *arguments)
 
     def instant(self, case: Case, number: Integer, key: UInt32[Array, "2"], params: Parameters) -> Instant:
-        """Return environment, time, step and random numbers of integration step `number` of an episode.
-
-        `key` seeds the episode's random numbers.
-        """
+        """Return the instant of integration step `number` of an episode; `key` seeds the random numbers."""
         return Instant(case.environment, number, params.step, SeededRandomness(key))
 
     def flown_vehicle(self, case: Case, command: Any) -> Vehicle:
-        """Return the aircraft of a case with the controller of the action level, which gets a constant `command`."""
+        """Return the aircraft of a case with the action level's controller and the constant `command` for it."""
         parts = ConstantCommand(command), self.level.controller(case.autopilot)
         return eqx.tree_at(lambda v: (v.guidance, v.controller), case.vehicle, parts)
 
     def fly_decision(
         self, state: EpisodeState, params: Parameters, case: Case, start: VehicleState, action: Float[Array, " action"]
     ) -> VehicleState:
-        """Return the aircraft's state after one decision, from `start`, under an action that is clipped to -1..1."""
+        """Return the aircraft's state after one decision from `start`; the action is clipped to -1..1."""
         first = state.time * self.decision_steps
         instant = self.instant(case, first, state.key, params)
         belief = perceive(self.flown_vehicle(case, None), start, instant).belief
@@ -341,7 +306,7 @@ class AircraftEnvironment(AbstractEnvironment):
         return jax.lax.fori_loop(0, self.decision_steps, advance, start)
 
     def situation_of(self, state: EpisodeState, params: Parameters, case: Case, vehicle: VehicleState) -> Situation:
-        """Return true and estimated motion of one aircraft, with the state `vehicle`, at the time of `state`."""
+        """Return true and estimated motion of one aircraft in the state `vehicle`, at the time of `state`."""
         instant = self.instant(case, state.time * self.decision_steps, state.key, params)
         perception = perceive(self.flown_vehicle(case, None), vehicle, instant)
         truth, belief = perception.truth, perception.belief
@@ -355,11 +320,16 @@ class AircraftEnvironment(AbstractEnvironment):
         return Situation(case, instant, truth, belief, variables, estimates)
 
     def judge(self, situation: Situation) -> tuple[Float[Array, " error"], Scalar, Flag]:
-        """Return errors divided by their tolerances, reward (0..1), and whether the episode ends by failure.
+        """Return errors divided by the tolerances, reward (0..1), and whether the episode ends by failure.
 
-        Failures: altitude 0 or less; angle of attack more than 10 deg beyond the aircraft's range; motion that is not
-        finite; in tasks with a plan, a goal so near that the aircraft must break off; a flight beyond a wind field that
-        does not continue with its boundary values; and the failures that the task defines (`AbstractTask.has_failed`).
+        Failures:
+
+        - altitude 0 m or less
+        - angle of attack more than 10 deg outside the aircraft's range
+        - infinite or NaN motion
+        - in tasks with a plan, a goal so near that the aircraft must break off
+        - a position or time outside a wind field that ends at its boundary
+        - failures of the task (`AbstractTask.has_failed`)
         """
         task, truth, v, instant = self.task, situation.truth, situation.variables, situation.instant
         low, high = (edge * RAD_DEG for edge in truth.airframe.alpha_range)
@@ -374,7 +344,7 @@ class AircraftEnvironment(AbstractEnvironment):
         return errors, task.reward(situation, errors), failure
 
     def observation_of(self, situation: Situation) -> Float[Array, " entry"]:
-        """Return the observation in the order of `observed`, normalized, about -1..1 in ordinary flight."""
+        """Return the observation in the order of `observed`, about -1..1 in ordinary flight."""
         motion = self.observed[: len(self.observed) - len(self.task.entries())]
         values = [*(situation.estimates[entry.name] for entry in motion), *self.task.observation(situation)]
         normalized = [entry.normalize(value) for entry, value in zip(self.observed, values, strict=True)]

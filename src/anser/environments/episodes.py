@@ -34,11 +34,7 @@ Policy = Callable[[Array, Float[Array, " entry"], EpisodeState, Any], tuple[Floa
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Expert:
-    """Scripted policy: the autopilot by dynamic inversion flies the task through the environment's level of action.
-
-    Once in each decision the task gives the autopilot a command, the autopilot computes controls and loop signals, and
-    the level of action converts them to an action. Each aircraft of a fleet has an autopilot.
-    """
+    """Scripted policy: the dynamic-inversion autopilot flies the task through the environment's action level."""
 
     environment: AnyEnvironment
 
@@ -52,14 +48,11 @@ class Expert:
         return jax.tree.map(lambda leaf: jnp.asarray(leaf, params.step.dtype), settled)
 
     def init(self, state: EpisodeState, params: Parameters) -> Any:
-        """Return the state of the autopilot at the start of an episode; for a fleet with a leading axis aircraft."""
+        """Return the autopilot's state at the start of an episode; for a fleet with a leading axis of aircraft."""
         return self.environment.each(lambda case, _: self._start(case, params), state, params)
 
     def act(self, state: EpisodeState, expert_state: Any, params: Parameters) -> tuple[Float[Array, "..."], Any]:
-        """Return the action in a state, and the new state of the autopilot.
-
-        At the first decision of an episode, the state of the autopilot at the start replaces `expert_state`.
-        """
+        """Return action and new autopilot state; at the first decision of an episode `expert_state` has no effect."""
         single = self.environment.single
 
         def act(case: Case, vehicle: VehicleState, autopilot_state: Any) -> tuple[Float[Array, " action"], Any]:
@@ -78,50 +71,49 @@ class Expert:
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """Result of a policy over many episodes.
-
-    `success` and `failed` are the fractions of the episodes that ended with success and by failure. `mean_return` is
-    the mean over the episodes of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
-    `successes` (episode,) tells for each episode whether it ended with success.
-    """
+    """Result of a policy over many episodes."""
 
     success: float  #: Fraction of the episodes that ended with success.
-    #: Mean over the episodes of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
-    mean_return: float
+    mean_return: float  #: Mean over the episodes of (sum of rewards / decisions of a full episode), 0..1.
     failed: float  #: Fraction of the episodes that ended by failure.
     successes: np.ndarray  #: Whether each episode ended with success, shape (episode,).
 
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """Record of one episode: environment, state at the start, observations, actions and rewards.
-
-    `observations` are those before each decision, and after the last one. `terminated` is true if the episode ended by
-    failure, `success` if it ended with success; both are false for a full episode without success.
-    """
+    """Record of one episode under a policy."""
 
     environment: AnyEnvironment
     start: EpisodeState  #: State at the start.
-    observations: Float[np.ndarray, "decisions+1 *aircraft entry"]  #: Before each decision, and after the last one.
+    observations: Float[np.ndarray, "decisions+1 *aircraft entry"]  #: Before each decision and after the last.
     actions: Float[np.ndarray, "decisions *aircraft action"]
     rewards: Float[np.ndarray, "decisions ..."]
     terminated: bool  #: Whether the episode ended by failure.
     success: bool  #: Whether the episode ended with success.
 
     def flight(self, agent: str | None = None) -> AircraftFlight:
-        """Fly the recorded actions again, and return the flight with all variables.
+        """Fly the recorded actions again, and return the flight of aircraft `agent` with all variables.
 
-        For a fleet, `agent` names the aircraft whose flight is returned. Errors: see `record_flight`.
+        For `agent` and errors see `record_flight`.
         """
         return record_flight(self.environment, self.start, self.actions, agent)
 
 
 def score(environment: AnyEnvironment, policy: str | Policy = "expert", episodes: int = 1000, seed: int = 1) -> Score:
-    """Fly episodes under a policy, and return the score; `seed` determines the cases and random actions.
+    """Fly episodes under a policy, and return the score.
 
-    The policy is "expert" (see `Expert`), "zero" (all entries of the action 0), "random" (uniform in -1..1), or a
-    function `(key, observation, state, policy_state)` that returns the action and the new state of the policy; the
-    first `policy_state` of an episode is None. Raises ValueError for another name, or fewer than one episode.
+    Parameters
+    ----------
+    environment
+        Environment of one aircraft or of a fleet.
+    policy
+        "expert" (see `Expert`), "zero" (action 0), "random" (uniform in -1..1), or a function `(key, observation,
+        state, policy_state)` that returns action and new policy state. The first `policy_state` of an episode is None.
+        Raises ValueError for another name.
+    episodes
+        Number of episodes. Raises ValueError for less than 1.
+    seed
+        Seed of the cases and of random actions.
     """
     _, sums, _ = _fly(environment, policy, episodes, seed, is_recorded=False)
     returns, successes, failures = sums
@@ -131,10 +123,9 @@ def score(environment: AnyEnvironment, policy: str | Policy = "expert", episodes
 def fly_episodes(
     environment: AnyEnvironment, policy: str | Policy = "expert", episodes: int = 1, seed: int = 0
 ) -> list[Episode]:
-    """Fly episodes under a policy and return their records.
+    """Fly episodes under a policy, and return the records of the episodes.
 
-    Policy and seed have the meaning in `score`, and the same arguments give the same episodes. Raises ValueError for
-    fewer than one episode or an unknown policy.
+    For arguments and errors see `score`; the same arguments of `score` give the same episodes.
     """
     starts, _, rows = _fly(environment, policy, episodes, seed, is_recorded=True)
     recorded: list[Episode] = []
@@ -148,11 +139,11 @@ def fly_episodes(
 
 
 def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed: int, *, is_recorded: bool) -> Any:
-    """Fly episodes up to their ends, and return starts, scores and records with a leading axis over the episodes.
+    """Fly episodes up to the ends, and return starts, scores and records with a leading axis over the episodes.
 
-    The scores are (mean reward 0..1, success, failure). The records, None unless `is_recorded`, are for each decision
-    (observation before, observation after, action, reward, terminated, ended, success); values after the end of an
-    episode have no meaning. With a record the actions are clipped and rounded to float32 before the flight.
+    - Scores: mean reward 0..1, success, failure.
+    - Records of each decision, None if `is_recorded` is false: observation before, observation after, action, reward,
+      terminated, ended, success. Records after the end of an episode have no meaning.
     """
     if episodes < 1:
         raise ValueError(f"episodes: arrived {episodes}; expected at least 1")
@@ -167,6 +158,7 @@ def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed:
             observation, state, policy_state, total, success, failure, done = carry
             step_key = jax.random.fold_in(key, number)
             action, policy_state = act(step_key, observation, state, policy_state, params)
+            # a recorded action must be the flown action
             action = jnp.clip(action, -1.0, 1.0).astype(jnp.float32) if is_recorded else action
             following, flown, reward, terminated, info = environment.step_env(step_key, state, action, params)
             total = total + jnp.where(done, 0.0, jnp.mean(reward))
@@ -187,11 +179,10 @@ def _fly(environment: AnyEnvironment, policy: str | Policy, episodes: int, seed:
 
 
 def resolve_policy(environment: AnyEnvironment, policy: str | Policy) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return a policy ("expert", "zero", "random", or a user's function, see `score`) as two functions.
+    """Return a policy (see `score`) as two functions, `init` and `act`. Raises ValueError for an unknown name.
 
-    The first function takes state of the episode and parameters, and returns the policy's state at the start of an
-    episode. The second function takes key, observation, state of the episode, state of the policy and parameters, and
-    returns action and new state of the policy. Raises ValueError for an unknown name.
+    - `init(state, params)` returns the policy's state at the start of an episode.
+    - `act(key, observation, state, policy_state, params)` returns action and new policy state.
     """
 
     def shape(observation: Array) -> tuple[int, ...]:
@@ -212,12 +203,12 @@ def resolve_policy(environment: AnyEnvironment, policy: str | Policy) -> tuple[C
 def record_flight(
     environment: AnyEnvironment, start: EpisodeState, actions: Float[np.ndarray, "..."], agent: str | None = None
 ) -> AircraftFlight:
-    """Fly recorded actions from the start of an episode, and record the variables of the catalogue at every step.
+    """Fly recorded actions from the start of an episode, and return the flight with all variables at every step.
 
-    `actions` has one row per decision, (decision, entry); for a fleet (decision, aircraft, entry). Without any action,
-    the flight has one sample, with the action 0. The flight is computed in the precision of the environment and stored
-    in float64. `agent` names the aircraft of a fleet whose flight is returned, and is None for an environment of one
-    aircraft. Raises ValueError for another `agent`, and for more actions than the episode has decisions.
+    `actions` must have shape (decision, entry); for a fleet (decision, aircraft, entry). If `actions` is empty, the
+    flight has one sample, with the action 0. `agent` must name the returned aircraft of a fleet, and must be None for
+    an environment of one aircraft. The flight is stored in float64. Raises ValueError for another `agent`, and for more
+    actions than the episode has decisions.
     """
     params, member, level = environment.default_params, environment.single, environment.single.level
     vehicle_state, actions = start.vehicle, np.asarray(actions, np.float32)
@@ -257,10 +248,9 @@ def record_flight(
 
 @functools.lru_cache(maxsize=4)
 def _recorder(environment: AircraftEnvironment) -> Any:
-    """Return a compiled function that flies a case under a table of actions and returns the recorded variables.
+    """Return a compiled function that flies a case under a table of actions.
 
-    The function takes case, state of the aircraft at the start, key of the episode, actions, number of decisions to fly
-    and parameters; the result holds one value per integration step, by key of the catalogue.
+    The function returns recorded variables by key of the catalogue, each with one value per integration step.
     """
     steps = environment.decision_steps
 

@@ -24,27 +24,22 @@ from anser.spatial.rotations import safe_hypot
 class FleetEnvironment(AbstractEnvironment):
     """Environment of several cooperating aircraft of one type, with the functions of `AircraftEnvironment`.
 
-    `member` is the environment of each aircraft, `agents` are the names. Observations, actions and rewards have a
-    leading axis over the aircraft; the episode ends for all aircraft at once. Each aircraft observes its own motion and
-    task, and the relative motion of the other aircraft; `observed` is the table of these entries. The reward of each
-    aircraft is the mean over the fleet. The failure of one aircraft, or two aircraft nearer than the separation, ends
-    the episode by failure. Success means that all aircraft succeed.
-
-    `separation_m` is the horizontal and vertical separation, m: two aircraft must keep at least one of both distances;
-    with a vertical separation of 0, the horizontal one. None: no separation is required.
+    Observations, actions and rewards have a leading axis over the aircraft; the episode ends for all aircraft at once.
+    The episode ends by failure if one aircraft fails, or if two aircraft are nearer than the separation. Success means
+    that all aircraft succeed.
     """
 
-    member: AircraftEnvironment  #: Environment of each aircraft; its cases have axes over cases and aircraft.
+    member: AircraftEnvironment  #: Environment of each aircraft; the cases have the axes (case, aircraft).
     agents: tuple[str, ...]  #: Names of the aircraft.
-    #: Horizontal and vertical separation, m: two aircraft must keep at least one of both distances. With a vertical
-    #: separation of 0 the horizontal one must be kept; None: no separation is required.
+    #: Horizontal and vertical separation, m: two aircraft must keep at least one of the two. If the vertical separation
+    #: is 0, two aircraft must keep the horizontal separation; None: no separation is required.
     separation_m: tuple[float, float] | None
     #: Table of the entries of one aircraft's observation: the entries of `member`, then `entries_of_others`.
     observed: tuple[Entry, ...]
 
     @property
     def single(self) -> AircraftEnvironment:
-        """The environment of each aircraft, `member`."""
+        """Environment of each aircraft, `member`."""
         return self.member
 
     @property
@@ -62,7 +57,7 @@ class FleetEnvironment(AbstractEnvironment):
         return dataclasses.replace(self, member=self.member.with_transition_gradients())
 
     def each(self, function: Callable[..., Any], state: EpisodeState, params: Parameters, *arguments: Any) -> Any:
-        """Return `function(case, vehicle, *arguments)` for each aircraft, with its case and its state.
+        """Return `function(case, vehicle, *arguments)` for each aircraft; `vehicle` is the aircraft's state.
 
         `arguments` and results have a leading axis over the aircraft.
         """
@@ -73,10 +68,9 @@ class FleetEnvironment(AbstractEnvironment):
         return Stacked(jax.tree.map(lambda leaf: leaf[state.row], params.cases.batched), params.cases.shared)
 
     def judge(self, situation: Situation) -> tuple[Float[Array, "aircraft error"], Float[Array, " aircraft"], Flag]:
-        """Return errors, rewards, and whether the episode ends by failure.
+        """Return errors divided by the tolerances, rewards (0..1), and whether the episode ends by failure.
 
-        The errors are divided by their tolerances. The reward of every aircraft is the mean over the fleet. The episode
-        fails if an aircraft fails, or two aircraft are nearer than the separation.
+        The reward of every aircraft is the mean over the fleet.
         """
         errors, rewards, failures = jax.vmap(self.member.judge)(situation)
         positions_n = situation.truth.state.position_n
@@ -91,8 +85,8 @@ class FleetEnvironment(AbstractEnvironment):
     def observation_of(self, situation: Situation) -> Float[Array, "aircraft entry"]:
         """Return the observation of each aircraft in the order of `observed`, about -1..1 in ordinary flight.
 
-        The relative motion of the others stands in cyclic order: for aircraft k of n, aircraft k + 1, k + 2, ... modulo
-        n. Positions and velocities of all aircraft are their own estimates.
+        Aircraft k of n observes the other aircraft in the order k + 1, k + 2, ..., modulo n. The relative motion comes
+        from each aircraft's own estimate of position and velocity.
         """
         own = jax.vmap(self.member.observation_of)(situation)
         belief, count = situation.belief, len(self.agents)
@@ -114,8 +108,8 @@ class FleetEnvironment(AbstractEnvironment):
 def entries_of_others(count: int) -> tuple[Entry, ...]:
     """Return the table entries of the other aircraft's relative motion, in a fleet of `count` aircraft.
 
-    For each other aircraft: position (m) and velocity (m/s) relative to the observing aircraft, each along the course,
-    to the right and upwards.
+    Each other aircraft has position (m) and velocity (m/s) relative to the observing aircraft, with components along
+    the observing aircraft's course, to the right and upwards.
     """
     position, velocity = "Position of another aircraft relative to this one", "Velocity of that aircraft less own"
     tables = [
@@ -127,12 +121,10 @@ def entries_of_others(count: int) -> tuple[Entry, ...]:
 
 
 class AgentDictionaries:
-    """Environment of a fleet whose observations, actions, rewards and ends are dictionaries by agent's name.
+    """Environment of a fleet with dictionaries by agent's name; the methods follow JaxMARL's `MultiAgentEnv`.
 
-    The ends are flags: whether the episode of an agent has ended in the step, and `__all__` for the fleet. The methods
-    follow JaxMARL's `MultiAgentEnv`, as pure functions of keys and states. An episode that ends is reset within the
-    step. Entries of `info` are arrays with a value per agent; if the constructor's argument `final_observations` is
-    true, `info["final_observation"]` also holds the observations before the reset, (agent, entry).
+    The methods are pure functions. Entries of `info` are arrays with one value per agent. If `final_observations` is
+    true, `info["final_observation"]` holds the observations before a reset, shape (agent, entry).
     """
 
     def __init__(self, environment: Any, *, final_observations: bool = False) -> None:
@@ -159,10 +151,10 @@ class AgentDictionaries:
     def step(
         self, key: Array, state: Any, actions: dict[str, Array], params: Any = None
     ) -> tuple[dict[str, Array], Any, dict[str, Array], dict[str, Array], dict[str, Array]]:
-        """Fly one decision; return observations by agent, state, rewards by agent, ends, and info.
+        """Fly one decision; return observations by agent, state, rewards by agent, ends by agent, and info.
 
-        The ends are whether the episode ended, by failure or at full length, equal for each agent and for `__all__`. At
-        an end, observations and state are those at the start of the next episode, which `key` selects.
+        An end is True if the episode ended, by failure or at full length; all agents and the entry `__all__` have the
+        same value. At an end, `key` selects the next episode, and observations and state are values at its start.
         """
         stacked = jnp.stack([actions[agent] for agent in self.agents])
         observations, state, rewards, terminated, truncated, info = self.environment.step(key, state, stacked, params)
@@ -175,5 +167,5 @@ class AgentDictionaries:
         return self.by_agent(observations), state, self.by_agent(rewards), ends, values
 
     def by_agent(self, values: Array) -> dict[str, Array]:
-        """Return the rows of an array, one per agent in the order of `agents`, as a dictionary by agent's name."""
+        """Return the values along the first axis of an array as a dictionary by agent's name."""
         return {agent: values[k] for k, agent in enumerate(self.agents)}

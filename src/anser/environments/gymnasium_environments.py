@@ -1,8 +1,8 @@
 """Environments for Gymnasium 1.1 and later: one aircraft, or many at once with a reset within the step.
 
 Importing the module registers every task of one aircraft by its name, such as `anser/VelocityCommand-v0`, for
-`gymnasium.make` and `gymnasium.make_vec`. Episode number k after `reset(seed=s)` starts, alone or in a batch, as
-`environment.reset(jax.random.fold_in(jax.random.key(s), k))` does.
+`gymnasium.make` and `gymnasium.make_vec`. Episode number k after `reset(seed=s)` has the same start as
+`environment.reset(jax.random.fold_in(jax.random.key(s), k))`, for one aircraft and in a batch.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ except ImportError:
 
 Task = str | AbstractTask | AircraftEnvironment
 OBSERVATION_MAX = 100.0
-"""Greatest magnitude of an entry of an observation: greater entries are clipped. Ordinary flight has about 1."""
+"""Magnitude to which the entries of observations are clipped; about 1 in ordinary flight."""
 _BLOCK_MIN = 256
 """Least number of aircraft in a block of a batch; each block flies on one core of the processor."""
 
@@ -49,12 +49,12 @@ _BLOCK_MIN = 256
 class CompiledEnvironment:
     """Compiled functions of an environment, with its default parameters, for Gymnasium and PettingZoo.
 
-    States are flat lists of arrays and the parameters one array, so that a call costs microseconds. Observations are
-    finite: clipped to +-`OBSERVATION_MAX`, with 0 in place of NaN.
+    Observations are clipped to +-`OBSERVATION_MAX`; NaN becomes 0.
     """
 
     def __init__(self, environment: AnyEnvironment) -> None:
         self.environment = environment
+        # States as flat lists of arrays, and parameters as one array, reduce the cost of a call to microseconds.
         numbers, others = eqx.partition(environment.default_params, eqx.is_inexact_array)
         parameters, unravel = ravel_pytree(numbers)
         self._state_structure = jax.tree.structure(jax.eval_shape(environment.reset, jax.random.key(0))[1])
@@ -80,8 +80,8 @@ class CompiledEnvironment:
             return _bounded(observation), *ends, _bounded(final), success, number, jax.tree.leaves(flown)
 
         compiled = partial(jax.jit, compiler_options=supported_options(OLDER_GENERATOR))
-        #: `reset(key, number)` starts an episode, `step(state, action)` flies a decision without a reset at the end;
-        #: `reset_batch` starts a batch of episodes, `step_batch` flies a decision of a batch with a reset at each end.
+        #: `reset(key, number)` starts an episode; `step(state, action)` flies a decision without a reset.
+        #: `reset_batch` starts many episodes; `step_batch` flies a decision of many, and resets those that end.
         self.reset, self.step = partial(compiled(reset), parameters), partial(compiled(step), parameters)
         self.reset_batch = partial(compiled(jax.vmap(reset, (None, 0, 0))), parameters)
         step_batch = compiled(jax.vmap(step_or_reset, (None, 0, 0, 0, 0)), donate_argnums=1)
@@ -97,10 +97,7 @@ def _bounded(observation: Array) -> Array:
 
 
 def default_level(task: str | AbstractTask) -> str:
-    """Return the level of action that is used if none is chosen.
-
-    The level is "rates", or the first level of a task that does not have "rates".
-    """
+    """Return the default level of action: "rates", or the first level of a task that does not have "rates"."""
     named = TASKS.get(task, VelocityCommand)() if isinstance(task, str) else task
     return "rates" if "rates" in named.levels else named.levels[0]
 
@@ -114,10 +111,9 @@ def _make_named(task: str, action: str, options: bytes, files: tuple[tuple[str, 
 
 
 def _file_hashes(value: Any, visited: set[Path], folder: str = "") -> Iterator[tuple[str, str]]:
-    """Yield path and SHA-256 of every existing file named in `value`, and of every file that these TOML files name.
+    """Yield path and SHA-256 of every file that `value` or its TOML files name, and add the path to `visited`.
 
-    `value` is a path, or nested mappings and lists of paths and other values; relative paths start at `folder`. Files
-    in `visited` are left out, and the files that are yielded are added to the set.
+    `value` is a path, or nested mappings and lists of paths and other values. Files in `visited` are left out.
     """
     if isinstance(value, Mapping):
         for part in value.values():
@@ -140,8 +136,8 @@ def _file_hashes(value: Any, visited: set[Path], folder: str = "") -> Iterator[t
 def compiled_environment(task: Any, action: str | None, options: Mapping[str, Any]) -> CompiledEnvironment:
     """Return the compiled functions of an environment, from the arguments of `GymnasiumEnvironment`.
 
-    The latest results are stored: a repeated task name with equal action, options and files, or a repeated environment,
-    gives the stored object. Raises ValueError for an environment as `task` together with action or options.
+    The latest results are cached by the arguments and the contents of the named files. Raises ValueError if `task` is
+    an environment and an action or options are given.
     """
     if isinstance(task, str | AbstractTask):
         level = default_level(task) if action is None else action
@@ -156,12 +152,12 @@ def compiled_environment(task: Any, action: str | None, options: Mapping[str, An
 
 
 def seed_words(seed: int) -> np.ndarray:
-    """Return the two 32-bit words of the key `jax.random.key(seed)`, shape (2,)."""
+    """Return the two 32-bit words of `jax.random.key(seed)`, shape (2,)."""
     return np.array([seed >> 32 & 0xFFFFFFFF, seed & 0xFFFFFFFF], np.uint32)
 
 
 def check_actions(actions: Any, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """Return actions as a float32 array. Raises ValueError if the shape is not `shape`, and for infinities or NaN."""
+    """Return actions as a float32 array. Raises ValueError for another shape than `shape`, and for infinity or NaN."""
     array = np.asarray(actions, np.float32)
     if array.shape != shape:
         raise ValueError(f"action: arrived the shape {array.shape}; expected {shape}")
@@ -179,7 +175,7 @@ def box_spaces(environment: Any) -> tuple[gymnasium.spaces.Box, gymnasium.spaces
 
 
 class EpisodeSequence:
-    """Successive episodes of an environment, with number, start, actions and state of the present episode."""
+    """Successive episodes of an environment, with start, actions and state of the present episode."""
 
     def __init__(self, compiled: CompiledEnvironment) -> None:
         self.compiled, self.key, self.number = compiled, np.zeros(0, np.uint32), 0
@@ -188,10 +184,10 @@ class EpisodeSequence:
         self.actions: list[np.ndarray] = []
 
     def reset(self, seed: int | None, rng: np.random.Generator) -> np.ndarray:
-        """Start an episode, and return its first observation.
+        """Start an episode, and return the first observation.
 
-        With a seed, the first episode of the seed starts, otherwise the next episode of the present seed. Without any
-        seed so far, `rng` draws the key of the episodes.
+        An integer `seed` starts the first episode of that seed; None starts the next episode. If no seed has been given
+        yet, `rng` draws the key of the episodes.
         """
         if seed is not None or not self.key.size:
             self.key = rng.integers(2**32, size=2, dtype=np.uint32) if seed is None else seed_words(seed)
@@ -205,7 +201,7 @@ class EpisodeSequence:
     def step(self, action: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, bool, bool, bool]:
         """Fly one decision without a reset; return observation, reward, `terminated`, `truncated` and success.
 
-        Raises ValueError before the first reset, and for actions that are not finite or not of the shape `shape`.
+        Raises ValueError before the first reset. For errors of `action` see `check_actions`.
         """
         if not self.state:
             raise ValueError("step: arrived before the first reset; expected reset() before step()")
@@ -219,22 +215,21 @@ class EpisodeSequence:
 class GymnasiumEnvironment(gymnasium.Env):
     """One aircraft with a task, as `gymnasium.Env`.
 
-    Observations are float32 vectors, about -1..1 in ordinary flight and clipped to -100..100; actions are -1..1.
-    `environment.observed` and `environment.commanded` are the tables of their entries. `info` has `is_success` at the
-    end of an episode. The argument `options` of `reset` has no effect.
+    Observations are float32 vectors, about -1..1 in ordinary flight and clipped to -100..100; actions are -1..1. The
+    tables of the entries are `environment.observed` and `environment.commanded`. `info` has `is_success` at the end of
+    an episode.
 
     Parameters
     ----------
     task
-        Name of a task of the package, a user's `AbstractTask`, or an `AircraftEnvironment`; all wrappers of one
-        environment share its compiled program.
+        Name of a task of the package, a user's `AbstractTask`, or an `AircraftEnvironment`.
     action
-        Level of action: "surfaces", "rates" or "velocity"; None: "rates", or the first level of a task without "rates".
+        Level of action: "surfaces", "rates" or "velocity"; None: see `default_level`.
     render_mode
-        "rgb_array": `render` returns the figures of the flight report over the latest 20 s of the episode. None:
-        `render` warns and returns None.
+        "rgb_array": `render` returns the figures of the latest 20 s of the episode. None: `render` warns and returns
+        None.
     **options
-        Further arguments of `anser.environments.make`: `aircraft`, `cases`, `precision`, tables of a scenario, ...
+        Further arguments of `anser.environments.make`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - Gymnasium's name and type
@@ -249,14 +244,17 @@ class GymnasiumEnvironment(gymnasium.Env):
         self._episodes = EpisodeSequence(self._compiled)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        """Start the next episode, or with a seed the seed's first episode; return observation and an empty `info`."""
+        """Start the next episode, or the first episode of `seed`; return observation and an empty `info`.
+
+        `options` has no effect.
+        """
         super().reset(seed=seed)
         return self._episodes.reset(seed, self.np_random), {}
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Fly one decision; return observation, reward, `terminated`, `truncated` and `info` (see the class).
 
-        Raises ValueError before the first reset, and for an action of another shape or with infinities or NaN.
+        Raises ValueError before the first reset, and for an action of another shape or with infinity or NaN.
         """
         results = self._episodes.step(action, (self.environment.num_actions,))
         observation, reward, terminated, truncated, success = results
@@ -264,7 +262,7 @@ class GymnasiumEnvironment(gymnasium.Env):
         return observation, float(reward), terminated, truncated, info
 
     def flight(self) -> AircraftFlight:
-        """Return the flight of the present episode so far, with the variables of the catalogue at every step.
+        """Return the flight of the present episode so far, with all variables at every step.
 
         Raises ValueError before the first reset.
         """
@@ -275,7 +273,7 @@ class GymnasiumEnvironment(gymnasium.Env):
         return record_flight(self.environment, start, actions)
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return the figures of the latest 20 s of the episode as RGB pixels; warn and return None without a mode."""
+        """Return the figures of the latest 20 s of the episode as RGB pixels (see `render_mode` of the class)."""
         if self.render_mode is None:
             gymnasium.logger.warn('render() has no effect without gymnasium.make(..., render_mode="rgb_array")')
             return None
@@ -285,12 +283,13 @@ class GymnasiumEnvironment(gymnasium.Env):
 
 
 class GymnasiumVectorEnvironment(VectorEnv):
-    """Many independent aircraft with one task, as `gymnasium.vector.VectorEnv`: one compiled program per step.
+    """Many independent aircraft with one task, as `gymnasium.vector.VectorEnv`.
 
-    An episode that ends is reset within the step (`AutoresetMode.SAME_STEP`): `info["final_obs"]` then has the last
-    observation and `info["final_info"]` the last `is_success`, in the form of `gymnasium.vector.SyncVectorEnv`.
-    `num_envs` is the number of aircraft, which fly in equal parts on the processor's cores; for the other arguments see
-    `GymnasiumEnvironment`. A `render_mode` other than None is refused.
+    An episode that ends is reset within the step (`AutoresetMode.SAME_STEP`). `info["final_obs"]` then has the last
+    observation and `info["final_info"]` the last `is_success`, as in `gymnasium.vector.SyncVectorEnv`.
+
+    `num_envs` is the number of aircraft. `render_mode` must be None. For the other arguments see
+    `GymnasiumEnvironment`.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012 - Gymnasium's type
@@ -320,11 +319,13 @@ class GymnasiumVectorEnvironment(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode of every aircraft; return observations, (aircraft, entry), and an empty `info`.
+        """Start an episode of every aircraft; return observations, shape (aircraft, entry), and an empty `info`.
 
-        With an integer seed s, the first episodes of the seeds s, s + 1, ... start. In a sequence of seeds, one per
-        aircraft, None starts the aircraft's next episode. Options have no effect. Raises ValueError if the length of
-        the sequence is not the number of aircraft.
+        - `seed` None starts the next episode of every aircraft.
+        - An integer s starts the first episodes of the seeds s, s + 1, ...
+        - A sequence has one seed per aircraft; None in the sequence starts the aircraft's next episode.
+
+        `options` has no effect. Raises ValueError if the length of the sequence is not the number of aircraft.
         """
         super().reset(seed=seed if isinstance(seed, int) else None)
         seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int) else seed
@@ -346,8 +347,8 @@ class GymnasiumVectorEnvironment(VectorEnv):
     ) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, " aircraft"], Bool[np.ndarray, " aircraft"], dict[str, Any]]:
         """Fly one decision of every aircraft; return observations, rewards, `terminated`, `truncated` and `info`.
 
-        The observations of an episode that ended are those at the start of the next; for `info` see the class. Raises
-        ValueError before the first reset, and for actions of another shape or with infinities or NaN.
+        At the end of an episode, the observation is the first observation of the next episode; for `info` see the
+        class. Raises ValueError before the first reset, and for actions of another shape or with infinity or NaN.
         """
         if self._state is None:
             raise ValueError("step: arrived before the first reset; expected reset() before step()")
@@ -364,19 +365,16 @@ class GymnasiumVectorEnvironment(VectorEnv):
         return np.concatenate(observations), np.concatenate(rewards).astype(np.float64), terminations, truncations, info
 
     def _fly(self, function: Callable[..., Any], states: list[Any], *rows: Any) -> Any:
-        """Call a compiled function for each block of the batch, in parallel; return each result as a tuple over blocks.
+        """Call a function in parallel for each block of the batch; return each result as a tuple over blocks.
 
-        `states` are sequences with one entry per block; `rows` are arrays over the whole batch, cut into blocks here.
+        `states` must have one entry per block; `rows` are arrays over the whole batch.
         """
         blocks = zip(*states, *([array[block] for block in self._blocks] for array in rows), strict=True)
         return zip(*call_on_cores([partial(function, *block) for block in blocks]), strict=True)
 
 
 def _one_aircraft(compiled: CompiledEnvironment, render_mode: str | None, modes: Sequence[str]) -> AircraftEnvironment:
-    """Return the environment of one aircraft in `compiled`.
-
-    Raises ValueError for an environment of a fleet, and for a `render_mode` that is neither None nor in `modes`.
-    """
+    """Return the environment in `compiled`. Raises ValueError for a fleet, and for a `render_mode` not in `modes`."""
     if render_mode not in (None, *modes):
         raise ValueError(f"render_mode: arrived {render_mode!r}; expected {' or '.join([*map(repr, modes), 'None'])}")
     if not isinstance(compiled.environment, AircraftEnvironment):

@@ -14,10 +14,9 @@ from anser.results.documents import install_hint
 def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any) -> Any:
     """Write episodes of one environment of one aircraft as a dataset of Minari, and return the dataset.
 
-    `dataset_id` has Minari's form, such as "anser/velocity-command/expert-v0"; `description` holds arguments of
-    `minari.create_dataset_from_buffers` (`algorithm_name`, `author`, `description`, ...). Observations are clipped to
-    +-`OBSERVATION_MAX`, as in the Gymnasium environments. Raises ImportError without Minari, ValueError without
-    episodes or with episodes of a fleet.
+    `dataset_id` must have Minari's form, such as "anser/velocity-command/expert-v0"; `description` are further
+    arguments of `minari.create_dataset_from_buffers`. Observations are clipped to +-`OBSERVATION_MAX`. Raises
+    ImportError if Minari is not installed, and ValueError for an empty sequence or episodes of a fleet.
     """
     try:
         import minari
@@ -43,6 +42,6 @@ def save_minari(dataset_id: str, episodes: Sequence[Episode], **description: Any
     spaces = dict(zip(("observation_space", "action_space"), box_spaces(episodes[0].environment), strict=True))
     arguments = {**spaces, "data_format": "arrow", **description}
     with warnings.catch_warnings():
-        # of specifications of environments, which are optional: `env` and `eval_env`
+        # warnings about the optional arguments `env` and `eval_env`
         warnings.filterwarnings("ignore", message=".*(eval_env|env_spec)")
         return minari.create_dataset_from_buffers(dataset_id, buffers, **arguments)

@@ -17,9 +17,9 @@ except ImportError:
 class FleetParallelEnvironment(ParallelEnv):
     """A fleet with a task, as `pettingzoo.ParallelEnv`.
 
-    Every aircraft is an agent. Observations are float32 vectors, about -1..1 in ordinary flight and clipped to
-    -100..100; actions are -1..1. An episode ends for every agent at once; `infos` then have `is_success`. For the
-    arguments see `GymnasiumEnvironment`; `task` is "FleetArrival", a task of a fleet or a `FleetEnvironment`.
+    Every aircraft is an agent. An episode ends for all agents at once; `infos` then have `is_success`. `task` must be
+    "FleetArrival", a task of a fleet, or a `FleetEnvironment`. For observations, actions and other arguments see
+    `GymnasiumEnvironment`.
     """
 
     def __init__(self, task: Any, action: str | None = None, **options: Any) -> None:
@@ -48,9 +48,9 @@ class FleetParallelEnvironment(ParallelEnv):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
-        """Start the next episode, or with a seed the seed's first episode; return observations and infos by agent.
+        """Start the next episode, or the first episode of `seed`; return observations and empty infos by agent.
 
-        The infos are empty, and `options` has no effect.
+        `options` has no effect.
         """
         observations = self._episodes.reset(seed, np.random.default_rng())
         self.agents = list(self.possible_agents)
@@ -61,7 +61,7 @@ class FleetParallelEnvironment(ParallelEnv):
     ) -> tuple[dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Fly one decision; return observations, rewards, terminations, truncations and infos, each by agent.
 
-        Raises ValueError before a reset, after the end of an episode, and if an agent has no action.
+        Raises ValueError before a reset, after the end of an episode, and if an agent has no valid action.
         """
         if not (agents := self.agents):
             raise ValueError("step: arrived before a reset, or after the end of the episode; expected reset()")

@@ -1,7 +1,6 @@
-"""Tasks with a plan made before the first step: path tracking, and arrival at a moving goal at the planned time.
+"""Tasks with a plan: path tracking, and arrival at a moving goal at the planned time.
 
-The cases are flights of a study, each trimmed and planned by the certified planner, so that every case is known to be
-solvable. Flights without a plan are left out.
+The cases are flights of a study. Every case has a plan, so every case is known to be solvable.
 """
 
 import os
@@ -40,12 +39,7 @@ from anser.units import RAD_DEG
 
 
 class PlannedMission(eqx.Module):
-    """Goal, rendezvous and plan of one aircraft in an episode.
-
-    `trajectory` is the planned path up to the arrival, `goal` the motion of the goal, `stand_off_n` the position of the
-    rendezvous relative to the goal (NED, m), `distance_min` the least allowed distance to the goal (m). `turn` is the
-    direction in which the aircraft turns away from a goal that comes too near: +1 right, -1 left.
-    """
+    """Goal, rendezvous and plan of one aircraft in an episode."""
 
     trajectory: TimedPath  #: Planned path up to the arrival.
     goal: GoalMotion  #: Motion of the goal.
@@ -54,9 +48,9 @@ class PlannedMission(eqx.Module):
     turn: Scalar  #: Direction in which the aircraft turns away from a goal that comes too near: +1 right, -1 left.
 
     def rendezvous_n(self, time: Any) -> Vector3:
-        """Return the position of the rendezvous at the arrival time (chart, NED, m), as predicted at `time` (s).
+        """Return the predicted position of the rendezvous at the arrival time (chart, NED, m).
 
-        The prediction assumes that the goal keeps its velocity at `time`.
+        The prediction assumes that the goal keeps the velocity that it has at `time` (s).
         """
         time_left = self.trajectory.arrival_time - time
         return self.goal.position_n(time) + time_left * self.goal.velocity_n(time) + self.stand_off_n
@@ -65,15 +59,33 @@ class PlannedMission(eqx.Module):
 def planned_cases(
     study: str | os.PathLike[str] | None, default: str, decision_s: float, dtype: Any
 ) -> tuple[Stacked[Case], tuple[str, ...], tuple[float, float] | None]:
-    """Plan the flights of a study file, or for None of the package's study `default`, and return the cases.
+    """Plan the flights of a study file, and return cases, names of the aircraft, and separation.
 
-    Returns the cases with leading axes over flights and aircraft, the names of the aircraft, and the required
-    horizontal and vertical separation, m (None: none). `decision_s` is the duration of a decision, s, `dtype` the
-    precision. With the arrival rule "together" each flight gets a random common arrival time. Flights whose varied
-    values are no valid scenario, or that have no plan, are left out.
+    Flights that have no plan, or no valid scenario, are left out. If the arrival rule is "together", each flight gets a
+    random common arrival time.
 
-    Raises ScenarioError if a file is not valid, the arrival rule is "earliest", or no flight has a plan; ValueError if
-    the aircraft of a flight arrive at different times, or an aircraft's controller is not the package's autopilot.
+    Parameters
+    ----------
+    study
+        Path of the study file; None: the package's study `default`.
+    default
+        File name of a study of the package.
+    decision_s
+        Duration of a decision, s.
+    dtype
+        Floating-point precision of the cases.
+
+    Returns
+    -------
+    Cases with leading axes (flight, aircraft); names of the aircraft; required horizontal and vertical separation, m,
+    or None if no separation is required.
+
+    Raises
+    ------
+    ScenarioError
+        If a file is not valid, the arrival rule is "earliest", or no flight has a plan.
+    ValueError
+        If the aircraft of a flight arrive at different times, or a controller is not an `InversionAutopilot`.
     """
     shipped = str(resources.files("anser.environments").joinpath(f"data/{default}"))
     loaded, scenario, columns = load_study(shipped if study is None else study)
@@ -85,12 +97,12 @@ def planned_cases(
         factor = rng.uniform(*_TIME_FACTORS)
         try:
             dispersed = dispersed_scenario(scenario, int(seed), applied, number)
-        except ScenarioError:  # values that make no scenario, as in a campaign
+        except ScenarioError:  # the varied values make no valid scenario
             continue
         if dispersed.arrival.rule == "together":
             time_s = round(factor * _straight_time_s(dispersed), 1)
             dispersed = dispersed.replace("arrival", {"rule": "at", "time_s": time_s})
-        elif dispersed.arrival.rule == "earliest":  # without preferred times, which are the only ones planned for here
+        elif dispersed.arrival.rule == "earliest":  # an episode needs a planned arrival time
             expected = 'one common time, rule = "together" or "at"'
             raise ScenarioError(loaded.name, [Problem("arrival.rule", '"earliest"', expected)])
         scenarios.append(dispersed)
@@ -121,10 +133,7 @@ _TIME_FACTORS = (1.1, 1.4)
 
 
 def _straight_time_s(scenario: Scenario) -> float:
-    """Return the time in which every aircraft can reach its rendezvous on a straight line at its airspeed, s.
-
-    The aircraft drift with the wind at their start altitude, and the goals keep their initial velocity.
-    """
+    """Return the time (s) in which every aircraft can reach its rendezvous on a straight line at its airspeed."""
     times = []
     for aircraft in scenario.aircraft:
         goal, up = scenario.goal_of(aircraft), np.asarray(aircraft.rendezvous.stand_off_m)
@@ -136,10 +145,9 @@ def _straight_time_s(scenario: Scenario) -> float:
 
 
 def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s: float) -> list[Case]:
-    """Return the case of each aircraft of a planned flight.
+    """Return the case of each aircraft of a planned flight; `trims` has the trim points of each group of aircraft.
 
-    `trims` are the trim points of the aircraft groups, `paths` the planned paths of the fleet. Raises ValueError if the
-    aircraft arrive at different times, or if an aircraft's controller is not the package's autopilot.
+    Raises ValueError if the aircraft arrive at different times, or a controller is not an `InversionAutopilot`.
     """
     cases: list[Case] = []
     arrivals = np.asarray(paths.times)[:, -1]
@@ -168,26 +176,25 @@ def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s
 class AbstractPlannedTask(AbstractTask):
     """Base of the tasks with a plan, which the expert follows.
 
-    `study` is the file name of the package's study whose flights are the cases if the user names no study. An episode
-    ends by failure as soon as the aircraft must break off in order to keep the least distance to its goal: 150 m to a
+    An episode ends by failure as soon as the aircraft must break off to keep the least distance to the goal: 150 m to a
     goal on the surface, 100 m to an airborne goal (`anser.simulation.stand_off`).
     """
 
-    #: File name of the package's study whose flights are the cases if the user names no study.
+    #: File name of the package's study that supplies the cases if the user names no study.
     study: str = eqx.field(static=True, default="arrival-study.toml")
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Raise TypeError: the cases of a task with a plan are flights of a study."""
+        """Raise TypeError, because the cases of a task with a plan are flights of a study."""
         raise TypeError(f"{type(self).__name__}: the cases are flights of a study; see anser.environments.make")
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the command of the aircraft's guidance on the plan: airspeed (m/s), path angle and course (rad)."""
+        """Return the guidance's command on the plan: airspeed (m/s), path angle and course (rad)."""
         case, belief = situation.case, situation.belief
         return case.vehicle.guidance.command(None, belief, case.task, situation.instant)[0]
 
 
 def comes_too_near(situation: Situation) -> Flag:
-    """Whether an aircraft must break off because it comes too near its goal, which ends the episode by failure."""
+    """Whether the aircraft must break off now to keep the least distance to the goal."""
     task, truth, time = situation.case.task, situation.truth, situation.time
     earth = situation.instant.environment.earth
     to_goal_n, goal_velocity_n = earth.sight(
@@ -199,9 +206,9 @@ def comes_too_near(situation: Situation) -> Flag:
 
 
 def in_course_axes(situation: Situation, vector_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-    """Return a NED vector's components along the course, to the right of the course (both horizontal), and upwards.
+    """Return a NED vector's horizontal components along and to the right of the course, and the upward component.
 
-    The course is the estimated course through the air; the components have the vector's unit.
+    The course is the estimated course of the velocity relative to the air.
     """
     chi = situation.estimates["course_deg"] / RAD_DEG
     cosine, sine = jnp.cos(chi), jnp.sin(chi)
@@ -212,7 +219,7 @@ def in_course_axes(situation: Situation, vector_n: Vector3) -> tuple[Scalar, Sca
 def axes_entries(name: str, unit: str, suffix: str, half_range: float, meaning: str) -> tuple[Entry, ...]:
     """Return the table entries of a vector's components along the course, to the right and upwards.
 
-    `suffix` is the unit in the entries' names; `half_range` is the value of a component at 1 in the observation.
+    `suffix` is the unit in the entries' names; `half_range` is the value of a component that is normalized to 1.
     """
     return tuple(
         Entry(f"{name}_{axis}_{suffix}", unit, 0.0, half_range, f"{meaning}, {where}")
@@ -223,8 +230,8 @@ def axes_entries(name: str, unit: str, suffix: str, half_range: float, meaning: 
 class PathTracking(AbstractPlannedTask):
     """Follow a planned path in space and time up to the arrival.
 
-    Success: in the last 10 s the distance to the planned position is at most 50 m. A distance of more than 1 km ends
-    the episode by failure.
+    Success: a distance of at most 50 m to the planned position in the last 10 s. A distance of more than 1 km ends the
+    episode by failure.
     """
 
     duration_s: float = eqx.field(static=True, default=180.0)
@@ -236,15 +243,11 @@ class PathTracking(AbstractPlannedTask):
         return norm(planned_n - situation.truth.state.position_n)[None] / 50.0
 
     def has_failed(self, situation: Situation) -> Flag:
-        """Whether the aircraft is more than 1 km away from its planned position."""
+        """Whether the aircraft is more than 1 km away from the planned position."""
         return self.errors(situation)[0] > 20.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's observations: three vectors, each along the course, to the right and upwards.
-
-        The vectors are the planned position now and the planned position in 2 s, both relative to the present position,
-        and the planned velocity minus the present velocity over the ground.
-        """
+        """Return the table of the task's entries: components of three vectors along the course, right and up."""
         return (
             *axes_entries("path_offset", "m", "m", 100.0, "Planned less present position"),
             *axes_entries("path_ahead", "m", "m", 500.0, "Planned position in 2 s less present position"),
@@ -252,7 +255,7 @@ class PathTracking(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the components that `entries` lists (m and m/s), not normalized, from the aircraft's estimates."""
+        """Return the quantities of `entries` (m and m/s), not normalized, as the aircraft estimates them."""
         belief, trajectory = situation.belief, situation.case.task.trajectory
         planned, later = trajectory.at(situation.time), trajectory.at(situation.time + 2.0)
         position_n = belief.state.position_n
@@ -266,8 +269,8 @@ class Arrival(AbstractPlannedTask):
     """Reach the rendezvous with a moving goal at the planned arrival time.
 
     The rendezvous is at least 150 m above a goal on the surface, or at least 100 m from an airborne goal. Success: a
-    distance of at most 50 m to the rendezvous at the arrival time. Before, the error is the zero-effort miss: the
-    distance at the arrival time if aircraft and goal kept their velocities.
+    distance of at most 50 m to the rendezvous at the arrival time. The error is the zero-effort miss: the distance at
+    the arrival time if aircraft and goal keep their present velocities.
     """
 
     duration_s: float = eqx.field(static=True, default=180.0)
@@ -282,11 +285,7 @@ class Arrival(AbstractPlannedTask):
         return norm(miss_n)[None] / 50.0
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's observations: time to the arrival, and three vectors in axes of the course.
-
-        The vectors are predicted rendezvous less present position, mean velocity needed to the rendezvous, and velocity
-        over the ground, each along the course, to the right and upwards.
-        """
+        """Return the table of the task's entries: time to go, and three vectors along the course, right and up."""
         return (
             Entry("time_to_go_s", "s", 0.0, 100.0, "Time until the arrival"),
             *axes_entries("rendezvous", "m", "m", 10000.0, "Rendezvous at the arrival less present position"),
@@ -295,9 +294,9 @@ class Arrival(AbstractPlannedTask):
         )
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the quantities that `entries` lists (s, m, m/s), not normalized.
+        """Return the quantities of `entries` (s, m, m/s), not normalized.
 
-        Position and velocity are the aircraft's own estimates; the goal's motion is the true one.
+        The aircraft's position and velocity are estimates; the goal's motion is true.
         """
         belief, task, time = situation.belief, situation.case.task, situation.time
         time_left = task.trajectory.arrival_time - time

@@ -52,26 +52,24 @@ def make(
     task
         Name of a task of the package, such as "VelocityCommand", or a user's `AbstractTask`.
     action
-        Level of action: "surfaces", "rates" or "velocity", as far as the task has this level.
+        Level of action: "surfaces", "rates" or "velocity"; must be one of the task's `levels`.
     aircraft
-        Name of an airframe, path of an aircraft file, or a table `[[aircraft]]` of a scenario with deviations, gains
-        and the like, but without goal and rendezvous.
+        Name of an airframe, path of an aircraft file, or a table `[[aircraft]]` of a scenario. The table must have no
+        goal and no rendezvous.
     flown
-        Range from which starts and wind are drawn; None: the range that suits the aircraft.
+        Range from which starts and wind are drawn; None: `default_range` of the aircraft.
     study
-        Path of a study file whose flights are the cases of "PathTracking", "Arrival" and "FleetArrival", with the
-        aircraft, goals, air and sensors of its scenario; None: a study of the package. Each flight is planned here;
-        flights without a plan are left out. These tasks exclude `aircraft`, `flown`, `cases`, `seed` and tables, which
-        the study determines.
+        Path of a study file, for the tasks "PathTracking", "Arrival" and "FleetArrival" only; None: a study of the
+        package. The study's flights are planned and become the cases; flights that have no plan are left out. With
+        these tasks, `aircraft`, `flown`, `cases`, `seed` and `tables` must not be given.
     cases
-        Number of cases, the starts and commands of which a reset selects one; None: 4,096.
+        Number of cases (start and commands of an episode), one of which a reset selects; None: 4,096.
     seed
-        Seed of the random numbers for the cases; None: 0.
+        Seed of the random cases; None: 0.
     precision
         Precision of the flight: "float64" or "float32".
     step_s
-        Step of the integration, s, for which gains are derived too; a divisor of the level's decision time, from 0.001
-        to 0.05 s.
+        Step of the integration, s: 0.001 to 0.05 s, and a divisor of the level's `decision_s`.
     **tables
         Tables of a scenario: `atmosphere`, `earth`, `event` ("aircraft-changes", "thrust-lost"), `excitation`, `gust`,
         `limits`, `navigation`, `parts` (sensors and estimator), `turbulence`, `wind`.
@@ -79,8 +77,8 @@ def make(
     Raises
     ------
     ValueError, ScenarioError
-        An argument or a table is not valid, a table or key has no effect, the aircraft has hardly any steady flight in
-        the range, or no flight of the study has a plan.
+        If an argument or a table is not valid or has no effect; if at most 2 % of the conditions in the range `flown`
+        are steady flights; if no flight of the study has a plan.
     """
     enable_compilation_cache()
     if isinstance(task, str):
@@ -151,10 +149,7 @@ def _surface_entries(vehicle: Vehicle) -> tuple[Entry, ...]:
 
 
 def _with_start_observations(made: AircraftEnvironment) -> AircraftEnvironment:
-    """Return the environment with the observations at the start of all cases computed in advance.
-
-    With random gusts, or sensors other than ideal ones, the environment is returned unchanged.
-    """
+    """Return the environment with start observations; unchanged if there are gusts, or sensors that are not ideal."""
     parameters, vehicle = made.parameters, made.parameters.cases.shared.vehicle
     if not (isinstance(vehicle.gusts, NoGusts) and isinstance(vehicle.sensors, IdealSensors)):
         return made

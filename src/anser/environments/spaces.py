@@ -14,21 +14,16 @@ from anser.variables import CATALOGUE, Variable
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """Description of one entry of an observation or an action, and its scale.
+    """Description and scale of one entry of an observation or an action."""
 
-    `name` has a unit suffix and is, for a variable of the catalogue, its dataset name; `unit` is the unit of the
-    quantity and `meaning` its description. The normalized entry is 0 for the value `centre`, and 1 for `centre` +
-    `half_range`.
-    """
-
-    name: str  #: Name with a unit suffix; for a variable of the catalogue its dataset name.
+    name: str  #: Name with a unit suffix; for a variable of the catalogue the dataset name.
     unit: str  #: Unit of the quantity.
     centre: float  #: Value of the quantity at which the normalized entry is 0.
-    half_range: float  #: Change of the quantity from 0 to 1 in the normalized entry.
+    half_range: float  #: Change of the quantity that changes the normalized entry from 0 to 1.
     meaning: str  #: Description of the quantity.
 
     def normalize(self, value: Any) -> Any:
-        """Return the normalized entry, (value - centre) / half_range, of a value of the quantity."""
+        """Return the normalized entry of a value: (value - centre) / half_range."""
         return (value - self.centre) / self.half_range
 
 
@@ -41,7 +36,7 @@ def catalogue_entry(
     """Return the entry of a variable of the catalogue, with the variable's unit and description.
 
     `variable` is a dataset name ("alpha_deg") or a `Variable`; `centre` and `half_range` are in the variable's unit.
-    `kind` is added to the key in the entry's name ("_error"), `meaning` stands before the description ("Commanded").
+    `kind` extends the name: "_error" gives "alpha_error_deg". `meaning`, such as "Commanded", precedes the description.
     """
     v = _BY_NAME[variable] if isinstance(variable, str) else variable
     description = f"{meaning} {v.long_name[0].lower()}{v.long_name[1:]}" if meaning else v.long_name
@@ -58,7 +53,7 @@ class Box:
         return f"Box({self.low:g}, {self.high:g}, {self.shape}, {np.dtype(self.dtype).name})"
 
     def sample(self, key: Array) -> Float[Array, "..."]:
-        """Draw a random vector: uniform between finite bounds, otherwise standard normal."""
+        """Draw a random vector: uniform if both bounds are finite; standard normal if a bound is infinite."""
         if np.isfinite(self.low) and np.isfinite(self.high):
             return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)
         return jax.random.normal(key, self.shape, self.dtype)

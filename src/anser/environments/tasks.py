@@ -27,7 +27,7 @@ from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD, RAD_DEG
 
 _ERROR_SCALE = 10.0
-"""Error, in units of its tolerance, at which the error's part of the reward is one half."""
+"""Ratio of error to tolerance at which an error's part of the reward is one half."""
 
 Drawn = tuple[TrimPoint, Any]
 """Starts and task numbers (such as commands) of many episodes, both with a leading axis over the episodes."""
@@ -36,17 +36,12 @@ Drawn = tuple[TrimPoint, Any]
 class AbstractTask(eqx.Module):
     """Interface of the tasks of one aircraft. Subclass this class directly.
 
-    A task draws the starts and the numbers of its episodes, such as commands, before the first step, and defines
-    observation, errors, reward and failure. A full episode lasts `duration_s` (s). Success: all errors are within the
-    tolerances at every decision in the last `settled_s` seconds of a full episode.
-
-    `expert_loop` is the loop of the autopilot to which the expert commands; `levels` are the levels of action that the
-    task allows: at other levels the autopilot itself would solve the task.
+    Success: all errors are within the tolerances at every decision in the last `settled_s` seconds of a full episode.
     """
 
     duration_s: eqx.AbstractVar[float]  #: Duration of a full episode, s.
     settled_s: eqx.AbstractVar[float]  #: Time at the end in which the errors must stay within the tolerances, s.
-    #: Loop of the autopilot to which `expert_command` is given.
+    #: Autopilot loop that gets the command of `expert_command`.
     expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity", kw_only=True)
     #: Levels of action that the task allows: at other levels the autopilot itself would solve the task.
     levels: tuple[str, ...] = eqx.field(static=True, default=("surfaces", "rates", "velocity"), kw_only=True)
@@ -55,55 +50,44 @@ class AbstractTask(eqx.Module):
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
         """Draw the starts and the task's numbers of `count` episodes, both with a leading axis over the episodes.
 
-        `environment` has no wind; `flown` is the range of the flight conditions at the starts.
+        `environment` must have no wind; `flown` is the range of the flight conditions at the starts.
         """
 
     @abc.abstractmethod
     def errors(self, situation: Situation) -> Float[Array, " error"]:
-        """Return the true errors, each divided by its tolerance."""
+        """Return the true errors divided by the tolerances."""
 
     @abc.abstractmethod
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's observations, which follow the aircraft's motion in the observation."""
+        """Return the table of the task's entries in the observation, which follow the aircraft's motion."""
 
     @abc.abstractmethod
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the quantities of `entries`, not normalized, from the aircraft's own estimates."""
+        """Return the quantities of `entries`, not normalized, as the aircraft estimates them."""
 
     @abc.abstractmethod
     def expert_command(self, situation: Situation) -> PathCommand | LoopCommand:
         """Return the scripted expert's command to the autopilot's loop `expert_loop`."""
 
     def has_failed(self, situation: Situation) -> Flag:
-        """Whether a condition of this task ends the episode by failure; by default never.
-
-        `AircraftEnvironment.judge` lists the other failures.
-        """
+        """Whether this task ends the episode by failure (default: never); see also `AircraftEnvironment.judge`."""
         return jnp.zeros((), bool)
 
     def reward(self, situation: Situation, errors: Float[Array, " error"]) -> Scalar:
-        """Return the reward of a decision, 0..1: the mean over the errors of 1 / (1 + (e / 10)^2).
-
-        e is an entry of `errors`, an error divided by its tolerance.
-        """
+        """Return the reward of a decision, 0..1: the mean of 1 / (1 + (e / 10)^2) over the entries e of `errors`."""
         return jnp.mean(1.0 / (1.0 + (errors / _ERROR_SCALE) ** 2))
 
 
 class Aim(NamedTuple):
-    """A variable that a task commands, by its dataset name such as "path_angle_deg".
-
-    `tolerance` is that of the error; 0: the variable has no error. `difference_scale` and `command_scale` are the half
-    ranges of the observations "commanded less present value" and "commanded value"; 0: not observed. All three are in
-    the variable's unit.
-    """
+    """A variable that a task commands. Tolerance and scales are in the unit of the variable's dataset name."""
 
     name: str  #: Dataset name of the variable, such as "path_angle_deg".
     tolerance: float = 0.0  #: Tolerance of the error; 0: the variable has no error.
-    difference_scale: float = 0.0  #: Half range of the observation "commanded less present value"; 0: not observed.
+    difference_scale: float = 0.0  #: Half range of the observation "commanded minus present value"; 0: not observed.
     command_scale: float = 0.0  #: Half range of the observation "commanded value"; 0: not observed.
 
     def error(self, command: Scalar | None, value: Scalar) -> Scalar:
-        """Return the error, value less command, in units of the tolerance; errors of course and bank are wrapped.
+        """Return (value - command) / tolerance; differences of course and bank are wrapped to -180..180 deg.
 
         `value` is in the variable's unit; `command` is in SI units (angles in rad), None for 0.
         """
@@ -114,17 +98,13 @@ class Aim(NamedTuple):
         return (wrap_angle(difference) if self.name in _CYCLIC else difference) / (self.tolerance * unit)
 
     def shown(self, command: Scalar | None, value: Scalar) -> Scalar:
-        """Return the commanded less the present value of the variable, in the variable's unit, for the observation.
-
-        `value` is in the variable's unit; `command` is in SI units (angles in rad), None for 0. Differences of course
-        and bank angle are wrapped to -180..180 deg.
-        """
+        """Return command minus value in the variable's unit. For arguments and wrapping see `error`."""
         if self.name in _CYCLIC:
             return wrap_angle((0.0 if command is None else command) - value * DEG_RAD) * RAD_DEG
         return self.commanded(command) - value
 
     def commanded(self, command: Scalar | None) -> Scalar:
-        """Return a command, in SI units or None for 0, in the variable's unit, for the observation."""
+        """Return a command (SI units, None for 0) in the variable's unit, for the observation."""
         if command is None:
             return jnp.zeros(())
         return command * RAD_DEG if self._is_angular else command
@@ -139,15 +119,12 @@ _CYCLIC = "course_deg", "bank_deg"
 
 
 class AbstractCommandTask(AbstractTask):
-    """Base of the tasks that command variables of the catalogue.
+    """Base of the tasks that command variables of the catalogue."""
 
-    Errors and observations follow from `aims`, the commanded variables with tolerances and scales.
-    """
-
-    aims: ClassVar[tuple[Aim, ...]]
+    aims: ClassVar[tuple[Aim, ...]]  #: Commanded variables, from which errors and observations follow.
 
     def commands(self, situation: Situation) -> tuple[Any, ...]:
-        """Return the present command of each aim (SI units, rad), None for 0; by default the task's drawn numbers."""
+        """Return the present command of each aim (SI units, rad), None for 0. Default: the task's drawn numbers."""
         return tuple(situation.case.task)
 
     def errors(self, situation: Situation) -> Float[Array, " error"]:
@@ -156,24 +133,24 @@ class AbstractCommandTask(AbstractTask):
         return jnp.stack([aim.error(command, v[aim.name]) for aim, command in aims if aim.tolerance])
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return the table of the task's observations: commanded less present values, then commanded values."""
+        """Return the table of the task's entries: commanded minus present values, then commanded values."""
         differences = [(aim.name, aim.difference_scale, "_error", "Commanded less present") for aim in self.aims]
         commands = [(aim.name, aim.command_scale, "_command", "Commanded") for aim in self.aims]
         rows = (*differences, *commands)
         return tuple(catalogue_entry(name, 0.0, scale, *texts) for name, scale, *texts in rows if scale)
 
     def observation(self, situation: Situation) -> tuple[Scalar, ...]:
-        """Return the quantities that `entries` lists, not normalized, from the aircraft's own estimates."""
+        """Return the quantities of `entries`, not normalized, as the aircraft estimates them."""
         aims, v = list(zip(self.aims, self.commands(situation), strict=True)), situation.estimates
         differences = [aim.shown(command, v[aim.name]) for aim, command in aims if aim.difference_scale]
         return (*differences, *(aim.commanded(command) for aim, command in aims if aim.command_scale))
 
 
 def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], level: Any) -> np.ndarray:
-    """Draw two commands for each of `count` starts until both give a steady flight, shape (2, count).
+    """Return two commands for each of `count` starts that give a steady flight, shape (2, count).
 
-    `draw` takes the indices of starts, and returns their commands (2, index) and whether each pair gives a steady
-    flight. A start without a steady flight after 40 draws gets its commands in `level` (2, count).
+    `draw` takes the indices of starts, and returns commands (2, index) and whether each pair gives a steady flight. If
+    40 draws give no steady flight for a start, the start gets the commands in `level`, shape (2, count).
     """
     commands, missing = np.array(level, dtype=float), np.arange(count)
     for _ in range(_DRAWS_MAX):
@@ -188,10 +165,10 @@ def _steady_commands(count: int, draw: Callable[[np.ndarray], tuple[np.ndarray, 
 class VelocityCommand(AbstractCommandTask):
     """Reach and hold a commanded airspeed, path angle and course.
 
-    Airspeed and course differ from the start by up to 30 m/s and 90 deg; the path angle is up to 10 deg. With the
-    commanded airspeed and path angle a steady flight exists within the aircraft's limits, and the thrust suffices to
-    change the airspeed within 20 s. If 40 draws find no such command for a start, level flight at the start's airspeed
-    is commanded. Tolerances: 2 m/s, 1 deg, 2 deg.
+    Airspeed and course differ from the start by up to 30 m/s and 90 deg; the path angle is up to 10 deg. A steady
+    flight exists at the commanded airspeed and path angle, and the thrust suffices to change the airspeed within 20 s.
+    If 40 draws find no such command, level flight at the start's airspeed is commanded. Tolerances: 2 m/s, 1 deg,
+    2 deg.
     """
 
     duration_s: float = eqx.field(static=True, default=40.0)
@@ -251,8 +228,8 @@ class AltitudeChange(AbstractCommandTask):
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
         """Draw steady starts, and commands (altitude m, airspeed m/s, course rad), shape (episode, 3).
 
-        At the commanded altitude and airspeed the aircraft has a steady level flight, unless 40 draws find none: then
-        the altitude and the airspeed of the start are commanded.
+        A steady level flight exists at the commanded altitude and airspeed. If 40 draws find no such flight, the
+        altitude and the airspeed of the start are commanded.
         """
         starts = steady_starts(vehicle, environment, flown, count, rng)
         V, chi, start_altitude = _level_of(starts)
@@ -268,9 +245,9 @@ class AltitudeChange(AbstractCommandTask):
         return starts, as_array(np.stack([*commands, chi], axis=-1))
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the commanded airspeed and course, with the path angle of a climb rate.
+        """Return the commanded airspeed and course, and the path angle of a climb rate up to 8 m/s up or down.
 
-        The climb rate is in proportion to the altitude error, at most 8 m/s up or down.
+        The climb rate is proportional to the altitude error.
         """
         v, (altitude, V, chi) = situation.estimates, situation.case.task
         climb_rate = jnp.clip(_CLIMB_GAIN * (altitude - v["altitude_m"]), -_CLIMB_RATE_MAX_M_S, _CLIMB_RATE_MAX_M_S)
@@ -280,9 +257,9 @@ class AltitudeChange(AbstractCommandTask):
 class UpsetRecovery(AbstractCommandTask):
     """Recover from an upset to level flight with level wings, at any course.
 
-    The start has up to 60 deg of bank, an angle of attack from -5 to 25 deg, as far as the aircraft's data reach, path
-    angles up to 30 deg and body rates up to 30 deg/s. Tolerances: 3 deg of path angle, 5 deg of bank, 5 deg/s of roll
-    rate.
+    At the start, bank is up to 60 deg, path angle up to 30 deg, and body rates are up to 30 deg/s. The angle of attack
+    is between -5 and 25 deg, and within the range of the aircraft's data. Tolerances: 3 deg of path angle, 5 deg of
+    bank, 5 deg/s of roll rate.
     """
 
     duration_s: float = eqx.field(static=True, default=20.0)
@@ -300,7 +277,7 @@ class UpsetRecovery(AbstractCommandTask):
     )
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw upsets at the airspeeds and altitudes of level flights; the start's airspeed (m/s) is the command."""
+        """Draw upsets at the airspeeds and altitudes of level flights; the command is the start's airspeed (m/s)."""
         level = FlightRange(flown.speed_m_s, flown.altitude_m, 0.0, 0.0, 0.0)
         trims = steady_starts(vehicle, environment, level, count, rng)
         V, chi, _ = _level_of(trims)
@@ -319,16 +296,16 @@ class UpsetRecovery(AbstractCommandTask):
         return None, None, None, situation.case.task[0]
 
     def expert_command(self, situation: Situation) -> PathCommand:
-        """Return the command of level flight at the airspeed of the start on the presently estimated course."""
+        """Return the command of level flight at the start's airspeed, on the presently estimated course."""
         return _path_command(situation.case.task[0], jnp.zeros(()), situation.estimates["course_deg"] * DEG_RAD)
 
 
 class AttitudeHold(AbstractCommandTask):
     """Hold the attitude of the start, then follow steps of bank and angle of attack, without sideslip.
 
-    After 3 s and after 8 s, a new bank angle (about the velocity vector) up to 45 deg and a new angle of attack up to
-    4 deg from the start's are commanded, within the autopilot's limits of angle of attack less 3 deg. Tolerances: 3 deg
-    of bank, 1 deg of angle of attack, 1 deg of sideslip.
+    After 3 s and after 8 s, new angles are commanded: a bank angle (about the velocity vector) up to 45 deg, and an
+    angle of attack up to 4 deg from the start's angle, with a margin of 3 deg to the autopilot's limits. Tolerances:
+    3 deg of bank, 1 deg of angle of attack, 1 deg of sideslip.
     """
 
     duration_s: float = eqx.field(static=True, default=13.0)
@@ -344,9 +321,9 @@ class AttitudeHold(AbstractCommandTask):
     )
 
     def draw(self, vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> Drawn:
-        """Draw steady starts, and the task's numbers: commands and the throttle of the start.
+        """Draw steady starts; and commands of bank and angle of attack (rad), and the throttle of the start.
 
-        Bank and angle of attack (rad) have shape (episode, 3): the commands in the three intervals of the episode.
+        The commands have shape (episode, 3), for the three intervals of an episode.
         """
         starts = steady_starts(vehicle, environment, flown, count, rng)
         limits = autopilot_of(vehicle).limits
@@ -359,13 +336,13 @@ class AttitudeHold(AbstractCommandTask):
         return starts, (*steps, as_array(np.asarray(starts.controls.throttle)))
 
     def commands(self, situation: Situation) -> tuple[Any, ...]:
-        """Return the present commands of bank and angle of attack, rad, and None for a sideslip of 0."""
+        """Return the present commands of bank and angle of attack (rad), and None for a sideslip of 0."""
         later, last = situation.time >= 3.0, situation.time >= 8.0
         bank, alpha = (jnp.where(last, v[2], jnp.where(later, v[1], v[0])) for v in situation.case.task[:2])
         return bank, alpha, None
 
     def expert_command(self, situation: Situation) -> LoopCommand:
-        """Return the commanded bank, angle of attack and sideslip 0 (rad, rates 0), and the throttle of the start."""
+        """Return the commanded bank and angle of attack (rad), sideslip 0, rates 0, and the throttle of the start."""
         bank, alpha, _ = self.commands(situation)
         attitude = jnp.stack([bank, alpha, jnp.zeros_like(bank)])
         return LoopCommand(attitude, jnp.zeros_like(attitude), situation.case.task[2])
@@ -383,7 +360,7 @@ def _path_command(V: Scalar, gamma: Scalar, chi: Scalar) -> PathCommand:
 
 
 def _level_of(starts: TrimPoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return airspeed (m/s), course (rad) and altitude (m) of steady flights in still air, each of shape (row,)."""
+    """Return airspeed (m/s), course (rad) and altitude (m) of steady flights in still air, each of shape (start,)."""
 
     def path(state: AircraftState) -> PathCommand:
         velocity_n = rotate_back(rotation_from_quaternion(state.quaternion), state.velocity_b)
@@ -396,11 +373,7 @@ def _level_of(starts: TrimPoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _upset(
     trim: TrimPoint, V: Scalar, chi: Scalar, alpha: Scalar, bank: Scalar, path_angle: Scalar, rates_b: Vector3
 ) -> TrimPoint:
-    """Return the state of an upset: a level flight with new attitude, flight path and body rates.
-
-    The upset has airspeed (m/s), course, angle of attack, bank and path angle (rad), and body rates (rad/s) as stated,
-    and no sideslip. Position, surfaces and engine are those of the level flight `trim`.
-    """
+    """Return the level flight `trim` with new velocity, attitude and body rates (m/s, rad, rad/s), no sideslip."""
     beta = jnp.zeros_like(alpha)
     quaternion = quaternion_from_rotation(attitude_from_path(bank, path_angle, chi, alpha, beta))
     return eqx.tree_at(

@@ -3,19 +3,19 @@
 ========================  ============================================================================================
 ``identify``              `anser.identify`: from a recording to parameters, fit, validation and files
 ``records``               flight records: a flight of the package or a recording as time series in SI units
-``alignment``             delays between channels, and wrong units
+``alignment``             removal of delays between channels, detection of wrong units
 ``kinematics``            specific force, and rates of the motion from inertial data
 ``compatibility``         biases and scale factors of sensors from the kinematics
-``coefficients``          aerodynamic coefficients along a record
-``models``                equations of short period, lateral motion and coefficients along a record
+``coefficients``          aerodynamic coefficients at the samples of a record
+``models``                equations of short period, lateral motion and coefficients, with the data of a record
 ``estimation``            parameters of these equations by a chosen method
 ``regression``            least squares in time: ordinary, total, stepwise, with prior values
 ``frequency_regression``  least squares on Fourier transforms
 ``dynamic_models``        models with unknown parameters, manoeuvres, predicted outputs and sensitivities
-``aircraft_models``       such models of an aircraft: short period, linear motion, nonlinear motion
+``aircraft_models``       dynamic models of an aircraft: short period, linear motion, nonlinear motion
 ``output_error``          maximum likelihood without process noise
 ``filter_error``          maximum likelihood with process noise, by a Kalman filter
-``likelihood``            search for the greatest likelihood
+``likelihood``            maximization of the likelihood
 ``estimates``             estimated parameters with covariance and intervals
 ``fits``                  fit of a model to measured responses
 ``smoothing``             smoothed time histories, derivatives and noise levels

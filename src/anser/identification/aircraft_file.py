@@ -1,4 +1,4 @@
-"""Aircraft file with estimated derivatives, and with mass, geometry, actuators and engine of an existing aircraft."""
+"""Aircraft file with estimated derivatives; mass, geometry, actuators and engine are those of an existing aircraft."""
 
 import json
 import re
@@ -26,13 +26,13 @@ from anser.units import RAD_DEG
 _ALTITUDES_M, _MACHS = np.linspace(0.0, 15_000.0, 6), np.linspace(0.0, 1.0, 6)
 """Altitudes (m) and Mach numbers of the thrust tables, for an engine that no aircraft file describes."""
 _JET_ASSUMED = "power in proportion to the throttle, thrust by a straight line from idle to full power, and one lag"
-"""Assumptions, written into the aircraft file, on an engine that no aircraft file describes."""
+"""Text on the assumed engine model, for an engine that no aircraft file describes."""
 _ACTUATOR_KEYS = (
     *("name", "limit_deg", "lower_deg", "upper_deg", "rate_limit_deg_s"),
     *("lag_s", "frequency_rad_s", "damping"),
 )
 _ALPHA_MARGIN_DEG, _BETA_MARGIN_DEG, _SPEED_SHARE = 3.0, 8.0, 0.2
-"""Margins by which the range of validity exceeds the record's: alpha, beta (deg), part of the airspeed."""
+"""Margins of the range of validity beyond the range of the record: alpha, beta (deg), fraction of the airspeed."""
 
 
 def aircraft_file_text(
@@ -52,20 +52,22 @@ def aircraft_file_text(
         Name of the aircraft: small letters, digits, hyphens.
     record
         Record of the estimate, which determines the range of validity in airspeed, alpha and beta.
-    airframe, file
-        Aircraft that gives mass properties, lengths, actuators and engine, and its aircraft file; None: no file. An
-        engine that is not in the file is described by tables of idle and full thrust over altitude and Mach number,
-        and the text names the assumptions; an aircraft without an engine gets none.
-    estimated, assumed
-        Derivatives named as in `CL_alpha`, `CL0`: the estimates, and the aircraft's values, for derivatives without an
-        estimate. Derivatives in neither are zero.
+    airframe
+        Aircraft that gives mass properties, lengths, actuators and engine.
+    file
+        Aircraft file of `airframe`; None: there is no file. An engine that is not in the file is described by tables of
+        idle and full thrust over altitude and Mach number.
+    estimated
+        Estimated derivatives, with names such as `CL_alpha` and `CL0`.
+    assumed
+        Derivatives of the aircraft, for derivatives without an estimate. Derivatives in neither argument are zero.
     source
         Origin of the estimates, as text for the file.
 
     Raises
     ------
     ValueError
-        The power of an engine that is not in the file does not follow the throttle.
+        If the engine is not in the file and its power does not follow the throttle.
     """
     derivatives = {**assumed, **estimated}
     filled = ", ".join(key for key, value in assumed.items() if value)
@@ -177,10 +179,7 @@ def _jet(airframe: AbstractAirframe) -> dict[str, Any]:
 
 
 def _toml(tables: Mapping[str, Any], path: str = "") -> str:
-    """Return nested tables, and lists of tables, as TOML text; `path` is the dotted name of the table.
-
-    The plain keys of a table come first; floats are rounded to nine significant digits.
-    """
+    """Return nested tables as TOML text, with floats rounded to nine digits; `path` is the dotted name of the table."""
     lines, parts = [], []
     for key, value in tables.items():
         name = f"{path}.{key}" if path else key

@@ -1,6 +1,6 @@
-"""Aircraft models with unknown derivatives: short period, linear equations along a record, nonlinear motion.
+"""Dynamic models of an aircraft with unknown derivatives: short period, linear motion, nonlinear motion.
 
-States, inputs and outputs are named by the catalogue's keys, such as `pitch_rate`, as are the channels of a record.
+States, inputs and outputs have the names of record channels, such as `pitch_rate`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,11 +25,10 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Parameters) -> Array:
-    """Return the rates of a linear model, one for each axis: a constant plus the sum of derivatives times arguments.
+    """Return the rate of each axis of a linear model: a constant plus the sum of derivatives times arguments.
 
-    `arguments` are the states and inputs by name. For the axis Z, `theta` contains `Z_alpha`, `Z_q`, ... (elements of
-    the state matrix, as from `anser.linearize`), `Z_elevator`, ... (elements of the input matrix) and the constant
-    `Z0`; an absent parameter is zero.
+    `arguments` are the states and inputs by name. The parameters of the axis Z are the derivatives `Z_alpha`,
+    `Z_elevator`, ... and the constant `Z0`; a parameter that is absent from `theta` is zero.
     """
     zero = jnp.zeros(())
     sums = [
@@ -40,19 +39,13 @@ def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Par
 
 
 class ShortPeriod(eqx.Module):
-    """Equations of the short period in nearly level flight at the constant airspeed `speed` (m/s).
-
-    `surfaces` are the names of the inputs; see `short_period_model`.
-    """
+    """Equations of the short period at the airspeed `speed` (m/s); see `short_period_model`."""
 
     speed: Scalar
     surfaces: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of alpha (rad/s) and q (rad/s^2), and the outputs alpha, q and specific force z.
-
-        Units of the outputs: rad, rad/s, m/s^2.
-        """
+        """Return the rates of alpha and q, and the outputs alpha (rad), q (rad/s) and specific force z (m/s^2)."""
         alpha, q = x
         arguments = {"alpha": alpha, "q": q, **dict(zip(self.surfaces, u, strict=True))}
         rates = linear_rates("ZM", arguments, {"Z_q": jnp.ones(()), **theta})
@@ -60,11 +53,11 @@ class ShortPeriod(eqx.Module):
 
 
 def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)) -> DynamicModel:
-    """Return the short-period model alpha' = Z, q' = M, with the output f_z = V (Z - q) - g beside alpha and q.
+    """Return the short-period model in nearly level flight, with the outputs alpha, q and specific force f_z.
 
-    Z = Z_alpha alpha + Z_q q + Z_elevator u + Z0 (rad/s) and M = M_alpha alpha + M_q q + M_elevator u + M0 (rad/s^2),
-    with a term for each surface u (rad). The parameters have these names; a parameter that is neither estimated nor
-    fixed is 1 (`Z_q`) or 0. f_z is the specific force along z (m/s^2) in nearly level flight.
+    alpha' = Z_alpha alpha + Z_q q + Z_elevator u + Z0 (rad/s) and q' = M_alpha alpha + M_q q + M_elevator u + M0
+    (rad/s^2), with a term for each surface u (rad). The specific force along z is f_z = V (alpha' - q) - g (m/s^2). A
+    parameter that is neither estimated nor fixed is 0, except Z_q = 1.
     """
     equations = ShortPeriod(jnp.asarray(float(speed_m_s)), tuple(surfaces))
     outputs = ("alpha", "pitch_rate", "specific_force_z")
@@ -72,11 +65,7 @@ def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)
 
 
 class RecordedMotion(eqx.Module):
-    """Linear equations x' = A x + B u + c + known of some axes, for `recorded_model`.
-
-    `axes` are the first letters of the parameters of each rate, such as Z and M; `states` and `inputs` are the names of
-    x and u. The known part of each state's rate, such as gravity, is a further input after u.
-    """
+    """Linear equations x' = A x + B u + c + known; see `recorded_model`."""
 
     axes: tuple[str, ...] = eqx.field(static=True)
     states: tuple[str, ...] = eqx.field(static=True)
@@ -90,9 +79,10 @@ class RecordedMotion(eqx.Module):
 
 
 def recorded_model(axes: Sequence[str], states: Sequence[str], inputs: Sequence[str]) -> DynamicModel:
-    """Return the model x' = A x + B u + c + known, with the states as outputs and the parameters of `linear_rates`.
+    """Return the model x' = A x + B u + c + known, with the states x as outputs and the parameters of `linear_rates`.
 
-    The inputs are u, then the known part of each state's rate, such as gravity, as `known_STATE`.
+    `axes` are the first letters of the parameters of each rate, such as Z and M. The inputs are u and the known part of
+    each state's rate (`known_STATE`), such as gravity.
     """
     equations = RecordedMotion(tuple(axes), tuple(states), tuple(inputs))
     return DynamicModel(equations, equations.states, (*inputs, *(f"known_{name}" for name in states)), equations.states)
@@ -103,18 +93,14 @@ _OUTPUTS: tuple[str, ...] = (*_MOTION, *SPECIFIC_FORCE)
 
 
 class AircraftMotion(eqx.Module):
-    """Equations of motion of an aircraft with unknown derivatives, for `aircraft_model`.
-
-    `airframe` gives the values of parameters that are not estimated, `lengths` span and mean chord, and `outputs` names
-    the outputs.
-    """
+    """Equations of motion of an aircraft with unknown derivatives; see `aircraft_model`."""
 
     airframe: AbstractAirframe
     lengths: ReferenceLengths
     outputs: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        """Return the rates of the states, and the outputs; for x, u and the outputs' units see `aircraft_model`."""
+        """Return the rates of the states, and the outputs; see `aircraft_model`."""
         V, alpha, beta, roll, pitch = x[:5]
         rates, surfaces, power, altitude = x[5:], u[:-2], u[-2], u[-1]
         airframe, increments = self._identified(theta)
@@ -138,10 +124,10 @@ class AircraftMotion(eqx.Module):
         return jnp.concatenate([flow, attitude, angular]), jnp.stack([values[key] for key in self.outputs])
 
     def _identified(self, theta: Parameters) -> tuple[AbstractAirframe, Float[Array, "6 argument"]]:
-        """Return the airframe with the values of its own parameters in `theta`, and the increments of its coefficients.
+        """Return the airframe with the parameters in `theta`, and the increments of its coefficients.
 
-        The increments, named `dCm_alpha` and the like in `theta`, are derivatives of CL, CD, CY, Cl, Cm and Cn (rows)
-        by the constant 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2 and the surfaces (columns).
+        The increments, such as `dCm_alpha`, are derivatives of CL, CD, CY, Cl, Cm and Cn (rows) by the constant 1,
+        alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2 and the surfaces (columns).
         """
         airframe, surfaces = self.airframe, self.airframe.actuators.names
         increments = jnp.zeros((len(COEFFICIENTS), len(derivative_columns(surfaces))))
@@ -159,7 +145,7 @@ _GLOBAL_NAMES = tuple(f"{coefficient}[{term}]" for coefficient, terms in GLOBAL_
 
 
 def _own_parameter(airframe: AbstractAirframe, name: str) -> tuple[str, int | tuple[int, int]] | None:
-    """Return the field of an airframe and the index in the field that contain a named parameter; None if unknown."""
+    """Return the field of an airframe and the index in this field of the parameter `name`; None if unknown."""
     if isinstance(airframe, DerivativeAircraft):
         index = derivative_index(name, tuple(airframe.actuators.names))
         return None if index is None else ("derivatives", index)
@@ -172,25 +158,28 @@ def aircraft_model(airframe: AbstractAirframe, names: Sequence[str], outputs: Se
     """Return the nonlinear equations of motion of an aircraft in still air, with derivatives as parameters.
 
     The states are airspeed (m/s), alpha, beta, roll, pitch (rad) and body rates (rad/s). The inputs are the deflections
-    of the surfaces (rad), the engine's power (percent) and the altitude (m) in the standard atmosphere; in a different
-    atmosphere, the density altitude.
+    of the surfaces (rad), the engine's power (percent) and the density altitude (m), which is the altitude in the
+    standard atmosphere.
 
     Parameters
     ----------
     airframe
-        The aircraft, which gives the values of everything that is not among the parameters.
+        Aircraft that gives the values of everything that is not among the parameters.
     names
-        Names of the parameters. `Cm_alpha` is a derivative of an aircraft file, about the file's reference point;
-        `Cm[alpha q]` is a term of the global model of the F-16 (`anser.aircraft.global_model.GLOBAL_TERMS`);
-        `dCm_alpha` is a derivative of an increment that is added to a coefficient of any aircraft, about the centre of
-        gravity. The endings are those of `anser.airframe_data.DERIVATIVE_ARGUMENTS`, and the surfaces.
+        Names of the parameters:
+
+        - `Cm_alpha`: derivative of an aircraft file, about the file's reference point.
+        - `Cm[alpha q]`: term of the global model of the F-16 (`anser.aircraft.global_model.GLOBAL_TERMS`).
+        - `dCm_alpha`: increment of a derivative of any aircraft, about the centre of gravity.
+
+        The endings are `anser.airframe_data.DERIVATIVE_ARGUMENTS` and the names of the surfaces.
     outputs
         Keys of the outputs, among the states and the specific force (`specific_force_x`, ..., m/s^2).
 
     Raises
     ------
     ValueError
-        A name is no parameter of the aircraft, or an output is unknown.
+        If a name is no parameter of the aircraft, or an output is unknown.
     """
     surfaces = tuple(airframe.actuators.names)
     for name in names:

@@ -12,14 +12,14 @@ from anser.units import FOOT_M, KNOT_M_S, RAD_DEG
 from anser.variables import catalogue
 
 DELAY_MAX_S = 0.5
-"""Longest delay of a channel, lead or lag, that is searched, s."""
+"""Greatest lag or lead of a channel that is searched, s."""
 _SURFACE_FIT_MIN = 0.8
 """Least fit to an angular acceleration at which a surface is checked for a delay."""
 _FIT_MIN: dict[str, float] = {
     **dict.fromkeys(("pitch", "roll", "alpha", "beta", "airspeed"), 0.8),
     "altitude": 0.98,
 }
-"""Least share of a channel's variation explained by kinematics at which unit and delay of the channel are checked."""
+"""Share of a channel's variation that kinematics must explain for a check of unit and delay."""
 _SIGNIFICANCE = 5.0
 """Least delay that is corrected, in standard errors of the delay."""
 _UNIT_TOLERANCE = 0.2
@@ -36,21 +36,21 @@ _SPEEDS = {f"{unit} that are declared as m/s": factor for unit, factor in _SPEED
 _FACTORS: dict[str, dict[str, float]] = {
     **dict.fromkeys(("pitch", "roll", "alpha", "beta"), _ANGLES),
     "airspeed": _SIGN | _SPEEDS,
-    # the altitude rate is in proportion to the airspeed, so that an airspeed has the inverse factor
+    # the altitude rate is proportional to the airspeed: the factor of a wrong airspeed is the inverse
     "altitude": _SIGN
     | {"feet that are declared as metres": FOOT_M, "metres that are declared as feet": 1.0 / FOOT_M}
     | {text: 1.0 / factor for text, factor in _SPEEDS.items()},
 }
-"""Factor from the values of a channel to those of the kinematics, for each kind of wrong unit or sign."""
+"""Ratio of the kinematic values to the values of a channel, for each kind of wrong unit or sign."""
 
 
 class ChannelMatch(NamedTuple):
-    """Comparison of a channel with a kinematic reference: scale factor, delay and fit.
+    """Comparison of a channel with a reference computed from other channels: scale factor, delay and fit.
 
-    The reference is the integral of the channel's rate, computed from other channels; for a surface, it is the angular
-    acceleration. The reference is `factor` times the channel (1 for consistent units; unused for a surface); the
-    channel lags by `delay_s` (negative: it leads). The standard error `delay_error_s` is infinite if the fit has no
-    maximum within the searched delays. `fit` is the explained share of the variation, 0 to 1.
+    The reference is the integral of the channel's rate; for a surface, the reference is the angular acceleration.
+    `factor` is reference / channel: 1 for consistent units, unused for a surface. `delay_s` is positive if the channel
+    lags. `delay_error_s` is the standard error of the delay; infinite if the fit has no maximum within the searched
+    delays. `fit` is the explained share of the variation, 0 to 1.
     """
 
     factor: float
@@ -67,9 +67,9 @@ def match_channel(
 ) -> ChannelMatch:
     """Fit a channel by least squares: measured(t) = c0 + c1 t + c2 t^2 + integral(t - delay) / factor.
 
-    `integral` is the integral of the channel's rate computed from other channels. The polynomial absorbs the drift from
-    biases of inertial sensors. The delay is searched over whole samples up to `delay_max_s` (and a quarter of the
-    record) in both directions, and refined by a parabola.
+    `integral` is the integral of the channel's rate, computed from other channels; the polynomial absorbs the drift
+    from sensor biases. Positive and negative delays are searched, up to `delay_max_s` and up to a quarter of the
+    record.
     """
     shift_max = min(round(delay_max_s / step_s), (measured.size - 1) // 4)
     count = measured.size - 2 * shift_max
@@ -84,11 +84,10 @@ def _match_windows(
     basis: Float[np.ndarray, "sample column"],
     step_s: float,
 ) -> ChannelMatch:
-    """Fit a series by one of several delayed windows of a second series plus a combination of orthonormal columns.
+    """Fit `values` by the best row of `windows` plus a combination of the orthonormal columns of `basis`.
 
-    `values` is the series, `basis` holds the columns. Row k of `windows` is the second series delayed by k - c samples,
-    with the index c of the middle row. Returned is the match of the best window, with the delay refined by a parabola
-    (its standard error is infinite without a maximum between first and last row); the factor is window over values.
+    The rows of `windows` are a second series with rising delays; the middle row has the delay 0. `factor` of the result
+    is window / values.
     """
     y = values - basis @ (basis.T @ values)
     Y = windows - (windows @ basis) @ basis.T
@@ -120,17 +119,13 @@ def align_record(
 ) -> FlightRecord:
     """Return the record with the constant delays of channels removed, and a note for each removed delay.
 
-    Flow angles, airspeed and attitude are compared with the integrals of their rates from body rates and specific
-    forces, surfaces with the angular acceleration; channels that fit badly are left as they are. A delay counts if it
-    exceeds a quarter of a step (surfaces: one step) and 5 standard errors. Channels are shifted by interpolation, and
-    the ends of the record are cut. A record without body rates is returned unchanged. `accelerometer_m` is the position
-    of the accelerometers relative to the centre of gravity, body axes, m.
+    The delays of flow angles, airspeed and attitude follow from the kinematics; the delays of surfaces follow from the
+    angular acceleration. A delay is removed if the channel fits well and the delay exceeds a quarter of a step
+    (surfaces: one step) and 5 standard errors. The ends of the record are cut. A record without body rates is returned
+    unchanged. `accelerometer_m` is the position of the accelerometers relative to the centre of gravity, body axes, m.
 
-    Raises
-    ------
-    ValueError
-        A channel differs from the kinematics by the factor of a wrong unit or sign, a delay is `delay_max_s` or more,
-        or fewer than 50 samples remain.
+    Raises ValueError if a channel has a wrong unit or sign, a delay is `delay_max_s` or more, or fewer than 50 samples
+    remain.
     """
     if not all(key in record for key in RATES):
         return record
@@ -174,11 +169,7 @@ def _refuse_unit(name: str, factor: float, factors: dict[str, float]) -> None:
 
 
 def _surface_matches(record: FlightRecord, delay_max_s: float) -> dict[str, ChannelMatch]:
-    """Return, by surface, the match with the angular acceleration (roll, pitch or yaw) that fits the surface best.
-
-    A constant, flow angles, body rates and the remaining surfaces explain the rest of the acceleration. Surfaces that
-    do not move or fit badly are absent.
-    """
+    """Return for each moving surface the best match with an angular acceleration, unless the surface fits badly."""
     present = [key for key in ("alpha", "beta", *RATES) if key in record]
     moving = [
         name for name in record.surfaces if name in record and np.ptp(record[name]) > 20.0 * noise_level(record[name])
@@ -202,10 +193,7 @@ def _basis(rows: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "sample r
 def _match_surface(
     surface: np.ndarray, acceleration: np.ndarray, basis: np.ndarray, step_s: float, delay_max_s: float
 ) -> ChannelMatch:
-    """Fit an angular acceleration at t by the recorded deflection at t + delay plus a combination of basis columns.
-
-    A positive delay (s) means that the recorded deflection lags the motion that the surface causes.
-    """
+    """Fit acceleration(t) by surface(t + delay) plus a combination of the columns of `basis`."""
     shift_max = min(round(delay_max_s / step_s), (surface.size - 1) // 4)
     count = surface.size - 2 * shift_max
     inner = slice(shift_max, shift_max + count)

@@ -1,4 +1,4 @@
-"""Aerodynamic coefficients along a record, from specific forces, body rates, mass properties and thrust."""
+"""Aerodynamic coefficients at the samples of a record, from specific forces, body rates, mass properties and thrust."""
 
 import dataclasses
 from typing import Any
@@ -26,7 +26,7 @@ from anser.results.variable_labels import unit_attributes
 from anser.shapes import Scalar, Vector3
 
 COEFFICIENT_NAMES: tuple[str, ...] = ("CL", "CD", "CY", "Cl", "Cm", "Cn", "CX", "CZ")
-"""Lift and drag (body-axis forces turned by alpha alone), side force; roll, pitch, yaw moment; forces along x, z."""
+"""Lift and drag (body forces turned by alpha alone), side force; roll, pitch and yaw moment; forces along x and z."""
 _INERTIAL_RATES = ("inertial_roll_rate", "inertial_pitch_rate", "inertial_yaw_rate")
 _ROWS = 512
 """Multiple to which the number of samples is padded, so that few programs are compiled."""
@@ -36,7 +36,7 @@ _ROWS = 512
 class CoefficientHistory:
     """Aerodynamic coefficients, and the arguments of their derivatives, at the samples of a record.
 
-    `coefficients` has a series for each name in `COEFFICIENT_NAMES`, with moments about the point `reference_m` of
+    `coefficients` has the names of `COEFFICIENT_NAMES`; moments refer to the point `reference_m` of
     `compute_coefficients`. `arguments` has `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V,
     non-dimensional) and the recorded surfaces (rad). `record` has the specific force at the centre of gravity.
     """
@@ -65,22 +65,24 @@ def compute_coefficients(
     accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> CoefficientHistory:
-    """Compute the coefficients of the aerodynamic forces and moments along a record.
+    """Compute the coefficients of the aerodynamic forces and moments at the samples of a record.
 
-    Aerodynamic force: m f minus thrust; moment: J w' + w x (J w + h) minus the engine's moment, with the airframe's
-    mass m, inertia J, spin momentum h of the engine, and engine model. The specific force f is that at the centre of
-    gravity; w' is the derivative of the smoothed body rates w. Source: V. Klein and E. A. Morelli, *Aircraft System
-    Identification* (2006), section 5.2.
+    The aerodynamic force is m f minus the engine's force. The aerodynamic moment is J w' + w x (J w + h) minus the
+    engine's moment. f is the specific force at the centre of gravity, w are the smoothed body rates, h is the spin
+    momentum of the engine. Source: V. Klein and E. A. Morelli, *Aircraft System Identification* (2006), section 5.2.
 
     Parameters
     ----------
     record
-        Record with airspeed (above 1 m/s), alpha, body rates, specific force or velocity with attitude, altitude (or
-        dynamic pressure with Mach number), and for an airframe with engine, power or thrust along x; with both, the
-        thrust along x is the recorded one, and the model at the recorded power gives the rest of the engine's force
-        and moment. Without beta, the sideslip angle is zero.
+        Record with these channels:
+
+        - airspeed (above 1 m/s), alpha, body rates; without beta, the sideslip angle is zero
+        - specific force, or velocity with attitude
+        - altitude, or dynamic pressure with Mach number
+        - power or thrust along x, if the airframe has an engine; a recorded thrust replaces the x force of the engine
+          model
     airframe
-        Aircraft, of which mass properties, reference lengths and engine are used, not the aerodynamics.
+        Aircraft that gives mass properties, reference lengths and engine.
     accelerometer_m
         Position of the accelerometers relative to the centre of gravity, body axes, m.
     reference_m
@@ -89,7 +91,7 @@ def compute_coefficients(
     Raises
     ------
     ValueError
-        The record lacks a channel, or an airspeed is 1 m/s or less.
+        If the record lacks a channel, or an airspeed is 1 m/s or less.
     """
     record = with_specific_force(record, accelerometer_m)
     if "power" not in record and "thrust" not in record and not isinstance(airframe.engine, NoEngine):
@@ -116,9 +118,8 @@ def _measured_coefficients(
 ) -> Float[Array, "row 8"]:
     """Return the coefficients `COEFFICIENT_NAMES` of each row, with moments about `reference_b` (body axes, m).
 
-    Columns of a row: the six of `_air_of_row`, power (percent), thrust (N), body rates (rad/s), angular acceleration
-    (rad/s^2), specific force (m/s^2). Force and moment of the engine are those of its model at the power, 0 if the
-    power is NaN; unless the thrust is NaN, it replaces the force along x, which acts at the engine's point.
+    Columns of `rows`: the six of `_air_of_row`, power (percent), thrust (N), body rates (rad/s), angular acceleration
+    (rad/s^2), specific force (m/s^2). Power or thrust is NaN if not recorded.
     """
 
     def evaluate(row: Float[Array, "17"]) -> Float[Array, "8"]:
@@ -150,8 +151,7 @@ def _in_lift_axes(body: Float[Array, "6"], alpha: Scalar) -> Float[Array, "6"]:
 def _air_of_row(row: Float[Array, "6"]) -> AirData:
     """Return the air data from airspeed (m/s), alpha, beta (rad), altitude (m), dynamic pressure (Pa) and Mach number.
 
-    A dynamic pressure or Mach number of NaN is computed from the standard atmosphere at the altitude. The altitude may
-    be NaN if both are numbers.
+    If dynamic pressure or Mach number is NaN, the standard atmosphere at the altitude gives the value.
     """
     V, alpha, beta, altitude, qbar, mach = row
     air = StandardAtmosphere().at(jnp.nan_to_num(altitude))
@@ -178,8 +178,8 @@ def model_coefficients(
 ) -> Float[Array, "6"]:
     """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's aerodynamic model.
 
-    `arguments`: alpha, beta (rad), p b/2V, q c/2V, r b/2V, then the surfaces (rad); airspeed, density, Mach number and
-    altitude are those of `air`. Differentiable.
+    `arguments` are alpha, beta (rad), p b/2V, q c/2V, r b/2V and the surfaces (rad); the flow angles of `air` are not
+    used. Differentiable.
     """
     lengths = reference_lengths(airframe)
     alpha, beta = arguments[0], arguments[1]
@@ -202,8 +202,8 @@ def _own_derivatives(
 def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, float]:
     """Return the derivatives (per rad) of an airframe's aerodynamic model at the mean values of a record, by name.
 
-    Names are as in `CL_alpha`, with the arguments of `CoefficientHistory` and every surface. The constants, as in
-    `CL0`, are such that constant plus derivatives times mean arguments is the coefficient at the means.
+    The derivatives, such as `CL_alpha`, are with respect to the arguments of `CoefficientHistory` and every surface.
+    `CL0` is the constant of the linear equation CL = CL0 + CL_alpha alpha + ...
     """
     arguments = _arguments_of(airframe, record)
     means = np.array([np.mean(values) for values in arguments.values()])
@@ -216,7 +216,7 @@ def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> di
 
 
 def _arguments_of(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
-    """Return along a record, by name: alpha, beta (rad), p b/2V, q c/2V, r b/2V, surfaces (rad; 0 if not recorded)."""
+    """Return alpha, beta (rad), p b/2V, q c/2V, r b/2V and surfaces (rad) by name; a missing channel is 0."""
     lengths, V = reference_lengths(airframe), record["airspeed"]
     scales = np.array([[lengths.span], [lengths.mean_chord], [lengths.span]], dtype=float)
     hats = dict(zip(("p", "q", "r"), record.stack(*RATES) * scales / (2.0 * V), strict=True))

@@ -41,8 +41,9 @@ _PROCESS_NOISE = {"airspeed": 1e-3, "alpha": 1e-7, "beta": 1e-7, "roll": 1e-6, "
 class Compatibility:
     """Estimated sensor errors with confidence intervals, and the corrected record; prints as a table.
 
-    `estimate` has the parameters `bias(CHANNEL)`, SI units and radians, and `scale(CHANNEL)`, a fraction: measured = (1
-    + scale) true + bias; also the initial states. `record` is at the centre of gravity, without the estimated errors.
+    The parameters of `estimate` are `bias(CHANNEL)` (SI units, rad), `scale(CHANNEL)` (a fraction) and the initial
+    states, with measured = (1 + scale) true + bias. `record` is corrected for these errors and refers to the centre of
+    gravity.
     """
 
     estimate: Estimate
@@ -78,23 +79,22 @@ def check_compatibility(
     Parameters
     ----------
     record
-        Record with airspeed, alpha, beta, roll and pitch (yaw optional), body rates and specific forces measured by
-        accelerometers, in air at rest or moving steadily.
+        Record with airspeed, flow angles, roll, pitch, body rates and accelerometers; yaw is optional. The wind must be
+        constant.
     errors
-        Names of the errors to estimate: `scale(CHANNEL)` for airspeed, flow angles and attitude, `bias(CHANNEL)` for
-        these, body rates and specific forces. Errors without a name in the list are taken as zero.
+        Names of the errors to estimate: `scale(CHANNEL)` or `bias(CHANNEL)` for airspeed, flow angles and attitude,
+        `bias(CHANNEL)` for body rates and specific forces. The remaining errors are zero.
     method
-        `output-error`: the kinematics are integrated without process noise; the intervals include the noise of gyros
-        and accelerometers that accumulates. `filter-error`: that noise is process noise of a Kalman filter, which is
-        more exact if the noise is great.
+        `output-error`: no process noise; the intervals include the accumulated noise of gyros and accelerometers.
+        `filter-error`: a Kalman filter treats this noise as process noise, which is more exact for strong noise.
     accelerometer_m
         Position of the accelerometers relative to the centre of gravity, body axes, m.
 
     Raises
     ------
     ValueError
-        The record lacks a channel, the name of an error is unknown, an error cannot be identified from the record, or
-        the search does not converge.
+        If the record lacks a channel, the name of an error is unknown, an error cannot be identified from the record,
+        or the search does not converge.
     """
     if not all(key in record for key in SPECIFIC_FORCE):
         raise ValueError("record: arrived without specific_force_x_m_s2, _y_, _z_; expected accelerometers")

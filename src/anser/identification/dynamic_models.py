@@ -17,7 +17,7 @@ from anser.shapes import Scalar
 Parameters = Mapping[str, Scalar]
 """Parameters of a model by name."""
 Equations = Callable[[Array, Array, Parameters], tuple[Array, Array]]
-"""Function of state x, input u and parameters, in JAX, that returns the rate of the state and the outputs y."""
+"""JAX function of state x, input u and parameters, which returns the rate of the state and the outputs y."""
 Values = Float[np.ndarray, " parameter"]
 Gain = Float[np.ndarray, "state output"]
 
@@ -26,8 +26,7 @@ Gain = Float[np.ndarray, "state output"]
 class DynamicModel:
     """A model x_dot, y = equations(x, u, theta) with the names of its states, inputs and outputs.
 
-    `equations` is a function of JAX: `theta["M_alpha"]` is a parameter. For example, with the angle of attack and the
-    pitch rate as states and outputs::
+    For example, with the angle of attack and the pitch rate as states and outputs::
 
         def equations(x, u, theta):
             alpha, q = x
@@ -46,8 +45,8 @@ class DynamicModel:
 class Manoeuvre:
     """Recorded inputs and measured outputs of one manoeuvre, in the model's units, at a constant sampling period.
 
-    `initial_state` is the state at the first sample. With `held`, an input is constant over the step after its sample,
-    otherwise on straight lines between the samples.
+    `initial_state` is the state at the first sample. If `held` is true, an input is constant over the step after its
+    sample; if false, an input is linear between the samples.
     """
 
     time_s: Float[np.ndarray, " sample"]
@@ -73,13 +72,8 @@ def make_manoeuvre(
 ) -> Manoeuvre:
     """Return a `Manoeuvre` from inputs (sample, input) and measured outputs (sample, output), in the model's units.
 
-    Times are in s. A one-dimensional array is a single column. `initial_state` None is zero. `held` says whether an
-    input is constant over the step after its sample, or follows straight lines between the samples (False).
-
-    Raises
-    ------
-    ValueError
-        A shape does not fit the model, a number is not finite, or the steps are not equal.
+    Times are in s. A one-dimensional array is a single column. `initial_state` None is zero; `held`: see `Manoeuvre`.
+    Raises ValueError if a shape does not fit the model, a number is not finite, or the steps are not equal.
     """
     time = uniform_times(time_s, np.size(time_s))
     start = np.zeros(len(model.states)) if initial_state is None else np.asarray(initial_state, dtype=float)
@@ -100,17 +94,16 @@ def make_manoeuvre(
 
 
 class Prediction(NamedTuple):
-    """Predicted outputs of a manoeuvre, and sensitivities: derivatives of the outputs by the parameters."""
+    """Predicted outputs of a manoeuvre, and sensitivities: their derivatives with respect to the parameters."""
 
     outputs: Float[np.ndarray, "sample output"]
     sensitivities: Float[np.ndarray, "sample output parameter"]
 
 
 class StateSpace(NamedTuple):
-    """State-space matrices of a model, linearized at the initial state of a manoeuvre.
+    """State-space matrices of a model, linearized at the initial state x of a manoeuvre.
 
-    `A` and `C` are the derivatives of the states' rates and of the outputs by the state; `transition` is the derivative
-    of the state after one sampling period by the state before.
+    `A` is d(x_dot)/dx, `C` is d(outputs)/dx, and `transition` is d(x after one sampling period)/dx.
     """
 
     transition: Float[np.ndarray, "state state"]
@@ -132,8 +125,8 @@ class ParameterSet:
     def predict(self, values: Values, manoeuvre: Manoeuvre, gain: Gain | None = None) -> Prediction:
         """Integrate the model over a manoeuvre; return the outputs and their derivatives with respect to `values`.
 
-        `values` are the estimated parameters in the order of `names`. Before each step, `gain` times the difference of
-        measured and predicted outputs is added to the state; None: no correction by measured outputs.
+        `values` are the estimated parameters in the order of `names`. Before each step, `gain` times (measured -
+        predicted outputs) is added to the state; None: no correction.
         """
         arguments = self.case(manoeuvre), jnp.asarray(values), self._gain(gain)
         return Prediction(*map(np.asarray, _predict(*arguments)))
@@ -147,9 +140,7 @@ class ParameterSet:
     ) -> Float[np.ndarray, "parameter sample input"]:
         """Return the derivatives of weighted sums of the outputs with respect to every sample of the inputs.
 
-        For each parameter the sum is over all samples and outputs, with the weights of the parameter. `gain` corrects
-        the state as in `predict`; None: no correction by measured outputs. The derivatives are computed by reverse-mode
-        automatic differentiation.
+        The sum of parameter p is sum(weights[:, :, p] * outputs); `gain`: see `predict`.
         """
         arguments = self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights), self._gain(gain)
         return np.asarray(_input_influence(*arguments))
@@ -174,8 +165,7 @@ class ParameterSet:
 class Case(NamedTuple):
     """A model and a manoeuvre as JAX arrays, the argument of compiled functions.
 
-    `names` are those of the estimated parameters, `fixed` the values of the remaining parameters; `measured` are the
-    measured outputs. With `held`, an input is constant over the step after its sample.
+    `names` are the estimated parameters, `fixed` the values of the remaining ones; `held`: see `Manoeuvre`.
     """
 
     equations: Equations
@@ -190,20 +180,17 @@ class Case(NamedTuple):
 
     @property
     def samples(self) -> tuple[Array, Array, Array]:
-        """Inputs, inputs one sample later (the last is repeated) and measured outputs, with the samples as rows."""
+        """Inputs, inputs of the next sample (the last is repeated) and measured outputs, with the samples as rows."""
         return self.inputs, jnp.concatenate([self.inputs[1:], self.inputs[-1:]]), self.measured
 
     def start(self, values: Array) -> tuple[dict[str, Array], Array]:
-        """Return all parameters by name, and the initial state, from the values of the estimated parameters.
-
-        An estimated parameter `STATE(0)` replaces the manoeuvre's initial value of the state.
-        """
+        """Return all parameters by name, and the initial state; a parameter `STATE(0)` replaces the given value."""
         theta = {**self.fixed, **dict(zip(self.names, values, strict=True))}
         initial = [theta.get(f"{name}(0)", self.initial_state[k]) for k, name in enumerate(self.states)]
         return theta, jnp.stack(initial)
 
     def advance(self, x: Array, u: Array, u_next: Array, theta: Parameters) -> Array:
-        """Return the state one Runge-Kutta step later, with the input linear from `u` to `u_next`, or `u` if held."""
+        """Return the state after one Runge-Kutta step; the input is `u` if held, linear from `u` to `u_next` if not."""
 
         def rate(t: Any, state: Array) -> Array:
             return self.equations(state, u if self.held else u + t / self.step_s * (u_next - u), theta)[0]
@@ -220,7 +207,7 @@ def prepare_parameters(
 ) -> tuple[ParameterSet, Values]:
     """Return the estimated parameters of a model, and their start values in the order of `names`.
 
-    For each name in `initial_states`, the parameter `STATE(0)` is appended, which starts from the manoeuvre's initial
+    For each name in `initial_states`, a parameter `STATE(0)` is appended; its start value is the manoeuvre's initial
     state. Raises ValueError if `start` is empty, a name is fixed too, a value is not finite, or a state is unknown.
     """
     fixed = dict(fixed or {})

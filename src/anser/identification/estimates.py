@@ -37,9 +37,10 @@ class Estimate(Fit, PrintedTable):
         Names of the parameters, their values, and the covariance of the errors, in the parameters' units.
     degrees_of_freedom
         Degrees of freedom of Student's distribution for the intervals.
-    condition_number, variance_inflation
-        Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
-        length, and the factor by which the correlation with the remaining parameters raises each variance.
+    condition_number
+        Ratio of the extreme singular values of the regressors or sensitivities, scaled to unit length.
+    variance_inflation
+        Factor by which the correlation with the remaining parameters raises the variance of each parameter.
     white_covariance
         Covariance for white residuals (the textbook value), for comparison; None: not computed.
     notes
@@ -67,7 +68,7 @@ class Estimate(Fit, PrintedTable):
 
     @property
     def standard_errors(self) -> Float[np.ndarray, " parameter"]:
-        """Standard errors of the parameters, in their units: roots of the diagonal of the covariance."""
+        """Standard errors of the parameters, in the units of the parameters."""
         return np.sqrt(np.diag(self.covariance))
 
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "parameter 2"]:
@@ -100,7 +101,7 @@ class Estimate(Fit, PrintedTable):
         return self.covariance / np.outer(self.standard_errors, self.standard_errors)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return by parameter: `name`, `estimate`, `standard_error`, `low` and `high` (95 %), `variance_inflation`."""
+        """Return per parameter: `name`, `estimate`, `standard_error`, `low` and `high` (95 %), `variance_inflation`."""
         low, high = self.interval().T
         columns = self.values, self.standard_errors, low, high, self.variance_inflation
         keyed = [dict(zip(_LABELS, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
@@ -125,7 +126,7 @@ class Estimate(Fit, PrintedTable):
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Estimate, fit and residuals as a labelled dataset; complex samples as their real and imaginary parts."""
+        """Estimate, fit and residuals as a labelled dataset, with complex samples as real and imaginary parts."""
         axis, unit, long_name = ("frequency", "Hz", "Frequency") if self.is_spectrum else ("time", "s", "Time")
         dimensions, parts = (axis, "response"), ()
         if self.is_spectrum:
@@ -213,24 +214,23 @@ def coloured_covariance(
 ) -> ErrorCovariance:
     """Compute the covariance of estimated parameters if the errors of the samples are coloured.
 
-    The parameters have the errors A^-1 sum_i S_i^T v_i, with the errors v_i of the samples i. The derivation is in the
-    theory, page identification. The autocovariances of v up to a greatest lag are estimated from the residuals and
-    tapered to zero (M. S. Bartlett, 1950), so that the spectrum has 3 samples / lags degrees of freedom. The fit has
-    removed the errors' spectrum near the frequencies of the sensitivities from the residuals: each variance is divided
-    by the share that would remain of white errors. Source: E. A. Morelli, V. Klein, *Accuracy of aerodynamic model
-    parameters estimated from flight test data*, J. Guidance 20(1), 1997; the taper and the share are additions.
+    The parameters have the errors A^-1 sum_i S_i^T v_i, with the errors v_i of the samples i (theory, identification).
+    The autocovariances of v are estimated from the residuals and tapered to zero (M. S. Bartlett, 1950). Each variance
+    is divided by the share of white errors that would remain in the residuals of the fit. Source: E. A. Morelli, V.
+    Klein, *Accuracy of aerodynamic model parameters estimated from flight test data*, J. Guidance 20(1), 1997. The
+    taper and the division are additions.
 
     Parameters
     ----------
     sensitivities
-        S_i, derivatives of the responses by the parameters; several responses are divided by the standard deviations
-        of their errors.
+        Derivatives S_i of the responses with respect to the parameters. Several responses must be divided by the
+        standard deviations of their errors.
     residuals
         Estimated errors v, divided by the same standard deviations.
     inverse
         A^-1, the inverse of the sum of S_i^T S_i for least squares.
     is_record
-        False: the samples are independent, and the covariance is that of white errors.
+        True: the samples are a time series. False: the samples are independent, and the errors count as white.
     """
     count, responses, parameters = sensitivities.shape
     flat = sensitivities.reshape(-1, parameters)
@@ -267,11 +267,8 @@ def collinearity(
 ) -> Collinearity:
     """Return the collinearity of an information matrix, such as X^T X of regressors X; `subject` starts error messages.
 
-    Raises
-    ------
-    ValueError
-        A number is not finite, an entry of the diagonal is zero (no excitation), or the condition number exceeds
-        `COLLINEARITY_MAX`; the message names the parameters that cannot be told apart.
+    Raises ValueError if a number is not finite, a parameter has no excitation (zero on the diagonal), or the condition
+    number exceeds `COLLINEARITY_MAX`; the message names the parameters.
     """
     lengths = np.sqrt(np.diag(information))
     if not np.all(np.isfinite(information)):

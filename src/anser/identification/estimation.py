@@ -1,4 +1,4 @@
-"""Estimation of the parameters of a model's equations by a chosen method, and the fit of the model over time."""
+"""Estimation of the parameters of a model by a chosen method, and the fit of the model over time."""
 
 import dataclasses
 import functools
@@ -26,7 +26,7 @@ METHODS = ("frequency", "equation-error", "output-error", "filter-error")
 _PROCESS_NOISE = 1e-6
 """Start value of the spectral density of the process noise in each rate of a linear model, (unit of the rate)^2 s."""
 _PASSES = 2
-"""Number of estimates of the linear model of the instrumental variables; the second uses those of the first."""
+"""Number of passes that compute the instrumental variables; the second pass uses the variables of the first."""
 _JUMP_SHARE = 0.5
 """Change of a deflection between neighbouring samples, relative to its range, above which a caution is given.
 
@@ -36,7 +36,7 @@ _BAND_HZ = 1.5
 
 
 def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -> tuple[Estimate, ...]:
-    """Return an estimate for each equation of a model, or one for all equations (methods that integrate the model).
+    """Return an estimate for each equation of a model; `output-error` and `filter-error` return one for all equations.
 
     Parameters are named as in `CL_alpha`, constants as in `CL0`.
 
@@ -45,19 +45,20 @@ def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -
     data
         Record with the equations of a model, from `arrange`.
     method
-        `frequency`: regression of Fourier transforms, without differentiation of noise, and in turbulent air with
-        instrumental variables. `equation-error`: regression in time, after the same smoothing filter for response and
-        regressors. Linear models have two further methods, which start from the result of `frequency` and give one
-        estimate for all equations: `output-error`, maximum likelihood of the integrated responses, and `filter-error`,
-        which adds process noise in the rates of the states, for turbulent air.
+        Method of estimation, the last two for linear models only:
+
+        - `frequency`: regression of Fourier transforms; in turbulent air with instrumental variables
+        - `equation-error`: regression in time, after the same smoothing filter for response and regressors
+        - `output-error`: maximum likelihood of the integrated responses
+        - `filter-error`: like `output-error`, with process noise in the rates of the states, for turbulent air
     frequency_max_hz
         Highest frequency of the regression of Fourier transforms, Hz; at most 0.4 of the sampling frequency is used.
 
     Raises
     ------
     ValueError
-        The method is `output-error` or `filter-error` and the model `derivatives`, or the estimator fails: no
-        excitation, collinear regressors, no convergence.
+        If the method does not suit the model, a regressor is not excited, regressors are collinear, or the search does
+        not converge.
     """
     if method in METHODS[2:]:
         return (_integrate(data, method, estimate(data, "frequency", frequency_max_hz)),)
@@ -66,12 +67,7 @@ def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -
 
 
 def _forced_motion(data: ModelData, frequency_max_hz: float) -> dict[str, Series]:
-    """Return instrumental variables, by regressor: the response of linear models to the recorded deflections alone.
-
-    Flow angles are in rad, body rates in rad/s. The measured motion in turbulence correlates with the gusts that cause
-    a part of the motion; the computed response does not, unless feedback moves the surfaces. Unstable eigenvalues are
-    reflected into the left half-plane, so that the response stays bounded. A model without excitation is left out.
-    """
+    """Return instrumental variables by regressor (rad, rad/s): responses of linear models to the deflections alone."""
     motion: dict[str, Series] = {}
     for model in MODELS[:2]:
         try:
@@ -85,6 +81,7 @@ def _forced_motion(data: ModelData, frequency_max_hz: float) -> dict[str, Series
                 parameters |= _solve(arranged, equation, "frequency", frequency_max_hz, motion).parameters
             A, B = (linear.matrix(parameters, group) for group in (linear.names, linear.inputs))
             eigenvalues, vectors = np.linalg.eig(A)
+            # unstable eigenvalues are reflected into the left half-plane; the response stays bounded
             stable = -np.abs(np.real(eigenvalues)) + 1j * np.imag(eigenvalues)
             A = np.real(vectors @ np.diag(stable) @ np.linalg.inv(vectors))
             time_s = data.record.time_s - data.record.time_s[0]
@@ -121,9 +118,10 @@ def _solve(
 
 
 def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
-    """Return the names of the surfaces whose recorded deflection was constant over the step before the sample.
+    """Return the names of the surfaces whose deflection was constant over the step before each sample.
 
-    These are all surfaces of a flight of this package without actuator lag, recorded at every step; otherwise none.
+    If the record is a flight of this package without actuator lag, recorded at every step, the result has all surfaces.
+    If not, the result is empty.
     """
     if not _is_without_lag(record) or not np.isclose(record.attributes["step_s"], record.step_s, rtol=1e-6):
         return ()
@@ -131,10 +129,9 @@ def held_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def jump_cautions(record: FlightRecord, method: str) -> list[str]:
-    """Return a list with one sentence on surfaces that jump between samples; empty without jumps.
+    """Return a list with one caution if surfaces jump between samples; an empty list if not.
 
-    The list is also empty for the method `frequency` if `held_surfaces` shows that the deflections are constant over
-    each step; otherwise all methods assume straight lines between the samples.
+    The method `frequency` needs no caution if `held_surfaces` shows that the deflections are constant over each step.
     """
     held = held_surfaces(record)
     if held and method == "frequency":
@@ -167,11 +164,9 @@ def _jumps(deflection: Series) -> bool:
 
 
 def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
-    """Return the estimate of an equation with the model's parameter names, and the constant term of a coefficient.
+    """Return the estimate with the model's parameter names; a coefficient also gets its constant, such as `CL0`.
 
-    The fit was made on values minus their means. The equation of a coefficient gets the constant back, such as `CL0`,
-    the coefficient at zero arguments; the equation of a rate has none. The regressor `alpha2` was (alpha - mean)^2; its
-    parameter and that of alpha are converted to powers of alpha itself.
+    The parameters of alpha and `alpha2` = (alpha - mean)^2 are converted to parameters of alpha and alpha^2.
     """
     names = tuple(f"{equation.prefix}_{name}" for name in equation.regressors)
     keys, count = list(equation.regressors), len(names)
@@ -205,10 +200,10 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
 
 
 class _LinearSeries(NamedTuple):
-    """Time series of a linear model along a record.
+    """Time series of a linear model at the samples of a record.
 
-    `axes` are the first letters of the parameters of each equation, such as Z and M; `names` and `inputs` the names of
-    the states and the inputs. `known` is the known part of the states' rates, from gravity and gusts, without its mean.
+    `axes` are the first letters of the parameters of each equation, such as Z and M; `names` and `inputs` are the names
+    of states and inputs. `known` is the known part of the states' rates, from gravity and gusts, minus its mean.
     """
 
     axes: tuple[str, ...]
@@ -219,7 +214,7 @@ class _LinearSeries(NamedTuple):
     known: Float[np.ndarray, "sample state"]
 
     def matrix(self, parameters: Mapping[str, float], arguments: Sequence[str]) -> Float[np.ndarray, "state argument"]:
-        """Return columns of the state or input matrix, for the names `arguments`; an absent parameter is zero."""
+        """Return the columns `arguments` of the state or input matrix; an absent parameter is zero."""
         return np.array([[parameters.get(f"{axis}_{name}", 0.0) for name in arguments] for axis in self.axes])
 
 
@@ -257,10 +252,10 @@ def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Est
 
 
 def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
-    """Return measured responses over a record and the responses of a model with `parameters` (by name).
+    """Return the measured responses of a record, and the responses of a model with `parameters` (by name).
 
-    A linear model is integrated; its initial states and constants are fitted to the measured responses. For
-    coefficients, `parameters` contains the derivatives of all arguments, estimated or not; absent ones are zero.
+    The initial states and constants of a linear model are fitted to the measured responses. For coefficients,
+    `parameters` must contain the derivatives of all arguments, estimated or not; an absent derivative is zero.
     """
     responses, time_s = tuple(equation.response for equation in data.equations), data.record.time_s
     if not data.equations[0].is_rate:
@@ -285,7 +280,7 @@ def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
 
 
 def _coefficient(equation: Equation, parameters: Mapping[str, float]) -> Series:
-    """Return a coefficient along the record as the sum of its derivatives times arguments; `alpha2` is alpha^2."""
+    """Return a coefficient at each sample: the sum of derivatives times arguments, with alpha^2 for `alpha2`."""
     values = np.full_like(equation.values, parameters.get(f"{equation.prefix}0", 0.0))
     arguments = {**equation.other_arguments, **equation.regressors}
     for name, x in arguments.items():

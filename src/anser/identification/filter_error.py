@@ -30,16 +30,13 @@ def estimate_filter_error(
 ) -> Estimate:
     """Estimate parameters and process noise by maximum likelihood of the innovations, with exact derivatives.
 
-    The initial covariance of the filter is that of a state computed from one sample of the outputs.
-
     Parameters
     ----------
     model, manoeuvre, start, fixed, initial_states
-        Model, record, start values, fixed values and estimated initial states, with the meaning they have in
-        `estimate_output_error`.
+        See `estimate_output_error`.
     process_noise
-        Start values of the spectral density of white noise in the rates of states, by the name of the state, in the
-        unit of the rate squared times s. The estimate is the parameter `noise(STATE)`, at least 0.
+        Start values of the spectral density of white noise in the rates of states, by state, in (unit of the rate)^2 s.
+        The estimate is the parameter `noise(STATE)`, at least 0.
     noise
         Standard deviations of the measurement noise, in the order and units of the model's outputs; None: estimated
         with the parameters.
@@ -47,8 +44,8 @@ def estimate_filter_error(
     Raises
     ------
     ValueError
-        An argument is not valid, the filter diverges, the search does not converge, or the outputs do not depend on a
-        parameter, or only on a combination of parameters; the message names the parameters.
+        If an argument is not valid, the filter diverges, the search does not converge, or the outputs do not determine
+        the parameters; the message names the parameters.
     """
     parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
     if (
@@ -107,30 +104,24 @@ def estimate_filter_error(
 def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Array, logs: Array) -> tuple[Array, ...]:
     """Return negative log-likelihood, gradient, Fisher information, innovations, whitened innovations, sensitivities.
 
-    `values` are the estimated parameters, `densities` the spectral densities of the process noise in the rates of the
-    states with the indices `noisy`, `logs` the logarithms of the variances of the measurement noise. Gradient,
-    information and sensitivities are with respect to (values, densities, logs), in this order. Constants are left out
-    of the likelihood.
+    `noisy` are the indices of the states with process noise, `densities` the spectral densities, `logs` the logarithms
+    of the variances of the measurement noise. Derivatives are with respect to (values, densities, logs).
 
-    An extended Kalman filter corrects the state with the outputs of a sample one after the other, which is equivalent
-    to a joint correction and has scalar innovation variances. The returned innovations are the measured outputs less
-    the outputs predicted before the corrections of the sample. The innovations of the single corrections, divided by
-    their standard deviations, are the whitened innovations; minus the derivatives of these innovations, divided by the
-    same standard deviations, are the sensitivities.
+    The outputs of a sample correct the state one after the other. The whitened innovations and the sensitivities (minus
+    the derivatives of the innovations) belong to these single corrections; both are divided by the standard deviations
+    of the innovations. The returned innovations are the measured outputs minus the outputs predicted before the
+    corrections.
     """
     indices = np.asarray(noisy, dtype=int)
 
     def innovate(unknown: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-        """Run the filter; return innovations and variances twice: alone, to be differentiated, and for the result.
-
-        `unknown` is (values, densities, logs). The second tuple, the auxiliary result of `jax.jacfwd`, is (innovations,
-        variances, measured minus predicted outputs before the corrections of each sample).
-        """
+        """Run the filter; return (innovations, variances), to be differentiated, and the auxiliary data of `jacfwd`."""
         values, densities, logs = unknown
         theta, start = case.start(values)
         R, size = jnp.exp(logs), start.size
         Q = jnp.zeros((size, size)).at[indices, indices].set(densities)
         C = jax.jacfwd(lambda x: case.equations(x, case.inputs[0], theta)[1])(start)
+        # covariance of a state computed from one sample of the outputs
         P = jnp.linalg.inv(C.T @ (C / R[:, None]) + 1e-6 * jnp.eye(size))
 
         def proceed(carry: tuple[Array, Array], sample: tuple[Array, Array, Array]) -> tuple[tuple, tuple]:

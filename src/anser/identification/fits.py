@@ -46,8 +46,8 @@ class Whiteness(NamedTuple):
 class Fit:
     """Measured responses of a manoeuvre, and a model's responses to the same inputs, over time or frequency.
 
-    `responses` are the names; `measured` and `fitted` have the shape (sample, response). `sample_points` are times, s,
-    or if `is_spectrum`, frequencies, Hz: the values are then Fourier transforms, complex numbers.
+    `sample_points` are times, s. If `is_spectrum` is true, `sample_points` are frequencies, Hz, and the values are
+    complex Fourier transforms.
     """
 
     responses: tuple[str, ...]
@@ -63,10 +63,7 @@ class Fit:
 
     @property
     def r_squared(self) -> Float[np.ndarray, " response"]:
-        """Coefficient of determination R^2 of each response; 1 is perfect.
-
-        The variation of a response counts from its mean; for Fourier transforms (`is_spectrum`), from 0.
-        """
+        """Coefficient of determination R^2 of each response, about the mean or, for spectra, about 0; 1 is perfect."""
         return 1.0 - _squares(self.residuals) / _squares(self.measured - self._middle)
 
     @property
@@ -78,8 +75,8 @@ class Fit:
     def theil_inequality(self) -> Float[np.ndarray, " response"]:
         """Theil's inequality coefficient of each response: 0 is perfect, 1 worst; below 0.25 to 0.3 is good.
 
-        Responses are deviations from the mean of the measured ones; for Fourier transforms (`is_spectrum`), the values
-        themselves. Source: R. V. Jategaonkar, *Flight Vehicle System Identification*, section 11.2.
+        The mean of the measured response is subtracted, except for spectra. Source: R. V. Jategaonkar, *Flight Vehicle
+        System Identification*, section 11.2.
         """
         parts = (self.residuals, self.measured - self._middle, self.fitted - self._middle)
         error, measured, fitted = (np.sqrt(_squares(part)) for part in parts)
@@ -100,7 +97,7 @@ class Fit:
 
     @property
     def _middle(self) -> Inexact[np.ndarray, " response"]:
-        """Reference from which the responses are counted: the mean of the measured ones; 0 for Fourier transforms."""
+        """Mean of the measured responses; 0 for Fourier transforms."""
         return np.mean(self.measured, axis=0) * (not self.is_spectrum)
 
 
@@ -113,8 +110,8 @@ def autocovariances(
 ) -> Float[np.ndarray, "lag response response_2"]:
     """Return the autocovariances of residuals v at the lags 0 to `lag_max` samples; the mean is not subtracted.
 
-    At each lag: the sum of v_i v_(i + lag)^T over the record, divided by the number of all samples of the record. This
-    divisor keeps the Fourier transform of the autocovariances, a spectrum, positive semidefinite.
+    At each lag, the value is the sum of v_i v_(i + lag)^T divided by the number of all samples. With this divisor, the
+    Fourier transform of the autocovariances is positive semidefinite.
     """
     count = len(residuals)
     return np.stack([residuals[: count - lag].T @ residuals[lag:] for lag in range(lag_max + 1)]) / count

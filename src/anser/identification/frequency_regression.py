@@ -12,7 +12,7 @@ from anser.identification.regression import prepare_regression, require_signal, 
 
 Transform = Complex[np.ndarray, "frequency sample"]
 RealMatrix = Float[np.ndarray, "part sample"]
-"""Matrix with the real parts of all frequencies as first rows, then the imaginary parts."""
+"""Matrix with the real parts at all frequencies as first rows, then the imaginary parts."""
 END_SAMPLES = 10
 """Number of samples of the straight line that gives the value of a signal at start or end of the record."""
 
@@ -20,9 +20,8 @@ END_SAMPLES = 10
 class FourierTransforms(NamedTuple):
     """Matrices that turn the samples of a record into finite Fourier transforms, one row for each frequency.
 
-    `signal` is for a sampled signal (trapezoidal rule), `held` for an input that is constant over each step (sum over
-    the samples times the step), `derivative` for the time derivative of a sampled signal. With `corrected=False` in
-    `fourier_transforms`, all three are plain sums, that of the derivative times i w.
+    `signal` is for a sampled signal, `held` for an input that is constant over each step, `derivative` for the time
+    derivative of a sampled signal.
     """
 
     signal: Transform
@@ -40,9 +39,9 @@ def fourier_transforms(
 ) -> FourierTransforms:
     """Return the matrices of finite Fourier transforms for a uniformly sampled record of duration T.
 
-    With the transform x~ of a signal x, the derivative of x has the transform i w x~ + x(T) exp(-i w T) - x(0); x(T)
-    and x(0) are values of straight lines through the samples at the ends of the record. The transform of an input that
-    is constant over each step refers to the middle of the step, half a step from the sample (theory, identification).
+    If a signal x has the transform x~, the derivative of x has the transform i w x~ + x(T) exp(-i w T) - x(0). The
+    values x(0) and x(T) come from straight lines through the samples at the ends of the record (theory,
+    identification).
 
     Parameters
     ----------
@@ -51,13 +50,14 @@ def fourier_transforms(
     frequencies_hz
         Frequencies, Hz.
     hold
-        `following`: a held input acts over the step after its sample; `preceding`: over the step before.
+        `following`: a held input acts over the step after its sample. `preceding`: a held input acts over the step
+        before.
     steady_start
-        True: signals are perturbations from steady flight, zero at the start of the record. False: the mean is taken
-        from every signal and from the derivative, so that constants drop out of an equation.
+        True: signals must be perturbations from steady flight, zero at the start. False: the mean is subtracted from
+        every signal and from the derivative.
     corrected
-        False: plain sums, without the half step of held inputs and without values at the ends, and `steady_start` has
-        no effect, as published in 2000 (E. A. Morelli, J. Guidance 23(5)).
+        False: plain sums as published in 2000 (E. A. Morelli, J. Guidance 23(5)). The values at the ends and the half
+        step of held inputs are omitted, and `steady_start` has no effect.
     """
     count, step = time_s.size, float(time_s[1] - time_s[0])
     omega = 2.0 * np.pi * np.asarray(frequencies_hz, dtype=float)[:, None]
@@ -84,7 +84,7 @@ def fourier_transforms(
 
 
 def _end_values(count: int) -> tuple[Float[np.ndarray, "1 sample"], Float[np.ndarray, "1 sample"]]:
-    """Return the weights of the samples in the values of a series at its start and at its end, shape (1, sample) each.
+    """Return the weights of the samples in the start value and in the end value of a series, shape (1, sample) each.
 
     The values are those of straight lines through the first and the last `END_SAMPLES` samples.
     """
@@ -113,37 +113,34 @@ def regress_spectra(
 ) -> Estimate:
     """Estimate the parameters of a linear equation in the frequency domain, by least squares on Fourier transforms.
 
-    theta = Re(W* X)^-1 Re(W* z), with the transforms X of the regressors and z of the response, W = X unless
-    instrumental variables are given, and * for the conjugate transpose. No constant term is estimated. Sources: E. A.
-    Morelli, *Real-time parameter estimation in the frequency domain*, J. Guidance 23(5), 2000; the covariance is
-    derived in the theory, section identification.
+    theta = Re(W* X)^-1 Re(W* z), with the transforms X of the regressors and z of the response; * is the conjugate
+    transpose. W is X with instrumental variables in place of their regressors. No constant term is estimated. Source:
+    E. A. Morelli, *Real-time parameter estimation in the frequency domain*, J. Guidance 23(5), 2000; covariance:
+    theory, identification.
 
     Parameters
     ----------
     regressors, response, time_s, response_name, noise
-        Regressors by name and response, shape (sample,), times in s with equal steps, name of the response for labels,
-        and standard deviations of the white noise in regressors by name, whose contribution is removed.
+        See `anser.identification.regression.prepare_regression`; `time_s` is required.
     frequencies_hz
         Frequencies, Hz, above 0; None: the harmonics of the record from 0.1 to 1.5 Hz.
     differentiate
-        Whether the equation is for the time derivative of the response.
-    held, hold
-        Names of the regressors that are inputs constant over a step, and which step: the one after their sample
-        (`following`) or before (`preceding`).
-    steady_start
-        Whether the series are perturbations from steady flight, zero at the start of the record; False: the mean is
-        taken from every series.
+        True: the equation is for the time derivative of the response.
+    held
+        Names of the regressors that are inputs constant over a step.
+    hold, steady_start
+        See `fourier_transforms`.
     instruments
-        Instrumental variables, by the name of the regressor that they replace in W, in any unit: series that correlate
-        with the regressor but not with the error of the equation, noise and gusts (T. Soderstrom, P. Stoica,
-        *Instrumental Variable Methods for System Identification*, 1983).
+        Instrumental variables by the name of the replaced regressor, in any unit: series that correlate with the
+        regressor but not with noise and gusts (T. Soderstrom, P. Stoica, *Instrumental Variable Methods for System
+        Identification*, 1983).
     corrected
         False: the transforms and the covariance as published in 2000, s^2 Re(X* X)^-1 with independent frequencies.
 
     Raises
     ------
     ValueError
-        A series or name is not valid, a regressor is mostly noise, regressors are collinear, there are no more
+        If a series or name is not valid, a regressor is mostly noise, regressors are collinear, there are no more
         frequencies than parameters, or a frequency is not between 0 and half the sampling rate.
     """
     problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=False, noise=noise)
@@ -227,11 +224,9 @@ def _correlated_covariance(
 ) -> tuple[Float[np.ndarray, "parameter parameter"], float]:
     """Return the covariance of the parameters `weights` @ z, and the degrees of freedom of the residuals.
 
-    z are the transforms of the response, X those of the regressors; a part is a real or imaginary part at a frequency.
-    The error of the equation is modelled as a sum of white noises in time, each transformed by a matrix of
-    `components`. The variances of the noises are fitted to the squares of the residuals, which are (1 - X `weights`)
-    times the error. The degrees of freedom are those of a chi-square distribution with the mean and variance of the sum
-    of squared residuals (F. E. Satterthwaite, 1946).
+    The error of the transformed response z is modelled as a sum of white noises in time, each transformed by a matrix
+    of `components`. The noise variances are fitted to the squared residuals. Degrees of freedom: F. E. Satterthwaite,
+    1946.
     """
     P = np.eye(len(X)) - X @ weights
     shapes = [F @ F.T for F in components]

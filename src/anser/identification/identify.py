@@ -45,9 +45,10 @@ class Identification(PrintedTable):
         Model structure and method of estimation, as in `anser.identify`.
     estimates
         Estimate of each equation of the model; a single one for `output-error` and `filter-error`.
-    fit, validation
-        Measured and modelled responses over time: of the identified flight, and of the manoeuvre for validation (None:
-        no validation).
+    fit
+        Measured and modelled responses of the identified flight over time.
+    validation
+        Measured and predicted responses of the validation manoeuvre; None: no validation.
     data
         Record of the flight with the equations of the model.
     aircraft
@@ -104,11 +105,11 @@ class Identification(PrintedTable):
         return f"{name}{self.model} from {self.record.time_s[-1] - self.record.time_s[0]:g} s ({self.method})"
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return by parameter: name, estimate, standard error, 95 % interval (low, high), variance inflation."""
+        """Return a row per parameter; see `Estimate.rows`."""
         return [row for estimate in self.estimates for row in estimate.rows()]
 
     def fit_rows(self) -> list[dict[str, Any]]:
-        """Return by response: R^2 and Theil's inequality coefficient, of the fit and of the validation, if any."""
+        """Return a row per response: R^2 and Theil's inequality coefficient, of the fit and of any validation."""
         rows: list[dict[str, Any]] = [{"response": name} for name in self.fit.responses]
         for prefix, fit in (("", self.fit), ("validation_", self.validation)):
             if fit is None:
@@ -166,14 +167,11 @@ class Identification(PrintedTable):
     def aircraft_file(self, name: str | None = None) -> str:
         """Return the text of an aircraft file with the estimated derivatives, ready to fly.
 
-        Derivatives without an estimate, mass, geometry, actuators and engine are those of the known aircraft. A
-        lateral constant (`CY0`, `Cl0`, `Cn0`) whose 95 % interval contains zero is zero. `name` None: derived from the
-        known aircraft's name.
+        Derivatives without an estimate, mass, geometry, actuators and engine are taken from the known aircraft. A
+        lateral constant (`CY0`, `Cl0`, `Cn0`) is set to zero if its 95 % interval contains zero. The default of `name`
+        is made from the known aircraft's name.
 
-        Raises
-        ------
-        ValueError
-            The model is not `derivatives`, or the engine's power does not follow the throttle.
+        Raises ValueError if the model is not `derivatives`, or the engine's power does not follow the throttle.
         """
         if self.model != "derivatives" or self.aircraft is None:
             raise ValueError(f"aircraft_file: arrived the model {self.model}; expected the model derivatives")
@@ -196,10 +194,7 @@ class Identification(PrintedTable):
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write dataset, JSON document, page, figures, and for derivatives an aircraft file; return the new folder.
 
-        Raises
-        ------
-        FileExistsError
-            If the folder exists and `force` is False.
+        Raises FileExistsError if the folder exists and `force` is False.
         """
         with result_folder(Path(folder), replace=force) as staging:
             self.write_into(staging)
@@ -238,37 +233,40 @@ def identify(
     recording
         Flight of this package, dataset, table, or path of a file: see `anser.identification.flight_record`.
     model
-        `short-period`: linear equations of the rates of alpha and q, with alpha, q and the surfaces as regressors;
-        `lateral`: those of beta, p and r, with beta, p, r and the surfaces; `derivatives`: derivatives of the
-        aerodynamic coefficients, as in an aircraft file.
+        - `short-period`: linear equations of the rates of alpha and q
+        - `lateral`: linear equations of the rates of beta, p and r
+        - `derivatives`: derivatives of the aerodynamic coefficients, as in an aircraft file
     aircraft
         Aircraft with known mass, inertia, lengths and engine: name, path of an aircraft file, airframe or
         `AircraftModel`. None: the aircraft named in the recording's attributes, if any; the model `derivatives` needs
         one.
     method
-        `frequency` or `equation-error`: regression of Fourier transforms, or in time; for linear models also
-        `output-error` and `filter-error`: maximum likelihood of the integrated responses, without or with noise in the
-        rates.
+        - `frequency`: regression of Fourier transforms
+        - `equation-error`: regression in time
+        - `output-error`: maximum likelihood of the integrated responses, for linear models
+        - `filter-error`: like `output-error`, with noise in the rates
     validate
-        Recording of a second manoeuvre, whose responses are predicted with the estimated parameters, and with the
-        derivatives of the aircraft for arguments without an estimate.
+        Recording of a second manoeuvre, whose responses are predicted; derivatives without an estimate are taken from
+        the aircraft.
     columns
-        Map from names of the catalogue to columns of the recordings, or the path of a TOML file with the map.
+        Map from names of the catalogue to columns of the recordings, or the path of a TOML file with the map: see
+        `anser.identification.flight_record`.
     accelerometer_m
         Position of the accelerometers relative to the centre of gravity, body axes, m.
     aircraft_name
-        Name of the aircraft that is taken from a recording of several.
+        Name of the aircraft to take from a recording of several aircraft.
     window_s
         Start and end of the part of `recording` that is used, s; None: all. `validate` is used entirely.
     frequency_max_hz
         Highest frequency that the method `frequency` uses, Hz.
     align
-        Whether constant delays between the channels are removed, and wrong units refused.
+        True: constant delays between the channels are removed, and wrong units are refused.
 
     Raises
     ------
     ValueError
-        An argument is not valid, a recording lacks a channel or excitation, a unit is wrong, or the estimation fails.
+        If an argument is not valid, a recording lacks a channel or excitation, a unit is wrong, or the estimation
+        fails.
     """
     for option, value, known in (("model", model, MODELS), ("method", method, METHODS)):
         if value not in known:
@@ -310,11 +308,9 @@ def identify(
 
 
 def _assumed(data: ModelData, airframe: AbstractAirframe, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the derivatives of the known aircraft, by name, that take the place of derivatives without an estimate.
+    """Return the known aircraft's derivatives, by name, for derivatives that are not estimated.
 
-    `parameters` are the estimates. The derivatives are those of a symmetric aircraft: longitudinal coefficients by
-    alpha and q, lateral coefficients by beta, p and r, all by the surfaces; constants of longitudinal coefficients
-    without an estimated equation.
+    Derivatives that are zero in a symmetric aircraft are omitted.
     """
     own, surfaces = airframe_derivatives(airframe, data.record), airframe.actuators.names
     estimated = {equation.response for equation in data.equations}
@@ -327,7 +323,7 @@ def _assumed(data: ModelData, airframe: AbstractAirframe, parameters: Mapping[st
 
 
 def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> AircraftModel | None:
-    """Return the aircraft of the argument, or of the attributes of a recorded flight; None if neither names one."""
+    """Return the aircraft given by `aircraft` or by the attributes of the record; None if neither names an aircraft."""
     if isinstance(aircraft, AircraftModel):
         return aircraft
     if aircraft is not None:

@@ -23,10 +23,9 @@ class PlannedManoeuvre(PrintedTable):
     names, values
         Names of the parameters, and their assumed values.
     information
-        Fisher's information matrix: its inverse is the Cramer-Rao bound of the covariance.
+        Fisher's information matrix; the inverse is the Cramer-Rao bound of the covariance.
     condition_number, variance_inflation
-        Condition number of the sensitivities scaled to unit length, and the factor by which the correlation with the
-        remaining parameters raises the variance of each parameter.
+        Collinearity of the sensitivities: see `Estimate`.
     time_s, outputs, output_names
         Times of the samples, s, and predicted outputs in the model's units, with their names.
     """
@@ -108,16 +107,15 @@ def plan_manoeuvre(
     """Predict how well a manoeuvre will identify parameters: Fisher information, standard errors and correlation.
 
     The information is the sum of S^T R^-1 S over the samples, with the sensitivities S of the outputs to the parameters
-    and the covariance R of the measurement noise.
-
-    Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, chapters 6 and 9.
+    and the covariance R of the measurement noise. Source: V. Klein, E. A. Morelli, *Aircraft System Identification*,
+    AIAA 2006, chapters 6 and 9.
 
     Parameters
     ----------
     model
         Model, linear or not, such as `short_period_model`.
     parameters
-        Assumed values of the parameters that are to be estimated, by name.
+        Assumed values of the parameters to be estimated, by name.
     time_s
         Times of the samples, s, with equal steps.
     inputs
@@ -131,13 +129,13 @@ def plan_manoeuvre(
     initial_states
         Names of the states whose initial value is estimated too, as the parameter `STATE(0)`.
     held
-        Whether an input is constant over the step after its sample; False: straight lines between the samples.
+        True: an input is constant over the step after its sample. False: straight lines between the samples.
 
     Raises
     ------
     ValueError
-        A name is unknown, a number or shape is not valid, an output diverges, or the outputs do not depend on a
-        parameter, or only on a combination of parameters; the message names the parameters.
+        If a name is unknown, a number or shape is not valid, an output diverges, or the outputs do not determine the
+        parameters; the message names the parameters.
     """
     times = np.asarray(time_s, dtype=float)
     if not set(inputs) <= set(model.inputs) or not inputs:

@@ -24,8 +24,7 @@ def flow_rates(
     """Return an array with rows airspeed rate (m/s^2), angle-of-attack rate and sideslip rate (rad/s).
 
     Airspeed is in m/s, angles are in rad; body rates (rad/s), specific force and gravity (m/s^2) have one row per body
-    axis. The wind is constant and uniform. `xp` is the array module, `numpy` or `jax.numpy`. Source: [SL] eqs. 2.5-29
-    to 2.5-31.
+    axis. The wind must be constant and uniform. `xp` is `numpy` or `jax.numpy`. Source: [SL] eqs. 2.5-29 to 2.5-31.
     """
     P, Q, R = rates_b
     ax, ay, az = specific_force_b + gravity_b
@@ -43,8 +42,7 @@ def flow_rates(
 def attitude_rates(roll: Any, pitch: Any, rates_b: Any, xp: Any = np) -> Any:
     """Return an array with the rates of the Euler angles roll, pitch and yaw (rad/s) as rows.
 
-    Angles are in rad, body rates P, Q, R (rows) in rad/s.
-    `xp` is the array module, `numpy` or `jax.numpy`. Source: [SL] eq. 1.4-4.
+    Angles are in rad, body rates (rows) in rad/s. `xp` is `numpy` or `jax.numpy`. Source: [SL] eq. 1.4-4.
     """
     P, Q, R = rates_b
     turning = Q * xp.sin(roll) + R * xp.cos(roll)
@@ -58,10 +56,9 @@ def gravity_in_body(roll: Any, pitch: Any, xp: Any = np) -> Any:
 
 
 def with_attitude(record: FlightRecord) -> FlightRecord:
-    """Return the record with roll, pitch and yaw from its attitude quaternion, if roll or pitch is not recorded.
+    """Return the record with roll, pitch and yaw (rad) from its quaternion, if roll or pitch is not recorded.
 
-    A record with both angles, or without a quaternion, is returned unchanged. Computed roll and yaw have no jumps by
-    a full turn.
+    A record with both angles, or without a quaternion, is returned unchanged.
     """
     if all(key in record for key in ("roll", "pitch")) or "quaternion_0" not in record:
         return record
@@ -78,11 +75,11 @@ def record_gravity(record: FlightRecord) -> Rows3:
 def with_specific_force(
     record: FlightRecord, accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> FlightRecord:
-    """Return the record with the specific force f at the centre of gravity (body axes, m/s^2), and a note on origin.
+    """Return the record with the specific force f at the centre of gravity (body axes, m/s^2), and a note.
 
-    Accelerometers at the position r measure f_r, and f = f_r - w' x r - w x (w x r) with the body rates w; for r = 0,
-    the record is returned unchanged. Without accelerometers, f is computed from the velocity v over ground and the
-    gravity g: f = v' + w x v - g, in body axes, over a flat Earth.
+    Accelerometers at the position r measure f_r, and f = f_r - w' x r - w x (w x r) with the body rates w; if r = 0,
+    the record is returned unchanged. If there are no accelerometers, f = v' + w x v - g, with the velocity v over
+    ground and the gravity g over a flat Earth.
 
     Parameters
     ----------
@@ -94,7 +91,7 @@ def with_specific_force(
     Raises
     ------
     ValueError
-        The record lacks body rates, or has neither specific forces nor velocity with attitude.
+        If the record lacks body rates, or has neither specific forces nor velocity with attitude.
     """
     record = with_attitude(record)
     rates = record.stack(*RATES)
@@ -134,10 +131,10 @@ def _cross(a: Rows3, b: Float[np.ndarray, "3 #sample"]) -> Rows3:
 def implied_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
     """Return time derivatives of recorded channels, by key, computed from the other channels by flight kinematics.
 
-    Keys: roll, pitch, yaw, alpha, beta (rad/s), altitude (m/s), airspeed (m/s^2). The air is at rest or moves steadily.
-    A key is absent if its channel or a channel of its equation is not recorded; without roll and pitch, the result is
-    empty; without body rates, ValueError is raised. Without specific forces, the rate of alpha is that of pitch minus
-    path angle (wings nearly level).
+    The keys are roll, pitch, yaw, alpha, beta (rad/s), altitude (m/s) and airspeed (m/s^2); a key is absent if a
+    required channel is not recorded. The air must be at rest or move steadily. If specific forces are missing, the rate
+    of alpha holds for wings nearly level. If roll or pitch is missing, the result is empty. Raises ValueError if body
+    rates are missing.
     """
     rates = record.stack(*RATES)
     if "roll" not in record or "pitch" not in record:
@@ -169,10 +166,9 @@ _GUST_MIN = 4.0
 def gust_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
     """Return the rates of the flow angles that gusts cause, rad/s, by the keys `alpha` and `beta`.
 
-    The rate is the derivative of the measured angle minus the rate computed from inertial sensors. In a frozen field of
-    gusts, the rate of alpha is the pitch rate of the air and the rate of beta minus its yaw rate, up to the lag of the
-    aircraft's extent. A key is absent if the record lacks a channel, or if the noise of the measured angle explains the
-    rate below `GUST_BAND_HZ` (calm air).
+    The rate is the derivative of the measured angle minus the rate computed from inertial sensors. The rate of alpha is
+    the pitch rate of the air; the rate of beta is minus the yaw rate of the air (both approximately, for a frozen field
+    of gusts). A key is absent if the record lacks a channel, or if the noise of the measured angle explains the rate.
     """
     implied, step, gusts = implied_rates(record), record.step_s, {}
     for key in ("alpha", "beta"):

@@ -16,10 +16,10 @@ _DAMPING_MAX = 1e8
 
 
 class LikelihoodPoint(NamedTuple):
-    """Negative log likelihood at one set of parameter values, with gradient and Fisher information matrix.
+    """Negative log-likelihood (`cost`, infinite if the model diverges) at one set of parameter values.
 
-    `cost` is the negative log likelihood, infinite if the model diverges; `gradient` holds its derivatives;
-    `information` approximates its second derivatives. `prediction` are the outputs of the model, for the caller.
+    `gradient` and `information` (Fisher's matrix) are the first and the approximate second derivatives. `prediction` is
+    data for the caller.
     """
 
     cost: float
@@ -33,8 +33,8 @@ def maximize_likelihood(
 ) -> tuple[Values, LikelihoodPoint]:
     """Return the parameter values of greatest likelihood that are at least `lower`, and `evaluate` at these values.
 
-    The search starts at `values`. A parameter at its lower bound stays there as long as a greater value would lower the
-    likelihood. Raises ValueError if the model diverges with the start values, or the search does not converge.
+    The search starts at `values`. Raises ValueError if the model diverges with the start values, or the search does not
+    converge.
     """
     point, damping = evaluate(values), 1e-3
     if not np.isfinite(point.cost):
@@ -57,10 +57,7 @@ def maximize_likelihood(
 
 
 def _scoring_step(values: Values, point: LikelihoodPoint, lower: Values, damping: float) -> tuple[Values, float]:
-    """Return a damped step of the parameters, and the length of the step in standard errors of the parameters.
-
-    The step is 0 for a parameter that stays at its lower bound.
-    """
+    """Return a damped step of the parameters, and the length of the step in standard errors of the parameters."""
     free, step = (values > lower) | (point.gradient < 0.0), np.zeros_like(values)
     information = point.information[np.ix_(free, free)]
     diagonal = np.diag(information)

@@ -1,6 +1,6 @@
 """Model structures of identification: short period, lateral motion, and derivatives of the aerodynamic coefficients.
 
-Each model is a set of equations, linear in the parameters to be estimated, with one response each.
+Each model is a set of equations with one response each, linear in the parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ MODELS = ("short-period", "lateral", "derivatives")
 """Names of the model structures, as arguments of `anser.identify`."""
 LONGITUDINAL, LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
 _EXCITATION_MIN = 0.5
-"""Least ratio of the standard deviation of a smoothed regressor to its noise; below, the regressor is left out.
+"""Least ratio of the standard deviation of a smoothed regressor to its noise; a regressor below this ratio is left out.
 
 The ratio is small because only a fifth of the noise lies within the band of the motion."""
 _MOTION_MIN = {"alpha": 2e-3, "beta": 2e-3, "p": 2e-4, "q": 2e-5, "r": 1e-4}
@@ -39,7 +39,7 @@ _MOTION_MIN = {"alpha": 2e-3, "beta": 2e-3, "p": 2e-4, "q": 2e-5, "r": 1e-4}
 SURFACE_MIN = 5e-4
 """Least standard deviation of a deflection that counts as moved, rad."""
 _EFFECT_MIN = 0.05
-"""Least ratio of a surface's moment derivative to its greatest one, for a place in the equations of an axis."""
+"""Least ratio of a surface's moment derivative to its greatest one at which the surface is a regressor of an axis."""
 
 _GUST_NOTES: tuple[str, ...] = (
     "Turbulence: the rates of the air are regressors, q_gust and r_gust, with the sign of the rates of alpha and beta; "
@@ -55,17 +55,17 @@ class Equation(NamedTuple):
     Attributes
     ----------
     response, values
-        Name of the response, and its measured values less the known parts.
+        Name of the response, and its measured values minus the known parts.
     prefix, regressors
-        Start of the parameters' names, such as `CL`, and the regressors by the ending, such as `alpha` for the
-        parameter `CL_alpha`.
+        Start of the parameters' names, such as `CL`; regressors by the ending, such as `alpha` for `CL_alpha`.
     noise
         Standard deviations of the white noise of the regressors, by the same endings.
     is_rate
-        Whether the equation is for the time derivative of the response.
-    other_arguments, assumed_part
-        Arguments of a coefficient that are not regressors, as series, or as their mean if they vary no more than their
-        noise; and their contribution by the aircraft's derivatives, which is subtracted in `values`.
+        True: the equation is for the time derivative of the response.
+    other_arguments
+        Arguments of a coefficient that are not regressors: series, or the mean if they vary no more than their noise.
+    assumed_part
+        Contribution of `other_arguments` by the aircraft's derivatives, which is subtracted in `values`.
     """
 
     response: str
@@ -79,11 +79,10 @@ class Equation(NamedTuple):
 
 
 class ModelData(NamedTuple):
-    """A record with the equations of a model along it.
+    """A record with the equations of a model.
 
-    `airframe` is the aircraft of mass properties and known derivatives, if any. `is_turbulent` is true if pitch or yaw
-    rates of the air, from gusts, are among the regressors. `notes` are remarks on turbulence and on parameters that are
-    not estimated.
+    `airframe` gives mass properties and known derivatives. `is_turbulent` is true if pitch or yaw rates of the air,
+    from gusts, are among the regressors. `notes` are remarks on turbulence and on parameters that are not estimated.
     """
 
     record: FlightRecord
@@ -101,18 +100,14 @@ def arrange(
     *,
     gusts: bool = True,
 ) -> ModelData:
-    """Return the equations of a model (a name in `MODELS`) along a record.
+    """Return the equations of `model` (a name in `MODELS`) with the data of a record.
 
-    In turbulence, the pitch and yaw rates of the air become the regressors `q_gust` and `r_gust`: their effects would
-    otherwise be attributed to the flow angles. `gusts=False` omits them from the linear models `short-period` and
-    `lateral`; the model `derivatives` always has them. `accelerometer_m` is the position of the accelerometers relative
-    to the centre of gravity, body axes, m.
+    In turbulence, the pitch and yaw rates of the air are the regressors `q_gust` and `r_gust`; `gusts=False` omits them
+    from the linear models `short-period` and `lateral`. `accelerometer_m` is the position of the accelerometers
+    relative to the centre of gravity, body axes, m.
 
-    Raises
-    ------
-    ValueError
-        The record lacks a channel, no surface moved, a state of a linear model or all coefficients lack excitation, or
-        the model `derivatives` has no airframe.
+    Raises ValueError if the record lacks a channel, no surface moved, a state of a linear model or every coefficient
+    lacks excitation, or the model `derivatives` has no airframe.
     """
     if model == "derivatives":
         if airframe is None:
@@ -176,11 +171,11 @@ def _derivatives(
 def arrange_linear(
     model: str, record: FlightRecord, airframe: AbstractAirframe | None, gusts: Mapping[str, Series]
 ) -> ModelData:
-    """Return the equations of `short-period` (states alpha, q) or `lateral` (beta, p, r) along a record.
+    """Return the equations of `short-period` (states alpha, q) or `lateral` (beta, p, r) with the data of a record.
 
-    `gusts` contains the rates of alpha and beta that gusts cause, rad/s, from `gust_rates`; empty for calm air. With an
-    airframe, only the surfaces with an effect on the model's axes are inputs. Raises ValueError if the record lacks a
-    channel, a state varies no more than its noise, or no surface moved.
+    `gusts` are the rates of alpha and beta from `gust_rates`, rad/s; empty for calm air. If an airframe is given, the
+    inputs are only the surfaces with a moment about the model's axes. Raises ValueError if the record lacks a channel,
+    a state varies no more than its noise, or no surface moved.
     """
     record = with_attitude(record)
     moved = _moved_surfaces(record)
@@ -216,10 +211,10 @@ def arrange_linear(
 
 
 def _averaged(gust: Series, flow: str, airframe: AbstractAirframe | None, record: FlightRecord) -> Series:
-    """Return a gust rate (rad/s) averaged over the extent of the aircraft by a first-order lag.
+    """Return a gust rate (rad/s) averaged over the aircraft by a first-order lag; unchanged if there is no airframe.
 
     The time constant is 4 b / (pi V) for the flow angle `alpha` and 3 b / (pi V) for `beta`, with the span b
-    (MIL-F-8785C, section 3.7). Without an airframe the rate is returned unchanged.
+    (MIL-F-8785C, section 3.7).
     """
     if airframe is None:
         return gust
@@ -234,10 +229,7 @@ def _is_excited(name: str, values: Series) -> bool:
 
 
 def _varies(values: Series, least: float) -> bool:
-    """Return whether a series varies: whether the standard deviation of its smoothed values exceeds two bounds.
-
-    The bounds are `least`, and half of the standard deviation of the noise that the smoothing removes.
-    """
+    """Return whether the standard deviation of the smoothed values exceeds `least` and half of the noise."""
     smoothed = smooth(values, 1.0)
     return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), least)
 
@@ -252,10 +244,7 @@ def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:
 
 
 def _surface_axes(record: FlightRecord, airframe: AbstractAirframe, moved: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return the moved surfaces by axis, under `longitudinal` and `lateral`, from the airframe's moment derivatives.
-
-    A surface can belong to both axes; a surface without a moment in the airframe's model belongs to both.
-    """
+    """Return the moved surfaces by axis, `longitudinal` or `lateral` or both, from the airframe's moments."""
     own = airframe_derivatives(airframe, record)
     axes: dict[str, tuple[str, ...]] = {"longitudinal": (), "lateral": ()}
     for name in moved:

@@ -54,23 +54,22 @@ def estimate_output_error(
         Standard deviations of the measurement noise, in the order and units of the model's outputs; None: estimated
         with the parameters.
     stabilized
-        Whether measured outputs correct the state at every sample, with the least constant gain that makes the
-        prediction stable: for unstable aircraft (R. V. Jategaonkar, *Flight Vehicle System Identification*, chapter 9).
+        True: measured outputs correct the state at every sample, with the least constant gain that makes the prediction
+        stable; for unstable aircraft (R. V. Jategaonkar, *Flight Vehicle System Identification*, chapter 9).
     input_noise
-        Standard deviations of white noise in the recorded inputs, in the order and units of the model's inputs, which
-        widens the intervals (to first order); None: exact inputs.
+        Standard deviations of white noise in the recorded inputs, in the order and units of the model's inputs. The
+        noise widens the intervals (to first order). None: exact inputs.
 
     Returns
     -------
     The estimate: `covariance` is the Cramer-Rao bound corrected for coloured residuals, `white_covariance` the bound
-    for white residuals. Without `stabilized`, a note warns of an unstable model whose errors grow more than tenfold.
+    for white residuals. A note warns of an unstable model if `stabilized` is false.
 
     Raises
     ------
     ValueError
-        An argument is not valid, the predicted outputs diverge, the search does not converge, no gain makes the model
-        stable, or the outputs do not depend on a parameter, or only on a combination of parameters; the message names
-        the parameters.
+        If an argument is not valid, the predicted outputs diverge, the search does not converge, no gain makes the
+        model stable, or the outputs do not determine the parameters; the message names the parameters.
     """
     parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
     levels = start_levels(model, manoeuvre, noise)
@@ -126,11 +125,11 @@ def validate(
     fixed: Mapping[str, float] | None = None,
     initial_states: Sequence[str] = (),
 ) -> Estimate:
-    """Predict a second manoeuvre with estimated parameters, and return the estimate with the fit to that manoeuvre.
+    """Predict a second manoeuvre with estimated parameters, and return the estimate with the fit to this manoeuvre.
 
-    Estimated initial states of the first manoeuvre are dropped. The initial states in `initial_states` are estimated
-    from the second one; the rest are those of `manoeuvre`. `fixed` contains the values of the model's remaining
-    parameters. Raises ValueError if the predicted outputs diverge.
+    The initial states in `initial_states` are estimated from the second manoeuvre; the remaining states start from
+    `manoeuvre.initial_state`. `fixed` contains the values of the model's remaining parameters. Raises ValueError if the
+    predicted outputs diverge.
     """
     of_manoeuvre = {text.format(name) for name in model.states for text in ("{}(0)", "noise({})")}
     values = {name: value for name, value in estimate.parameters.items() if name not in of_manoeuvre}
@@ -155,7 +154,7 @@ def validate(
 def start_levels(
     model: DynamicModel, manoeuvre: Manoeuvre, noise: Sequence[float] | None
 ) -> Float[np.ndarray, " output"]:
-    """Return standard deviations of the measurement noise: `noise` as an array, or if None estimates from the record.
+    """Return the standard deviations of the measurement noise; `noise` None: estimates from the record.
 
     Raises ValueError if `noise` does not contain a positive number for each output.
     """
@@ -185,8 +184,7 @@ def _search(
 ) -> tuple[Values, Prediction]:
     """Return the parameter values of greatest likelihood, and the outputs predicted with them.
 
-    `noise` contains the standard deviations of the measurement noise; None: at every step of the search the standard
-    deviations of the residuals are used.
+    `noise` None: the standard deviations of the residuals are used at every step.
     """
 
     def evaluate(values: Values) -> LikelihoodPoint:
@@ -207,7 +205,7 @@ def _search(
 
 
 def describe_growth(parameters: ParameterSet, values: Values, manoeuvre: Manoeuvre) -> str:
-    """Return a warning if errors of an unstable model grow more than tenfold over the manoeuvre, else an empty text."""
+    """Return a warning if errors of an unstable model grow more than tenfold over the manoeuvre; if not, ""."""
     A = parameters.linearize(values, manoeuvre).A
     rate = float(np.max(np.linalg.eigvals(A).real)) if np.all(np.isfinite(A)) else np.nan
     duration = float(manoeuvre.time_s[-1] - manoeuvre.time_s[0])
@@ -223,10 +221,9 @@ def describe_growth(parameters: ParameterSet, values: Values, manoeuvre: Manoeuv
 def _stabilizing_gain(
     parameters: ParameterSet, values: Values, manoeuvre: Manoeuvre, levels: Float[np.ndarray, " output"]
 ) -> Gain:
-    """Return the steady Kalman gain for nearly zero process noise: unstable eigenvalues are mirrored to stable ones.
+    """Return the steady Kalman gain for nearly zero process noise, which mirrors unstable eigenvalues to stable ones.
 
-    `levels` are the standard deviations of the measurement noise. Raises ValueError if an unstable state is not
-    observable from the outputs.
+    Raises ValueError if an unstable state is not observable from the outputs.
     """
     linear = parameters.linearize(values, manoeuvre)
     C, R = linear.C / levels[:, None], np.eye(len(levels))

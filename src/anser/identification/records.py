@@ -1,6 +1,6 @@
 """Flight records for identification: a flight of this package or a user's recording as time series in SI units.
 
-The series carry the names of the catalogue of variables, such as `alpha`. A record has a constant sampling period:
+The series have the keys of the catalogue of variables, such as `alpha`. A record has a constant sampling period:
 irregular samples and short gaps are interpolated, longer gaps are refused with ValueError.
 """
 
@@ -31,7 +31,7 @@ _SAMPLES_MIN = 50
 _JITTER = 1e-3
 """Greatest deviation of the sampling intervals from their mean, relative to the mean, that needs no resampling."""
 _ANGLES_OVER_A_TURN = ("roll", "yaw", "ground_course", "course", "bank")
-"""Channels that may jump by a full turn in a recording; a record has them without jumps."""
+"""Angles that may jump by a full turn in a recording; a record has the angles without jumps."""
 
 _UNITS: dict[str, tuple[str, float]] = {
     "rad": ("angle", 1.0),
@@ -77,10 +77,10 @@ _QUANTITIES = {
 class FlightRecord:
     """Time series of a flight, called channels, at a constant sampling period.
 
-    `time_s` are the times of the samples, s. `channels` has a series for each of the catalogue's keys that is recorded,
-    such as `alpha`, in SI units and radians; angles have no jumps by a full turn. `surfaces` are the names of the
-    control surfaces, `notes` sentences on changes to the recording (interpolation, alignment), and `attributes` those
-    of the dataset from which the record was made.
+    `time_s` are the times of the samples, s. `channels` has the recorded series by key of the catalogue, such as
+    `alpha`, in SI units and radians; angles have no jumps by a full turn. `surfaces` are the names of the control
+    surfaces. `notes` are sentences on changes to the recording (interpolation, alignment). `attributes` belong to the
+    original dataset.
     """
 
     time_s: Float[np.ndarray, " sample"]
@@ -136,17 +136,8 @@ class FlightRecord:
     def with_noise(self, sigma: Mapping[str, float], seed: int = 0) -> "FlightRecord":
         """Return the record with independent Gaussian white noise added to channels, to simulate sensors.
 
-        Parameters
-        ----------
-        sigma
-            Standard deviations by variable of a dataset, in the unit of the name: `{"alpha_deg": 0.1}`.
-        seed
-            Seed of the random numbers.
-
-        Raises
-        ------
-        ValueError
-            A name is no variable of the catalogue, or the record lacks the channel.
+        `sigma` holds standard deviations by variable of a dataset, in the unit of the name: `{"alpha_deg": 0.1}`.
+        Raises ValueError if a name is no variable of the catalogue, or the record lacks the channel.
         """
         variables = {variable.name: variable for variable in _variables(self.surfaces).values()}
         random, noisy = np.random.default_rng(seed), {}
@@ -187,25 +178,26 @@ def flight_record(
     Parameters
     ----------
     recording
-        An xarray Dataset with variables of the catalogue over `time` (and `aircraft`), an object with such a dataset
-        as attribute `dataset`, a pandas DataFrame, or the path of a folder with `flight.nc`, of a NetCDF file or of a
-        CSV file.
+        - xarray Dataset with variables of the catalogue over `time` (and `aircraft`), or object with a `dataset`
+        - pandas DataFrame
+        - path of a folder with `flight.nc`, of a NetCDF file or of a CSV file
     columns
         Map from names of the catalogue to columns of the recording: `{"time_s": "t", "alpha_deg": "AOA",
-        "pitch_rate_deg_s": {"column": "Q", "unit": "rad/s"}}`. Without `unit`, the values have the unit in the name. A
-        `factor` multiplies the values: -1 for an opposite sign. Columns with names of the catalogue need no entry.
+        "pitch_rate_deg_s": {"column": "Q", "unit": "rad/s"}}`. If `unit` is absent, the values have the unit in the
+        name. A `factor` multiplies the values: -1 for an opposite sign. Columns with names of the catalogue need no
+        entry.
     aircraft_name
-        Name of the aircraft that is taken from a dataset; required if the dataset contains several.
+        Name of the aircraft to take from a dataset; required if the dataset contains several.
     surfaces
-        Names of the control surfaces; None: those in the dataset's attributes, or else the standard surfaces.
+        Names of the control surfaces; None: the names in the dataset's attributes or, if absent, the standard surfaces.
     gap_max_s
-        Longest interval between samples, or stretch of missing values (NaN) of a channel, that is interpolated, s;
-        intervals up to 1.5 times their median always are.
+        Longest interval between samples, or stretch of missing values (NaN) of a channel, that is interpolated, s.
+        Intervals up to 1.5 times their median are interpolated in any case.
 
     Raises
     ------
     ValueError
-        The recording cannot be read, has no times that rise, has fewer than 50 samples or no variable of the
+        If the recording cannot be read, has no times that rise, has fewer than 50 samples or no variable of the
         catalogue, a gap is too long, or an entry of `columns` is not valid.
     """
     if isinstance(recording, FlightRecord):
@@ -228,12 +220,9 @@ def flight_record(
 
 
 def read_columns(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the argument `columns` of `flight_record` (catalogue name -> column of the recording) from a TOML file.
+    """Return the argument `columns` of `flight_record` from a TOML file.
 
-    Raises
-    ------
-    ScenarioError
-        The file cannot be read, or is not valid TOML.
+    Raises ScenarioError if the file cannot be read, or is not valid TOML.
     """
     return parse_toml(read_text(path, "map"), os.fspath(path))
 
@@ -247,7 +236,7 @@ def _name_of(key: str, variables: Mapping[str, Variable]) -> str:
 
 
 def _read(recording: Any, aircraft_name: str | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return the columns of a recording by name, in its units, and its attributes (empty for a table)."""
+    """Return the columns of a recording by name, in the units of the recording, and the recording's attributes."""
     if isinstance(recording, str | os.PathLike):
         recording = _read_file(Path(recording))
     if hasattr(recording, "dataset"):
@@ -296,7 +285,7 @@ def _numbers(name: str, column: Any) -> np.ndarray:
 def _select(
     table: Mapping[str, np.ndarray], columns: Mapping[str, Any], variables: Mapping[str, Variable]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the times (s), and the channels by the catalogue's keys in SI units and radians; omit all-NaN columns."""
+    """Return the times (s), and the channels by key in SI units and radians; omit columns that are entirely NaN."""
     entries: dict[str, Any] = {name: name for name in table if name in variables or name == "time_s"}
     entries |= {name: columns[name] for name in columns}
     if "time_s" not in entries:
@@ -358,10 +347,7 @@ def _check_times(time_s: np.ndarray) -> None:
 
 
 def _regular_grid(time_s: np.ndarray, gap_max_s: float) -> tuple[np.ndarray, list[str]]:
-    """Return equally spaced times (s), and notes on resampling; raises ValueError if a gap is too long.
-
-    The period is the mean interval if the intervals are constant to 0.1 %, otherwise their median.
-    """
+    """Return equally spaced times (s), and notes on resampling; raises ValueError if a gap is too long."""
     intervals = np.diff(time_s)
     period = float(np.median(intervals))
     longest = int(np.argmax(intervals))
@@ -389,10 +375,10 @@ def _resample(
     is_step: bool,
     notes: list[str],
 ) -> np.ndarray:
-    """Return a channel at the times `grid` (s): linearly interpolated if `is_step`, otherwise by a cubic spline.
+    """Return a channel at the times `grid` (s): linearly interpolated if `is_step`, by a cubic spline if not.
 
-    A note is appended to `notes` if missing values (NaN) are filled. Raises ValueError if they last longer than
-    `gap_max_s` or stand at an end.
+    A note on filled NaN values is appended to `notes`. Raises ValueError if NaN values last longer than `gap_max_s` or
+    stand at an end.
     """
     present = np.isfinite(values)
     if not present.all():

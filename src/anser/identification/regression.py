@@ -22,9 +22,9 @@ Square = Float[np.ndarray, "parameter parameter"]
 class Regression(NamedTuple):
     """A linear regression problem z = X theta + v: response z, regressors X, parameters theta, error v.
 
-    `names` are those of the regressors and parameters; the regressor named `CONSTANT` is 1. `time_s` are the times of a
-    uniformly sampled record, s; None: independent samples. `response` is the name of z; `noise` holds the standard
-    deviations of the white noise in the regressors, 0 for exact ones.
+    `names` are the names of the regressors; the regressor `CONSTANT` is 1. `time_s` are the times of a uniformly
+    sampled record, s; None: independent samples. `response` is the name of z. `noise` holds the standard deviations of
+    the white noise in the regressors.
     """
 
     names: tuple[str, ...]
@@ -39,7 +39,7 @@ class Regression(NamedTuple):
         return self.X.T @ self.X - len(self.X) * np.diag(self.noise**2)
 
     def check_collinearity(self) -> Collinearity:
-        """Return the collinearity of the noise-free regressors, as deviations from the mean if a constant is estimated.
+        """Return the collinearity of the noise-free regressors; the means are subtracted if a constant is estimated.
 
         Raises ValueError if noise is more than half of a regressor's power, or if regressors are collinear.
         """
@@ -47,10 +47,10 @@ class Regression(NamedTuple):
         return collinearity(X.T @ X - len(X) * np.diag(self.noise**2), self.names)
 
     def require_excitation(self) -> Matrix:
-        """Return the regressors, as deviations from the mean if a constant is estimated.
+        """Return the regressors; the means are subtracted if a constant is estimated.
 
-        Raises ValueError if a regressor does not vary, or if noise (`noise` or, in a record, noise apparent from the
-        samples) is more than half of its power.
+        Raises ValueError if a regressor does not vary, or if noise is more than half of its power. In a record, noise
+        that is apparent from the samples counts too.
         """
         X, noise = self.X.copy(), self.noise**2
         if self.names[-1] == CONSTANT:
@@ -62,9 +62,9 @@ class Regression(NamedTuple):
         return X
 
     def error_covariance(self, X: Matrix, residuals: Float[np.ndarray, " sample"], inverse: Square) -> ErrorCovariance:
-        """Return the covariance of the parameter errors, `inverse` @ X^T v, where v is the error of the regression.
+        """Return the covariance of the parameter errors `inverse` @ X^T v, with the error v of the regression.
 
-        In a record (`time_s` is not None) v may be coloured, otherwise v is white; `residuals` are the estimates of v.
+        `residuals` are the estimates of v. If `time_s` is None, v counts as white; if not, v may be coloured.
         """
         return coloured_covariance(X[:, None], residuals[:, None], inverse, is_record=self.time_s is not None)
 
@@ -103,19 +103,19 @@ def prepare_regression(
     response
         Series to be explained, shape (sample,).
     time_s
-        Times of a uniformly sampled record, s; None: the samples are independent, their order has no meaning.
+        Times of a uniformly sampled record, s; None: the samples are independent.
     response_name
         Name of the response, for labels.
     constant
         Whether a constant term, named `constant`, is added.
     noise
         Standard deviations of the white noise in measured regressors, by name; 0 if absent. The contribution of the
-        noise to X^T X is removed, which otherwise makes the parameter of a noisy regressor too small.
+        noise to X^T X is removed.
 
     Raises
     ------
     ValueError
-        A name is `constant` or occurs twice, a series differs in length or is not finite, there are no more samples
+        If a name is `constant` or occurs twice, a series differs in length or is not finite, there are no more samples
         than parameters, times have unequal steps, or `noise` is not valid.
     """
     series = {name: np.asarray(values, dtype=float) for name, values in {**regressors, response_name: response}.items()}
@@ -146,7 +146,7 @@ def prepare_regression(
 
 
 def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]:
-    """Return times (s) as an array; raises ValueError unless they are `count` numbers with steps equal to 0.1 %."""
+    """Return times (s) as an array; raises ValueError unless there are `count` times with equal steps (to 0.1 %)."""
     times = np.asarray(time_s, dtype=float)
     if times.shape != (count,) or not np.all(np.isfinite(times)):
         raise ValueError(f"time_s: arrived an array of shape {times.shape}; expected ({count},) finite times, s")
@@ -160,8 +160,8 @@ def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]
 
 
 def white_variance(X: Matrix) -> Float[np.ndarray, " parameter"]:
-    """Return the variance of white noise in each smooth column of X, from third differences (gain 1 + 9 + 9 + 1)."""
-    return np.mean(np.diff(X, 3, axis=0) ** 2, axis=0) / 20.0
+    """Return the variance of the white noise on each smooth column of X, from third differences."""
+    return np.mean(np.diff(X, 3, axis=0) ** 2, axis=0) / 20.0  # 1 + 9 + 9 + 1: squares of the weights
 
 
 def regress(
@@ -175,13 +175,9 @@ def regress(
 ) -> Estimate:
     """Estimate the parameters of a linear equation by ordinary least squares, in the time domain.
 
-    The covariance is corrected for coloured residuals if `time_s` makes the samples a record. Arguments and further
-    errors: see `anser.identification.regression.prepare_regression`.
-
-    Raises
-    ------
-    ValueError
-        Regressors are collinear, or a regressor is mostly noise; the message names them.
+    If `time_s` is given, the covariance is corrected for coloured residuals. Arguments and further errors: see
+    `anser.identification.regression.prepare_regression`. Raises ValueError if regressors are collinear or mostly noise;
+    the message names the regressors.
     """
     problem = prepare_regression(
         regressors, response, time_s, response_name=response_name, constant=constant, noise=noise
@@ -237,9 +233,9 @@ def regress_total(
 ) -> Estimate:
     """Estimate the parameters of a linear equation by total least squares, for noise in response and regressors.
 
-    `noise` contains the standard deviations of noise in regressors by name (absent: exact regressors), `response_noise`
-    that of the response; only their ratios matter. Source: S. Van Huffel, J. Vandewalle, *The Total Least Squares
-    Problem*, SIAM 1991, section 3.6. The remaining arguments and the errors raised are those of `regress`.
+    `noise` contains the standard deviations of noise in regressors by name (absent: exact), `response_noise` is the
+    standard deviation of noise in the response; only the ratios matter. Remaining arguments and errors: see `regress`.
+    Source: S. Van Huffel, J. Vandewalle, *The Total Least Squares Problem*, SIAM 1991, section 3.6.
     """
     problem = prepare_regression(
         regressors, response, time_s, response_name=response_name, constant=constant, noise=noise
@@ -259,7 +255,7 @@ def regress_total(
     values[~noisy] = np.linalg.lstsq(exact, remainder, rcond=None)[0]
     residuals = problem.z - problem.X @ values
     weight = response_noise**2 + np.sum((problem.noise * values) ** 2)
-    scale = residuals @ residuals / ((residuals.size - values.size) * weight)  # on the squares of the noise
+    scale = residuals @ residuals / ((residuals.size - values.size) * weight)  # factor on the squares of the noise
     scaled = problem._replace(noise=np.sqrt(scale) * problem.noise)
     clean = problem.X + np.outer(residuals, problem.noise**2 * values / weight)  # the regressors' expected values
     errors = problem.error_covariance(clean, residuals, np.linalg.inv(scaled.information()))
@@ -276,16 +272,14 @@ def regress_stepwise(
 ) -> Estimate:
     """Select regressors by stepwise regression, and estimate their parameters and a constant by ordinary least squares.
 
-    At each step the candidate with the greatest partial correlation with the response enters. With the criterion `F`,
-    regressors with a partial F ratio below 20 then leave, and the selection ends if the entering candidate's ratio is
-    20 or less or R^2 grows by 0.005 or less. With `PSE`, no regressor leaves, and the selection ends if the predicted
-    squared error does not fall. Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, section
-    5.4. The notes of the estimate list the steps; the remaining arguments and errors are those of `regress`.
+    At each step the candidate with the greatest partial correlation with the response enters. The notes of the estimate
+    list the steps. Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, section 5.4.
 
-    Raises
-    ------
-    ValueError
-        No candidate is significant.
+    - Criterion `F`: regressors with a partial F ratio below 20 leave. The selection ends if the entering candidate has
+      a ratio of 20 or less, or R^2 grows by 0.005 or less.
+    - Criterion `PSE`: no regressor leaves. The selection ends if the predicted squared error does not fall.
+
+    Remaining arguments and errors: see `regress`. Raises ValueError if no candidate is significant.
     """
     if criterion not in ("F", "PSE"):
         raise ValueError(f"criterion: arrived {criterion!r}; expected 'F' (partial F ratio) or 'PSE'")
@@ -350,16 +344,15 @@ def regress_with_prior(
     Parameters
     ----------
     regressors, response, time_s, response_name, constant
-        Series and options of the regression: see `prepare_regression`. The regressors may be collinear as far as
-        prior values tell the parameters apart.
+        See `prepare_regression`. The regressors may be collinear if prior values tell the parameters apart.
     prior
         Prior value and standard error by parameter, for some or all parameters.
 
     Raises
     ------
     ValueError
-        A name in `prior` is no parameter, a standard error is not positive and finite, or an error of `regress`, with
-        the collinearity of the sum of the information of the record and of the prior values.
+        If a name in `prior` is no parameter, a standard error is not positive and finite, or record and prior values do
+        not determine the parameters; further errors: see `regress`.
     """
     problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=constant)
     if not set(prior) <= set(problem.names) or not all(0.0 < error < np.inf for _, error in prior.values()):
@@ -369,7 +362,7 @@ def regress_with_prior(
     fit = X @ np.linalg.lstsq(X, z, rcond=1e-10)[0]
     inverse = np.linalg.pinv(X.T @ X, rcond=1e-10, hermitian=True)
     errors = problem.error_covariance(X, z - fit, inverse)
-    # of white errors with the same information as the coloured ones
+    # variance of white errors with the same information as the coloured ones
     variance = np.trace(errors.covariance @ X.T @ X) / np.linalg.matrix_rank(X, tol=1e-10 * np.linalg.norm(X))
     weights, targets = np.zeros(len(problem.names)), np.zeros(len(problem.names))
     for name, (value, error) in prior.items():
@@ -391,10 +384,9 @@ def step_means(
 ) -> tuple[dict[str, Float[np.ndarray, " step"]], Float[np.ndarray, " step"], Float[np.ndarray, " step"]]:
     """Return for each step the means of the regressors by name, the mean rate of a state (per s) and the mid time (s).
 
-    The mean rate is the difference of the state over the step, divided by the step. Noise in the rates and in the means
-    does not correlate; white noise of standard deviation sigma in a sample becomes sigma / sqrt(2) in a mean, and
-    sqrt(2) sigma / step in the rate. A regressor in `held` is an input that is constant over the step after its sample:
-    the mean is the value of that sample.
+    The errors of the rates and of the means do not correlate. White noise of standard deviation sigma becomes sigma /
+    sqrt(2) in a mean, and sqrt(2) sigma / step in a rate. A regressor in `held` must be constant over the step after
+    its sample.
     """
     times = uniform_times(time_s, np.asarray(time_s).size)
     series = {name: np.asarray(values, dtype=float) for name, values in regressors.items()}

@@ -28,13 +28,11 @@ class Smoothed(NamedTuple):
 def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, shared: bool = False) -> Smoothed:
     """Smooth and differentiate measured time histories by global Fourier smoothing.
 
-    The straight line through the end values is subtracted, and the remainder is expanded in a sine series (odd about
-    both ends). Its coefficients fall with the cube of the frequency for a smooth signal, and have a constant variance
-    for white noise. The noise power is the mean square of the coefficients in the upper 40 % of the frequencies. Every
-    coefficient is multiplied by the Wiener weight 1 / (1 + noise power / signal power), with a signal power that falls
-    with the sixth power of the frequency; with negligible noise, all weights are 1. Source: C. Lanczos, *Applied
-    Analysis* (1956), section 5.11; E. A. Morelli, "Estimating Noise Characteristics from Flight Test Data Using Optimal
-    Fourier Smoothing", *J. Aircraft* 32(4), 1995.
+    The straight line through the end values is subtracted, and the remainder is expanded in a sine series. The mean
+    power of the upper 40 % of the frequencies is taken as white noise, and the coefficients get Wiener weights. If the
+    noise is negligible, nothing is filtered. Source: C. Lanczos, *Applied Analysis* (1956), section 5.11; E. A.
+    Morelli, "Estimating Noise Characteristics from Flight Test Data Using Optimal Fourier Smoothing", *J. Aircraft*
+    32(4), 1995.
 
     Parameters
     ----------
@@ -43,13 +41,13 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
     step_s
         Sampling period, s.
     shared
-        True: all channels get the same weights, at each frequency the least weight of all channels, so that both
-        sides of an equation are filtered alike. False: each channel gets weights from its noise.
+        True: all channels get the same weights, so both sides of an equation are filtered alike. False: each channel
+        gets weights from its noise.
 
     Raises
     ------
     ValueError
-        There are fewer than 16 samples, or a value is not finite.
+        If there are fewer than 16 samples, or a value is not finite.
     """
     values = np.asarray(values, dtype=float)
     count = values.shape[-1]
@@ -80,7 +78,7 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, share
 def noise_level(values: Float[np.ndarray, "*channel sample"]) -> Float[np.ndarray, "*channel"]:
     """Return the standard deviation of the white noise of each channel, from the upper 40 % of the frequencies.
 
-    Raises ValueError for fewer than 16 samples or values that are not finite.
+    Raises ValueError if there are fewer than 16 samples, or a value is not finite.
     """
     return smooth(values, 1.0).noise
 
@@ -95,8 +93,6 @@ def _ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of time histories at start and end, from parabolas through the outer 15 samples or fewer.
 
     If the samples deviate smoothly from the parabola, not by noise, the measured end value is returned instead.
-    Noise in an end value would leave a jump in the odd series, and the coefficients would fall with the first power of
-    the frequency instead of the cube.
     """
     length = min(15, values.shape[-1] // 2)
     basis = np.vander(np.arange(length, dtype=float), 3)
@@ -124,20 +120,13 @@ def _wiener(power: np.ndarray, noise_power: np.ndarray, numbers: np.ndarray) -> 
 
 
 def _sustained(above: np.ndarray, width: int) -> np.ndarray:
-    """Return for each coefficient whether the signal still stands out: any of the next `width` flags is true.
-
-    `above` holds for each coefficient, in order of frequency along the last axis, the flag that it exceeds the noise.
-    The next flags include that of the coefficient.
-    """
+    """Return for each flag of `above` whether this flag or one of the next `width` - 1 flags is true."""
     padded = np.concatenate([above, np.zeros((*above.shape[:-1], width - 1), dtype=bool)], axis=-1)
     return np.any(np.lib.stride_tricks.sliding_window_view(padded, width, axis=-1), axis=-1)
 
 
 def _sine_sums(values: np.ndarray) -> np.ndarray:
-    """Return the type-I discrete sine transform along the last axis: 2 sum_i values_i sin(pi k i / n), i, k = 1..n-1.
-
-    The transform applied twice gives the values times 2 n.
-    """
+    """Return 2 sum_i values_i sin(pi k i / n), i, k = 1..n-1; a second transform gives the values times 2 n."""
     return np.asarray(dst(values, type=1, axis=-1))
 
 

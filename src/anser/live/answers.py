@@ -77,7 +77,7 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
 
 
 def preliminary_answer(scenario: Scenario, message: FailedAttempt) -> Answer:
-    """Return an answer with the status "searching" and the problems of a failed attempt at a plan, without paths.
+    """Return an answer with the status "searching" and the problems of a failed attempt at a plan.
 
     `message` is the progress report with the attempt; the search for a plan goes on.
     """
@@ -104,10 +104,9 @@ def without_arrival_times(values: dict[str, Any], error: ScenarioError) -> dict[
 
 
 def advised_answer(error: ScenarioError, scenario: Scenario) -> Answer:
-    """Return the answer to prescribed arrival times that are too early; its problems name the earliest possible times.
+    """Return the answer to arrival times that are too early, with the earliest possible times in the problems.
 
-    `error` has the problems of the document; `scenario` is the document's scenario with the arrival rule "earliest"
-    instead.
+    `error` has the problems of the document; `scenario` is the document's scenario with the arrival rule "earliest".
     """
     arrivals = possible_arrivals(scenario, build_flight(scenario, pad_fleet=True))
     answer = invalid_answer(error)
@@ -131,15 +130,12 @@ def invalid_problem(problem: Problem) -> dict[str, Any]:
 
 
 def plain_problem(text: str) -> dict[str, Any]:
-    """Return a message as a problem without keys, aircraft and positions, for the page."""
+    """Return a message as a problem for the page, without keys, aircraft and positions."""
     return {"text": text, "keys": [], "aircraft": [], "positions": []}
 
 
 def _best_record(planned: FirstPlan) -> RecordedPlan | None:
-    """Return the record of the paths to be drawn: the plan or, after a refusal, the attempt of `_best_attempt`.
-
-    None after a refusal without such an attempt.
-    """
+    """Return the record of the plan or, after a refusal, of the attempt `_best_attempt`; None if neither exists."""
     if not planned.refusals:
         return planned.record()
     attempt = _best_attempt(planned)
@@ -150,10 +146,10 @@ def _best_record(planned: FirstPlan) -> RecordedPlan | None:
 
 
 def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
-    """Return the attempt of the certified planner that is nearest to a plan, without padding aircraft.
+    """Return the certified planner's best attempt, without padding aircraft; None if there is none.
 
-    The nearest is an attempt in which only the holds after the arrivals are missing, otherwise the attempt with the
-    fewest failed aircraft. None if there is neither, or the planner is not the certified one.
+    The best attempt lacks only the holding patterns after the arrivals. If there is no such attempt, the best attempt
+    has the fewest failed aircraft.
     """
     if not isinstance(planned, CertifiedFirstPlan) or planned.outcome is None:
         return None
@@ -162,10 +158,10 @@ def _best_attempt(planned: FirstPlan) -> CertifiedPlan | None:
 
 
 def _drawn_attempts(planned: FirstPlan) -> list[bool]:
-    """Return for each aircraft, in the scenario's order, whether the page draws the path.
+    """Return whether the page draws the path, for each aircraft in the scenario's order.
 
-    All paths of a plan are drawn. Of a failed attempt, a path is left out if it exceeds a limit by more than half of
-    the limit (`EXCESS_MEANINGFUL`); paths that violate the separation or a keep-out are drawn, to show the conflict.
+    A path of a failed attempt is not drawn if its relative excess over a limit is above `EXCESS_MEANINGFUL`. Paths that
+    violate the separation or a keep-out are drawn, to show the conflict.
     """
     attempt = _best_attempt(planned) if planned.refusals else None
     if attempt is None:
@@ -179,8 +175,7 @@ def _record_values(
 ) -> dict[str, Any]:
     """Return the entries of an answer that follow from the record of a plan or attempt.
 
-    Entries: first and last arrival, aircraft with limits and planned holds (`holds`, None without), separation,
-    keep-outs and goals. `is_proven` says whether all limits are proven.
+    `holds` are the planned holding patterns; `is_proven` says whether all limits are proven.
     """
     samples = record.samples
     arrivals_s = samples.arrival_times_s
@@ -233,10 +228,9 @@ def _aircraft_entry(scenario: Scenario, record: RecordedPlan, k: int, is_proven:
 
 
 def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: int) -> Iterable[Answer]:
-    """Yield an entry for each finite limit of aircraft number `k`: limit, planned extreme, bound and utilization.
+    """Yield an entry for each finite limit of aircraft number `k`; `columns` is the result of `limit_columns`.
 
-    `columns` is the result of `limit_columns`. `bound` is the proven bound of the extreme; for a limit without proof,
-    the planned extreme at the samples.
+    `bound` is the proven extreme or, if the planner proves no bound, the extreme of the samples.
     """
     for limit, values in columns:
         limit_value, planned = values["limit_"][k], values[""][k]
@@ -267,9 +261,9 @@ def _limit_entries(columns: Iterable[tuple[Limit, dict[str, np.ndarray]]], k: in
 def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None:
     """Return the entry on the closest pair of aircraft in the plan; None for a single aircraft.
 
-    The closest pair is that of `_closest_approach`. `distances_m` and `required_m` are horizontal and vertical if a
-    vertical separation is required; otherwise horizontal only or, if no separation is required, the distance in space
-    only.
+    `distances_m` and `required_m` have two values, horizontal and vertical, if a vertical separation is required. They
+    have the horizontal distance if only a horizontal separation is required. If no separation is required,
+    `distances_m` has the distance in space.
     """
     closest, separation_m = _closest_approach(samples), scenario.separation.required_m
     if not np.isfinite(closest.minimum_m):
@@ -287,15 +281,12 @@ def _separation_entry(scenario: Scenario, samples: PlanSamples) -> Answer | None
 
 
 def _closest_approach(samples: PlanSamples) -> ClosestApproach:
-    """Return the closest approach of two aircraft in a plan, measured relative to the required separation.
-
-    If no separation is required, the distance in space is the measure.
-    """
+    """Return the closest approach by separation or, if no separation is required, by distance in space."""
     return samples.closest_by_distance if samples.closest_by_separation is None else samples.closest_by_separation
 
 
 def _position_at(samples: PlanSamples, k: int, time_s: float) -> Position:
-    """Return the position of aircraft number `k` at a time, s, linear between the samples: north, east, altitude, m."""
+    """Return the position of aircraft number `k` at a time, linear between the samples."""
     return {
         name: round(float(np.interp(time_s, samples.time_s, samples.history[key][:, k])), 3)
         for name, key in _COORDINATES.items()
@@ -303,7 +294,7 @@ def _position_at(samples: PlanSamples, k: int, time_s: float) -> Position:
 
 
 def _hold_track(holds: PlannedHolds | None, k: int) -> dict[str, list[float]] | None:
-    """Return north, east and altitude (m) along the planned hold of aircraft `k`; None without planned holds."""
+    """Return north, east and altitude (m) along the planned hold of aircraft `k`; None if no holds are planned."""
     if holds is None:
         return None
     knots = np.asarray(holds.paths.air_n)[k, :, 0] + np.asarray(holds.paths.drift_n)[k, :, 0]
@@ -332,11 +323,9 @@ def _goal_tracks(scenario: Scenario, end_s: float) -> list[dict[str, Any]]:
 def _refusal_problem(
     scenario: Scenario, text: str, record: RecordedPlan | None, drawn: Sequence[bool] = ()
 ) -> dict[str, Any]:
-    """Return a reason for a refusal (`text`) as a problem for the page: text, keys, aircraft, positions.
+    """Return `text`, a reason for a refusal, as a problem for the page: text, keys, aircraft, positions.
 
-    The keys are those of the scenario's limits that the reason names. The positions (points of the paths in `record`,
-    the best attempt) show where the reason applies, see `_binding_positions`; `drawn` tells which aircraft's paths the
-    page draws. None without a record.
+    `record` is the best attempt, None if unknown; `drawn` says which aircraft's paths the page draws.
     """
     names = list(text.aircraft) if isinstance(text, Refusal) else []
     keys = list(text.keys) if isinstance(text, Refusal) else []
@@ -353,9 +342,8 @@ def _binding_positions(
 ) -> Iterable[Position]:
     """Yield the positions in `record` at which the page marks a reason for a refusal.
 
-    For two aircraft: their positions at the fleet's closest approach, or their rendezvous if another pair comes closer.
-    Otherwise for each aircraft with a drawn path: the point with the extreme of the first limit in `keys`, or the
-    rendezvous if `keys` names no limit.
+    - Reason about two aircraft: positions at the fleet's closest approach, or the rendezvous if another pair is closest
+    - Other reasons, on each drawn path: extreme of the first limit in `keys`, or the rendezvous if no key is a limit
     """
     samples = record.samples
     indices = {aircraft.name: k for k, aircraft in enumerate(scenario.aircraft)}

@@ -37,10 +37,9 @@ GOAL_KINDS = ("surface", "airborne")
 
 
 def sliders(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the sliders of the page: key, label, unit, range, step, and the value in the scenario (or its default).
+    """Return the sliders of the page: key, label, unit, range, step, and the value in the scenario or its default.
 
-    Limits are those of the first aircraft. Sliders of keys without a value are left out, and those of the wind if the
-    scenario has wind layers.
+    Limits are those of the first aircraft. Keys without a value have no slider; the wind has none if it has layers.
     """
     tables = {
         "wind": scenario.wind,
@@ -71,7 +70,7 @@ def sliders(scenario: Scenario) -> list[dict[str, Any]]:
 
 
 def new_tables(scenario: Scenario) -> dict[str, dict[str, Any]]:
-    """Return the tables of an aircraft, a goal and a keep-out to be added; the page sets their names and positions."""
+    """Return the tables that the page adds for a new aircraft, goal or keep-out; the page sets names and positions."""
     first = scenario.aircraft[0]
     return {
         "aircraft": {

@@ -23,14 +23,12 @@ _SUFFIX = ".toml"
 
 @dataclass(frozen=True)
 class DocumentFolder:
-    """The folder in which the page reads and writes scenario files.
-
-    `parts` and `wind_field` are the table `[parts]` and the entry `wind.field` of the scenario that the server was
-    started with. A document may only have the same user-defined parts, and refer to no further file outside the folder.
-    """
+    """The folder in which the page reads and writes scenario files."""
 
     path: Path
+    # table `[parts]` of the scenario that the server was started with; a document must not have other parts
     parts: Mapping[str, Any] | None = None
+    # entry `wind.field` of this scenario; documents must not refer to any other file outside the folder
     wind_field: Any = None
 
     def names(self) -> list[str]:
@@ -40,8 +38,8 @@ class DocumentFolder:
     def read(self, name: str) -> tuple[str, dict[str, Any]]:
         """Return the text and the values of a scenario file in the folder; the values are not validated.
 
-        Raises ScenarioError if the name is not that of a scenario file in the folder, if the text is not TOML, or if a
-        value has a type that no key of a scenario takes (a date, a number that is not finite).
+        Raises ScenarioError if the folder has no such scenario file, if the text is not TOML, or if a value has a type
+        that no key of a scenario takes.
         """
         path = self._file(name)
         text = read_text(path)
@@ -65,14 +63,14 @@ class DocumentFolder:
         return from_values(values, str(self.path / "document.toml"))
 
     def text(self, values: dict[str, Any], base: str | None) -> str:
-        """Return a document as TOML, with comments and layout of the file `base` of the folder, if that exists."""
+        """Return a document as TOML, with comments and layout of the file `base` in the folder, if the file exists."""
         return merge_into_toml(self.read(base)[0] if base is not None and self._exists(base) else "", values)
 
     def save(self, name: str, values: dict[str, Any], base: str | None, overwrite: bool) -> None:
         """Write a document to the file `name` of the folder, with comments and layout of the file `base`, if any.
 
-        Raises FileExistsError if the file exists and `overwrite` is False; ScenarioError if a name is not that of a
-        file in the folder, or the document is not a valid scenario.
+        Raises FileExistsError if the file exists and `overwrite` is False. Raises ScenarioError if the folder cannot
+        have a file of this name, or if the document is not a valid scenario.
         """
         path = self._file(name)
         self.scenario(values)
@@ -90,7 +88,7 @@ class DocumentFolder:
         return self._file(name).is_file()
 
     def _is_inside(self, path: Path) -> bool:
-        """Return whether a path lies in the folder, after following symbolic links; False if unreadable."""
+        """Return whether a path lies in the folder after symbolic links are followed; False if unreadable."""
         try:
             return path.resolve().is_relative_to(self.path.resolve())
         except (OSError, ValueError, RuntimeError):
@@ -134,10 +132,9 @@ def _foreign_values(values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def merge_into_toml(text: str, values: dict[str, Any]) -> str:
-    """Return `text` (TOML) with the values of a document; comments, order and number formats stay where values stay.
+    """Return `text` (TOML) with the values of a document; unchanged values keep comments, order and number formats.
 
-    Tables of a list are matched by name, those without a name by value, else by position. Raises ValueError if a value
-    has no form in a scenario file.
+    Raises ValueError if a value has no form in a scenario file.
     """
     import tomlkit
 
@@ -156,7 +153,7 @@ def _is_table_list(value: Any) -> TypeGuard[list[dict[str, Any]]]:
 
 
 def _update_table(table: Any, values: Mapping[str, Any]) -> None:
-    """Change a table of a parsed TOML document in place, so that it has the given keys and values only."""
+    """Change a table of a parsed TOML document in place, so that the table has exactly the given values."""
     import tomlkit
     from tomlkit.items import AoT
 
@@ -203,7 +200,7 @@ def _update_table_list(tables: Any, values: list[dict[str, Any]]) -> None:
 
 
 def _identity(value: Any) -> Any:
-    """Return the name of a table; without a name, its content in a form that can be compared and hashed."""
+    """Return the name of a table or, if the table has no name, the content in a form that can be hashed."""
     if isinstance(value, dict):
         name = value.get("name")
         if isinstance(name, str):

@@ -1,4 +1,4 @@
-"""Requests from the page, validated: strict types, no unknown keys, bounded size and depth.
+"""Validated requests of the page: strict types, no unknown keys, bounded size and depth.
 
 A document (`scenario`) is a scenario as nested dictionaries and lists; it is validated later.
 """
@@ -85,7 +85,7 @@ class RecordedRequest(_Request):
 
 
 class ResumeRequest(_Request):
-    """First message of a page after a reconnect: its session, and the identifiers of the flights it already has."""
+    """First message of a page after a reconnect: its session, and the identifiers of the flights that the page has."""
 
     type: Literal["resume"]
     session: _Name
@@ -109,7 +109,7 @@ _REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimin
 def read_message(text: str) -> Request:
     """Parse and validate a request of the page.
 
-    Raises ValueError if it is malformed, larger than 8 MiB or nested more than 16 levels deep.
+    Raises ValueError if the request is malformed, larger than 8 MiB or nested more than 16 levels deep.
     """
     if len(text.encode("utf-8", "surrogatepass")) > SIZE_MAX:
         raise ValueError(f"a message of more than {SIZE_MAX:,} bytes")

@@ -23,8 +23,8 @@ def open_server(
 ) -> "LiveServer":
     """Start a server of the live page for a scenario file, or for a scenario as nested dictionaries and lists.
 
-    The page opens and saves files in `folder` (None: the file's folder, or the current one). `options` are those of
-    `LiveServer`. Raises ScenarioError if the scenario is not valid, ImportError without the extra `live`.
+    The page opens and saves files in `folder`; None: folder of the file, or current folder. `options` are options of
+    `LiveServer`. Raises ScenarioError if the scenario is not valid. Raises ImportError if the extra `live` is missing.
     """
     try:
         from anser.live.server import LiveServer
@@ -42,7 +42,7 @@ def open_server(
 
 
 class LivePage:
-    """A live page, shown inline by a notebook. `url` is the page's address; `close()` ends the page's server."""
+    """A live page, shown inline by a notebook."""
 
     def __init__(self, server: "LiveServer", height_px: int) -> None:
         self._server, self._height_px = server, height_px
@@ -66,7 +66,7 @@ class LivePage:
 
 
 def live(scenario: Scenario | str | os.PathLike[str], *, height_px: int = 860) -> LivePage:
-    """Show the live page of a scenario: aircraft, goals and limits are moved, the certified plan follows at once.
+    """Show the live page of a scenario: the certified plan follows at once if aircraft, goals or limits are moved.
 
     A notebook on this machine shows the page inline; elsewhere, open `url` in a browser.
 
@@ -83,9 +83,9 @@ def live(scenario: Scenario | str | os.PathLike[str], *, height_px: int = 860) -
     ScenarioError
         If the file cannot be read or is not a valid scenario.
     ValueError
-        If parts are attached to the scenario as objects: a file saved by the page could not name them.
+        If parts are attached to the scenario as objects, which a saved file could not name.
     ImportError
-        Without the extra `live`.
+        If the extra `live` is not installed.
     """
     if isinstance(scenario, Scenario) and scenario._attached_parts:
         names = ", ".join(part.name for part in fields(UserParts) if getattr(scenario._attached_parts, part.name))

@@ -18,9 +18,9 @@ _LIVE_SCRIPTS = (
 
 
 def render_live_page(recording: Sequence[Mapping[str, Any]] | None = None) -> str:
-    """Return the HTML of the live page or, with `recording`, of a page that shows recorded answers without a server.
+    """Return the HTML of the live page, or of a page with recorded answers that needs no server.
 
-    The entries of `recording` have the keys label, scenario and answer.
+    An entry of `recording` has the keys label, scenario and answer.
     """
     return render_page(
         "live.html",

@@ -1,8 +1,8 @@
 """Compilation of programs before they are needed, in a process of low priority.
 
-The process compiles the programs for refusals and flights of the present fleet. It runs `python -m
-anser.live.preparation`, with the folder and the document as JSON on its standard input. The programs reach the server
-through the disk store of compiled programs; the end of the input ends the process.
+The process compiles the programs for refusals and flights of the present fleet. The server gets the programs through
+the disk store of compiled programs. The process is `python -m anser.live.preparation`, with the folder and the document
+as JSON on standard input, and ends with the input.
 """
 
 import contextlib
@@ -37,12 +37,9 @@ _FAR_KEEP_OUT = {"name": "far keep-out", "north_m": 4e5, "east_m": 4e5, "radius_
 
 @dataclass
 class Preparation:
-    """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process.
+    """Owner of the process that compiles programs in advance; a fleet that needs other programs gets a new process."""
 
-    `folder` is the folder of the page's scenario files.
-    """
-
-    folder: Path
+    folder: Path  # folder of the page's scenario files
     _kind: str = ""  # kind (`_kind`) of the document of the last request
     _finished: set[str] = field(default_factory=set)
     _process: "subprocess.Popen[str] | None" = None
@@ -51,7 +48,7 @@ class Preparation:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def pause(self) -> None:
-        """Suspend the process for one second (not on Windows), so that it takes no computing time from plans."""
+        """Suspend the process for one second, so that plans have all computing time; not on Windows."""
         with self._lock:
             self._resume_s, process = time.monotonic() + _PAUSE_S, self._process
             if process is None or process is self._paused or not hasattr(signal, "SIGSTOP"):
@@ -71,11 +68,11 @@ class Preparation:
                     return
 
     def request(self, document: dict[str, Any], last_s: float | None) -> None:
-        """Compile the programs for a document's fleet in a new process; `last_s` is the last arrival, s (or None).
+        """Compile the programs for a document's fleet in a new process, in place of the running process.
 
         Nothing is done if the document needs the same programs as the last request or has user-defined parts, if
-        compiled programs are not stored on disk, or if JAX does not run on the CPU. Otherwise the running process ends;
-        a new process starts unless an earlier process has compiled the programs.
+        compiled programs are not stored on disk, or if JAX does not run on the CPU. No process starts if an earlier
+        process has compiled the programs. `last_s` is the last arrival, s, or None.
         """
         kind = f"{choose_interval_count(last_s or 0.0)} {json.dumps(_kind(document))}"
         if kind == self._kind or "parts" in document or cache_folder() is None or jax.default_backend() != "cpu":
@@ -118,9 +115,9 @@ def _input_of(process: "subprocess.Popen[str]") -> IO[str]:
 
 
 def _kind(value: Any) -> Any:
-    """Return a document without numbers, names and events: documents with equal results need the same programs.
+    """Return a document without numbers, names and events; documents with equal results need the same programs.
 
-    A list becomes its length, in steps of four (rounded up), and its distinct entries.
+    A list becomes its distinct entries, and its length divided by `_FLEET_STEP`, rounded up.
     """
     if isinstance(value, dict):
         return {key: _kind(value[key]) for key in sorted(value) if key != "event" and not _is_name(key, value[key])}
@@ -137,7 +134,7 @@ def _is_name(key: str, value: Any) -> bool:
 def compile_ahead(document: dict[str, Any], folder: Path) -> None:
     """Compile the programs that plan, explain a refusal and fly the fleet of a document.
 
-    If the document has no keep-out, the programs for the same fleet with a keep-out are compiled afterwards.
+    Programs for the same fleet with a keep-out follow if the document has no keep-out.
     """
     _compile_for(document, folder)
     if not document.get("keep_out"):

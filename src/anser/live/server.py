@@ -85,8 +85,8 @@ class LocalRequestsOnly:
 def make_app(workbench: Workbench, port: int, token: str, ancestors: str = "") -> ASGIApp:
     """Return the web application of a workbench: page, reports of flights, and the page's web socket.
 
-    Requests must have the `token` in the address and the `port` in the Host header. `ancestors` are the addresses of
-    further pages that may embed the page (Content-Security-Policy).
+    Requests must have the `token` in the address and the `port` in the Host header. `ancestors` are addresses of pages
+    that may embed the page (Content-Security-Policy).
     """
 
     async def page(_: Request) -> Response:
@@ -176,7 +176,7 @@ class LiveServer:
     folder
         Folder in which the page opens and saves scenario files.
     name
-        Name of the document's file in the folder; None if the document is no file of the folder.
+        Name of the document's file in the folder; None if the folder has no such file.
     in_notebook
         Whether notebooks on this machine may show the page inline.
     prepares
@@ -223,7 +223,7 @@ class LiveServer:
         return f"http://{HOST}:{self.port}/{self.token}/"
 
     def wait(self) -> None:
-        """Wait until the server ends or Ctrl-C raises KeyboardInterrupt."""
+        """Wait until the server ends; Ctrl-C raises KeyboardInterrupt."""
         while self._thread.is_alive():
             self._thread.join(0.2)
 

@@ -1,7 +1,7 @@
-"""Session of one page: requests and their answers.
+"""Session of one page: requests and answers.
 
-Plans and flights are computed by worker threads that all pages share; of several plan requests of a page, only the
-newest is answered.
+Plans and flights are computed by worker threads that all pages share. Of several waiting plan requests of a page, only
+the newest is answered.
 """
 
 import asyncio
@@ -54,7 +54,7 @@ Send = Callable[[dict[str, Any]], None]
 
 
 class StoppedError(Exception):
-    """A plan or flight was stopped: a newer request waits, the user stopped it, or the page was closed."""
+    """Error in a plan or flight that was stopped by a newer request, by the user, or by closing the page."""
 
 
 @dataclass
@@ -72,13 +72,13 @@ class Workbench:
     preparation: Preparation | None = None  # None: programs are compiled when they are needed
 
     def new_session(self) -> "Session":
-        """Create, store and return the session of a new page."""
+        """Return the new session of a page, stored in `sessions`."""
         return self._keep_session(Session(self, secrets.token_urlsafe(12)))
 
     def resume(self, new: "Session", key: str) -> "Session":
         """Return the stored session `key` of a page that reconnects; the page's session `new` is discarded.
 
-        If no session `key` is stored (the server was restarted), `new` gets the key and is returned.
+        If no session `key` is stored, as after a restart of the server, `new` gets the key and is returned.
         """
         self.sessions.pop(new.key, None)
         if key not in self.sessions:
@@ -131,13 +131,13 @@ class Session:
         self._lock = threading.Lock()
 
     def attach(self, send: Send) -> None:
-        """Connect the session with its page, to which `send` queues messages."""
+        """Connect the session with a page; `send` queues messages to the page."""
         self._send = send
 
     def detach(self, send: Send | None = None) -> None:
-        """Disconnect the session from a page's `send`; a flight in progress continues, its result waits for the page.
+        """Disconnect the session from the page of `send`; the result of a flight in progress waits for the page.
 
-        With None, the session is disconnected from any page and its flight is stopped.
+        If `send` is None, the session is disconnected from any page and its flight is stopped.
         """
         if send is None:
             self._stop_flight.set()
@@ -168,7 +168,7 @@ class Session:
         }
 
     def handle(self, request: messages.Request) -> None:
-        """Answer a request of the page; plans and flights are answered later, by worker threads."""
+        """Answer a request of the page; worker threads answer plan and flight requests later."""
         match request:
             case messages.PlanRequest():
                 self._request_plan(request)
@@ -196,7 +196,7 @@ class Session:
         self._tell({"type": "failed", "number": number, "problems": list(problems)})
 
     def _guarded(self, number: int, work: Callable[[], None]) -> None:
-        """Call `work`; errors are reported to the page as the failure of request `number`."""
+        """Call `work`, and report an error to the page as the failure of request `number`."""
         try:
             work()
         except ScenarioError as error:
@@ -231,7 +231,7 @@ class Session:
                 self._tell({"type": "text", "number": request.number, "text": text})
 
     def _request_plan(self, request: messages.PlanRequest) -> None:
-        """Queue a plan request for the planning thread; an older request of the page that still waits is dropped."""
+        """Queue a plan request for the planning thread, in place of an older waiting request of the page."""
         with self._lock:
             self._waiting = request, self._send
             if self._is_planning:
@@ -240,11 +240,7 @@ class Session:
         self.workbench.planning.submit(self._plan_newest)
 
     def _plan_newest(self) -> None:
-        """Answer the newest plan request of the page, in the planning thread.
-
-        If a newer request has arrived meanwhile, the method is queued again, behind the waiting requests of further
-        pages.
-        """
+        """Answer the newest plan request of the page, in the planning thread; queue a request that came meanwhile."""
         with self._lock:
             waiting, self._waiting = self._waiting, None
         if waiting is not None and waiting[1] is self._send:
@@ -257,8 +253,8 @@ class Session:
     def _answer_plan(self, request: messages.PlanRequest, send: Send | None) -> None:
         """Plan a document and send the answer to the page.
 
-        Planning stops without an answer if a newer final request waits, a newer request waits and planning has taken
-        more than 0.7 s, or the page's connection has changed.
+        Planning stops without an answer if a final request waits, if a request waits after `_SUPERSEDED_AFTER_S`, or if
+        the page's connection has changed.
         """
         begin = time.monotonic()
         if self.workbench.preparation is not None:
@@ -287,10 +283,9 @@ class Session:
         on_progress: Callable[[str], None],
         on_preliminary: Callable[[Answer], None] = lambda answer: None,
     ) -> tuple[Answer, Scenario | None]:
-        """Return the answer to a document, and the document's scenario (None if it is not valid).
+        """Return the answer to a document and its scenario, None if not valid; the plan is stored for a later flight.
 
-        The plan is stored for a later flight. `on_preliminary` is called with a preliminary answer before long
-        searches.
+        `on_preliminary` is called with a preliminary answer before a long search.
         """
         folder = self.workbench.folder
         try:
@@ -365,12 +360,12 @@ class Session:
 
 
 def _finite(values: np.ndarray) -> list[float | None]:
-    """Return values for the page, rounded to three decimals; None for a value that is not finite."""
+    """Return values for the page, rounded to three decimals; None for values that are not finite."""
     return [round(float(value), 3) if np.isfinite(value) else None for value in values]
 
 
 def _stop_if(is_stopped: Callable[[], bool], report: Callable[..., None]) -> Callable[..., None]:
-    """Return a progress callback that raises StoppedError once `is_stopped()` is True, and otherwise calls `report`."""
+    """Return a progress callback that calls `report`, or raises StoppedError if `is_stopped()` is True."""
 
     def on_progress(text: str, share: float | None = None) -> None:
         if is_stopped():
@@ -403,8 +398,8 @@ _PLAN_PROGRAMS, _REFUSAL_PROGRAMS, _FLIGHT_PROGRAMS = 10, 4, 2
 def _preparation(record: Compilation, time_left: str | None, before: int, usual_count: int = _REFUSAL_PROGRAMS) -> str:
     """Return the page's text about the compilation in progress, `record`, with the time left if known.
 
-    `before` is the number of programs that the process had compiled before the request; `usual_count` is the usual
-    number for a request of this sort if the fleet has been planned before.
+    `before` is the number of programs compiled before the request; `usual_count` is the usual number for a request of
+    this kind if the fleet was planned before.
     """
     since = list(compilations[before:])
     number = since.index(record) + 1 if record in since else 1
@@ -417,10 +412,7 @@ def _preparation(record: Compilation, time_left: str | None, before: int, usual_
 
 
 class _Progress:
-    """Progress messages of one request to the page, sent by a thread in the `with` block.
-
-    A message has the description of the current work and its completed share, or the program that is being compiled.
-    """
+    """Progress messages of one request to the page, sent by a thread in the `with` block."""
 
     def __init__(
         self, tell: Callable[[dict[str, Any]], None], number: int, usual_programs: int = _REFUSAL_PROGRAMS
@@ -440,11 +432,11 @@ class _Progress:
         self._end.set()
 
     def report(self, text: str, share: float | None = None) -> None:
-        """Set the description of the current work and its completed share, 0..1 (None: unknown)."""
+        """Set the description of the current work and the completed fraction, 0..1 (None: unknown)."""
         self._state = text, share
 
     def set_preliminary(self, answer: Answer) -> None:
-        """Set a preliminary answer, which is sent if the answer takes more than 1 s or waits for a compilation."""
+        """Set a preliminary answer, sent if the final answer takes more than 1 s or waits for a compilation."""
         self._preliminary = answer
 
     def _watch(self) -> None:

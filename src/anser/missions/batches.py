@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 BATCH = 128
-"""Number of flights in one compiled call; larger batches are no faster on a few cores."""
+"""Default number of flights in one compiled call; larger batches are no faster on a few cores."""
 
 Progress = Callable[[str, float | None], None]
 """Callback with a description of the current work and the completed share, 0..1 (None: the duration is unknown)."""
 
 
 def no_progress(message: str, completed_share: float | None) -> None:
-    """Ignore a report of progress; the `Progress` callback for computations without display."""
+    """Do nothing; the `Progress` callback for computations without a display."""

@@ -42,7 +42,7 @@ from anser.simulation.flight import Flight
 from anser.simulation.start import TrimmedFleet
 
 _DELAY_COUNT = 34
-"""Number of arrival times to propose, each `DELAY_RATIO` times the last: up to 1.3 times the first agreed time."""
+"""Number of proposed arrival times, from the first agreed time to 1.3 times this time, in steps of `DELAY_RATIO`."""
 
 
 @compiled_quickly
@@ -54,8 +54,7 @@ def _certify_fleet(plan: CertifiedPlan, tasks: AircraftTask, airspace: Any) -> A
 def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rounds: Any) -> Any:
     """Return the mask of the links that are up at each exchange before the flight, (exchange, receiver, sender).
 
-    A link is down beyond the range between `positions_n`, in an outage, by a random loss, or for an aircraft that is
-    not `active`. `rounds` are the sample numbers of the exchanges, from which the random numbers follow.
+    `positions_n` are the positions of the aircraft, NED, m; `rounds` are the sample numbers of the exchanges.
     """
 
     def links_at(outages: Any, exchange_number: Any) -> Any:
@@ -86,14 +85,13 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "DecentralisedFirstPlan":
-        """Trim every aircraft and negotiate the first plan.
+        """Trim every aircraft and negotiate the first plan by messages.
 
-        Unless the scenario prescribes the arrival times, every aircraft searches for its earliest arrival, and the
-        fleet agrees on the latest of these times (max-consensus). Then the aircraft plan one after another, in the
-        order of the scenario: each finds a path that arrives at the agreed time and is separated from the paths
-        received so far. If a search fails, or the holds after the arrivals lack separation, the fleet plans again for a
-        later time, see `find_agreement`. Without an agreement, `refusals` has the reason. Raises ScenarioError if an
-        aircraft cannot be trimmed.
+        The fleet agrees on arrival times. Then the aircraft plan in the order of the scenario: each path arrives at the
+        agreed time and is separated from the earlier paths. If a path is not found, or the holds (holding patterns
+        after the arrivals) lack separation, the fleet plans again for a later time.
+
+        If the fleet does not agree, `refusals` has the reason. Raises ScenarioError if an aircraft cannot be trimmed.
         """
         on_progress("trimming")
         planner = aircraft_planner(flight)
@@ -128,7 +126,7 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         return summarize_network(time_s, history, self.scenario, self.agreed_after_s)
 
     def notes(self) -> tuple[str, ...]:
-        """Return the notes on the plan: duration of the negotiation, then those of `CertifiedFirstPlan.notes`."""
+        """Return a sentence with the duration of the negotiation, and the notes of `CertifiedFirstPlan.notes`."""
         negotiation_note = f"agreed without a centre after {self.agreed_after_s:.1f} s"
         return (negotiation_note, *super().notes())
 
@@ -139,22 +137,18 @@ class NoAgreementError(Exception):
 
 @dataclass
 class MessageFlood:
-    """Exchanges of messages before the flight, in which each aircraft passes on every received message.
+    """Exchanges of messages before the flight, in which each aircraft passes on every received message."""
 
-    `links` is the mask of the links that are up, (exchange, receiver, sender); `delay`, in exchanges, is the time from
-    sending to reception; `exchange_index` is the exchange that the negotiation has reached.
-    """
-
-    links: np.ndarray
-    delay: int
+    links: np.ndarray  # mask of the links that are up, (exchange, receiver, sender)
+    delay: int  # time from sending to reception, in exchanges
     names: tuple[str, ...]  # names of the aircraft
     period_s: float  # time between two exchanges, s
-    exchange_index: int = 0
+    exchange_index: int = 0  # exchange that the negotiation has reached
 
     def broadcast(self, sources: list[int]) -> None:
         """Advance to the exchange by which messages of all `sources` (aircraft indices) have reached the whole fleet.
 
-        Raises NoAgreementError if the exchanges end before.
+        Raises NoAgreementError if the messages do not reach the whole fleet by the last exchange.
         """
         self.exchange_index = max(self._reached(source) for source in sources)
 
@@ -180,8 +174,8 @@ def negotiate_plan(
 ) -> tuple[CertifiedPlan | None, PlannedHolds | None, float, str]:
     """Negotiate a plan before the flight by messages, see `DecentralisedFirstPlan.make`.
 
-    Returns the plan and the holds (both None without an agreement), the duration of the negotiation, s, and the reason
-    for a failure as a sentence ("" with an agreement).
+    Returns the plan, the holds, the duration of the negotiation (s), and "". If the fleet does not agree, plan and
+    holds are None, and the last entry is the reason as a sentence.
     """
     flood = _make_message_flood(scenario, flight, tasks)
     try:
@@ -208,7 +202,7 @@ def _make_message_flood(scenario: Scenario, flight: Flight, tasks: AircraftTask)
 
 
 def _single_task(tasks: AircraftTask, aircraft: int) -> AircraftTask:
-    """Return the tasks of the fleet with only one aircraft active."""
+    """Return the tasks of the fleet with only the aircraft of index `aircraft` active."""
     is_planned = np.arange(np.asarray(tasks.active).size) == aircraft
     active = np.where(is_planned, np.asarray(tasks.active), 0.0)
     return eqx.tree_at(lambda t: t.active, tasks, as_array(active))
@@ -263,9 +257,7 @@ def find_agreement(
 ) -> tuple[_Plan | None, str]:
     """Find the earliest of `count` increasing delays of the arrivals on which the fleet agrees.
 
-    Each proposal costs messages: indices are therefore proposed in doubled steps until the fleet agrees, and then by
-    bisection between the last refused and the first agreed index. If the messages end during the bisection, the result
-    is the last agreement so far.
+    If the messages (`flood`) end after a first agreement, the result is the earliest agreement so far.
 
     Parameters
     ----------
@@ -275,12 +267,13 @@ def find_agreement(
     Returns
     -------
     tuple
-        Agreement (None if every delay is refused), and the reason if the last proposal was refused, else "".
+        Agreement (None if every delay is refused), and the reason for which the last proposal was refused ("" if the
+        fleet agreed on this proposal).
 
     Raises
     ------
     NoAgreementError
-        If the messages end (`flood`) before the first agreement.
+        If the messages end before the first agreement.
     """
     agreement, failure, is_agreed = None, "", None
     scan = first_index(count)
@@ -306,10 +299,10 @@ def _plan_in_turn(
     flood: MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, str]:
-    """Plan the aircraft one after the other for `arrival_times_s` (s), each separated from the aircraft before.
+    """Plan the aircraft one after the other for `arrival_times_s` (s), each separated from the earlier aircraft.
 
-    Each aircraft broadcasts its path or its failure. Returns the certified plan and "", or None and the reason for a
-    failure. Raises NoAgreementError if the exchanges of messages end before.
+    Returns the certified plan and "", or None and the reason for a failure. Raises NoAgreementError if the exchanges of
+    messages end before the plan is complete.
     """
     airspace, plan = planner.aircraft_planner.airspace, None
     request = ArrivalRequest("times", float(np.max(arrival_times_s)), times_s=arrival_times_s)

@@ -1,7 +1,7 @@
 """Replanning after an event of the scenario, between two steps of the flight.
 
-An aircraft that leaves the fleet gets an exit path that is checked for separation, and the rest of the fleet a new plan
-if necessary. The periodic correction of paths in the compiled loop is in `anser.planning.certified.replanning`.
+A departing aircraft gets an exit path, on which the aircraft flies to the end of the flight. The remaining aircraft get
+a new plan if necessary. Periodic corrections of paths: see `anser.planning.certified.replanning`.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ from anser.simulation.flight import Flight, FlightState
 from anser.steady.performance import ACCELERATION_FLOOR
 
 EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2, -2.2, 3.1, -3.1)
-"""Turns that are tried, in this order, for the exit path of a departing aircraft, rad, right positive."""
+"""Turns for the exit path of a departing aircraft, rad, right positive, in the order in which they are tried."""
 
 
 class FleetSnapshot(NamedTuple):
@@ -45,8 +45,8 @@ class FleetSnapshot(NamedTuple):
 
     # planning tasks from the planned positions to the sensed goals; active: aircraft that can be replanned
     replannable_tasks: AircraftTask
-    fixed_paths: FixedPaths  # planned paths of the remaining flying aircraft: arrived, about to arrive, or departed
-    flying_tasks: AircraftTask  # tasks from the reported motions; active: every flying aircraft, departed ones too
+    fixed_paths: FixedPaths  # paths of the aircraft that cannot be replanned: arrived, about to arrive, departed
+    flying_tasks: AircraftTask  # tasks from the reported motions; active: every flying aircraft, also departed
     remaining: Bool[Array, " aircraft"]  # mask of the aircraft that have neither left the fleet nor broken away
 
 
@@ -70,10 +70,10 @@ def exit_start(
     time: Scalar,  # current time, s
     aircraft: Integer,  # index of the departing aircraft in the fleet
 ) -> AircraftTask:
-    """Return a departing aircraft's planning task, with the start at its position and motion at `time` (s).
+    """Return the planning task of a departing aircraft that starts at `time` (s).
 
-    Before the arrival, position and motion are those of the planned path, afterwards that of the planned hold. Without
-    a planned hold, or in a hold that cannot be flown as planned (see `hold_reference`), the measured ones are taken.
+    The start has the planned position and motion: on the path or, after the arrival, in the hold (holding pattern). If
+    no hold can be flown as planned (see `hold_reference`), the start has the measured position and motion.
     """
     plan, holds = plan_state.plan, plan_state.holds
     task, path, arrival_time = jax.tree.map(lambda leaf: leaf[aircraft], (tasks, plan.paths, plan.arrival_times))
@@ -98,20 +98,16 @@ def plan_exit(
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
 ) -> CertifiedPlan:
-    """Return the plan with an exit path for a departing aircraft, with the best of the `turns` from its course.
+    """Return the plan with an exit path for a departing aircraft; the exit path lasts to the end of the flight.
 
-    The turn is the first of those that keep the most of these requirements, in this order:
+    The turn of the exit path is the first of `turns` that keeps the most of these requirements, in this order:
 
     1. the separation from the paths of all other aircraft up to their arrivals, and from the holds already begun;
     2. limits and keep-outs;
     3. the separation from later holds, which can be assigned anew.
 
-    If no turn keeps the first requirement, the turn has the greatest ratio of distance to separation from these paths
-    and holds.
-
-    The exit path lasts to the end of the flight, which is the departing aircraft's new arrival time. The certificate of
-    the returned plan has the limits and keep-outs of the exit path, and the clearance ratios of the paths, at least 1
-    where separated, but not those of the holds.
+    If no turn keeps the first requirement, the turn has the greatest ratio of distance to required separation. The
+    certificate of the returned plan does not cover the holds.
     """
     plan, holds = plan_state.plan, plan_state.holds
     knot_count, count = plan.paths.times.shape[1], plan.arrival_times.shape[0]
@@ -127,7 +123,7 @@ def plan_exit(
     hold_tracks = None if hold_paths is None else jax.lax.map(tracked, hold_paths)
 
     def hold_ratios(path: TimedPath) -> Float[Array, " aircraft"]:
-        """Return the clearance ratio between an exit path and each other aircraft's hold; infinite without a hold."""
+        """Return the clearance ratio between an exit path and each other hold; infinite if an aircraft has no hold."""
         if hold_tracks is None:
             return jnp.full(count, jnp.inf)
         track = jax.tree.map(lambda leaf: leaf[None], tracked(path))
@@ -170,18 +166,14 @@ def _certificate(plan: CertifiedPlan, tasks: Any, airspace: Any, time: Any) -> A
 
 @dataclass(frozen=True)
 class EventOutcome:
-    """Effect of an event on the plan, for the flight's summary.
-
-    `subject` is the name of the aircraft, goal or keep-out, `goal` that of a goal which the aircraft took over;
-    `has_valid_plan` tells whether the fleet has a valid plan afterwards.
-    """
+    """Effect of an event on the plan, for the flight's summary."""
 
     time_s: float  # time of the event, s after the start of the flight
     kind: str  # type of the event, as in the scenario
-    subject: str
-    has_valid_plan: bool
+    subject: str  # name of the aircraft, goal or keep-out; "all" if the event names none
+    has_valid_plan: bool  # whether the fleet has a valid plan afterwards
     message: str  # response of the planner, in one sentence
-    goal: str | None = None
+    goal: str | None = None  # name of the goal that the aircraft took over
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of the list `events` in `summary.json`, with the keys of the file."""
@@ -200,14 +192,13 @@ def apply_event(
     state: FlightState,
     sample: int,
     event: Event,
-    performance: Performance | None,  # of the fleet at its start; None: without events of lost thrust
+    performance: Performance | None,  # accelerations of the fleet at its start; required if thrust is lost
     on_progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Flight, FlightState, EventOutcome]:
     """Apply an event's effect on the plan at sample `sample`; return the new flight and state, and the outcome.
 
-    The event's effect on aircraft and goals (less thrust, a lost sensor, a turning goal) is not applied here: it is
-    part of the flight from its start, see `anser.scenario.build`. A change of a goal's motion therefore needs no action
-    here: periodic replanning follows the sensed goal, or none if the scenario asks for a single plan.
+    The physical effect of the event (less thrust, a lost sensor, a turning goal) is part of the flight from its start,
+    see `anser.scenario.build`.
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     subject = event.aircraft or event.goal or (event.keep_out.name if event.keep_out is not None else "all")
@@ -220,7 +211,7 @@ def apply_event(
     if event.kind == AIRCRAFT_CHANGES:
         return flight, state, outcome(True, "unknown to autopilot and planner: the plan in force stays")
     on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
-    planned_times_s = np.asarray(state.planner.plan.arrival_times)  # with that of an aircraft that leaves now
+    planned_times_s = np.asarray(state.planner.plan.arrival_times)  # including an aircraft that leaves now
     violations = ""
     if event.kind == "aircraft-leaves":
         planner, time = aircraft_planner(flight), as_array(sample * scenario.timing.step_s)
@@ -254,10 +245,7 @@ def apply_event(
 
 
 def _exit_violations(scenario: Scenario, plan: CertifiedPlan, aircraft: int) -> str:
-    """Return a clause on the keep-outs that a departing aircraft's exit path enters and the limits that it exceeds.
-
-    Empty without a violation. `plan` has the exit path and its certificate; `aircraft` is an index into the fleet.
-    """
+    """Return a clause on the keep-outs and limits that an exit path violates; empty if the path violates none."""
     certificate = plan.certificate
     if certificate.satisfied_individually[aircraft]:
         return ""
@@ -277,19 +265,16 @@ def _exit_violations(scenario: Scenario, plan: CertifiedPlan, aircraft: int) -> 
 
 
 def _exit_turns(start: AircraftTask, event: Event) -> Any:
-    """Return the turns to try for a departing aircraft, rad, right positive: `EXIT_TURNS`, or onto a prescribed course.
-
-    A turn onto a prescribed course is repeated to the length of `EXIT_TURNS`, so that both cases share a program.
-    """
+    """Return the turns to try for a departing aircraft, rad, right positive: `EXIT_TURNS` or the prescribed turn."""
     if event.course_deg is None:
         return as_array(EXIT_TURNS)
     air_n = np.asarray(start.air_velocity_n)
     turn = np.radians(event.course_deg) - np.arctan2(air_n[1], air_n[0])
+    # as many turns as in `EXIT_TURNS`: both cases share a compiled program
     return as_array([(turn + np.pi) % (2 * np.pi) - np.pi] * len(EXIT_TURNS))
 
 
 def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
-    """Return the flight with the keep-out of an event in the planner's table, in the row reserved for the event."""
     appeared, volumes = event.keep_out, aircraft_planner(flight).airspace.keep_outs
     assert appeared is not None
     earlier = [keep_out_event for keep_out_event in scenario.event if keep_out_event.kind == event.kind]
@@ -303,12 +288,9 @@ def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
 def _with_less_thrust(
     flight: Flight, state: FlightState, performance: Performance, aircraft: int, thrust_share: float
 ) -> FlightState:
-    """Return the state with an aircraft's greatest acceleration along the path, m/s^2, reduced to its remaining thrust.
+    """Return the state with an aircraft's greatest acceleration along the path reduced to the remaining thrust.
 
-    The acceleration is (thrust - drag) / mass. `performance` has only the accelerations at full and at idle thrust at
-    the start of the flight, so `thrust_share` (0..1, the remaining part) applies to the difference between full and
-    idle thrust. A limit prescribed in the scenario stays an upper bound. The planner's acceleration reserve is
-    subtracted from the result, also from a negative one (the aircraft can only decelerate).
+    `thrust_share` (0..1) is the remaining part of the difference between full and idle thrust.
     """
     planner = aircraft_planner(flight)
     gain, loss = (
@@ -316,6 +298,7 @@ def _with_less_thrust(
         for values in (performance.acceleration, performance.deceleration)
     )
     remaining = min(thrust_share * (gain + loss) - loss, float(planner.limits.acceleration_max[aircraft]))
+    # the reserve also reduces a negative acceleration, of an aircraft that can only decelerate
     reduced = remaining - float(planner.acceleration_reserve) * abs(remaining)
     acceleration_max = with_rows(state.planner.limits.acceleration_max, aircraft, reduced)
     return eqx.tree_at(lambda s: s.planner.limits.acceleration_max, state, acceleration_max)
@@ -332,10 +315,9 @@ def _replan_if_needed(
 ) -> tuple[FlightState, bool, str]:
     """Replan the fleet after an event, unless the plan in force meets all requirements, arrival times included.
 
-    After a new keep-out or a departure, new holds are assigned to the aircraft that have not arrived. If no new plan is
-    found, or no aircraft can be replanned, the paths in force stay; the new holds are then used only if every hold
-    keeps separation, keep-outs and altitude limits. An arrival is never put off beyond the latest allowed arrival time.
-    Returns the state, whether the fleet has a valid plan, and a sentence for the summary.
+    Returns the state, whether the fleet has a valid plan, and a sentence for the summary. If no new plan is found, the
+    paths in force stay. New holds, after a new keep-out or a departure, are then used only if every hold keeps
+    separation, keep-outs and altitude limits.
     """
     plan_state, now_s = state.planner, sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
@@ -369,7 +351,7 @@ def _replan_if_needed(
         message = f"not put off: an arrival at {last_s:.1f} s would be after the latest one, {latest_s:g} s"
         return held_state, False, message
     requests = _requests(scenario, times_s, can_replan, now_s, target_times_s)
-    # An arrival at another time than that asked for is not put off.
+    # Only the first request has the requested times.
     requests = itertools.islice(requests, 1) if is_put_off else requests
     replanned_state = _search_plan(scenario, flight, state, snapshot, now_s, requests, on_progress)
     return (held_state, False, NO_PLAN_MESSAGE) if replanned_state is None else (replanned_state, True, "planned anew")
@@ -388,9 +370,10 @@ def snapshot_at(flight: Flight, state: FlightState, sample: int) -> FleetSnapsho
 def replan_fleet(
     scenario: Scenario, flight: Flight, state: FlightState, sample: int, on_progress: Callable[[str], None]
 ) -> FlightState | None:
-    """Search for a new plan from sample `sample` on, first with the arrival times in force, then by the arrival rule.
+    """Search for a new plan from sample `sample`, and return the flight's state with the new plan.
 
-    Returns the state of the flight with the new plan; None if no plan is found or no aircraft can be replanned.
+    The search tries the arrival times in force, then the scenario's arrival rule. None if no plan is found or no
+    aircraft can be replanned.
     """
     times_s, now_s = np.asarray(state.planner.plan.arrival_times), sample * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, sample)
@@ -406,10 +389,9 @@ def _target_times(
 ) -> np.ndarray:
     """Return the arrival times required after an event, (aircraft,), s after the start of the flight.
 
-    The times in force, `times_s`, stay, with two exceptions. An event "arrival-put-off" delays the aircraft in the mask
-    `can_replan`. If an aircraft leaves a sequence before its planned arrival, and the event does not keep the gap, the
-    aircraft behind arrive one spacing earlier, up to the first that cannot be replanned. `planned_times_s` are the
-    arrival times before the event.
+    An event "arrival-put-off" delays the aircraft in the mask `can_replan`. If an aircraft leaves a sequence before the
+    arrival in `planned_times_s` (times before the event), the next aircraft arrive one spacing earlier, unless the
+    event keeps the gap. In all other cases the result is `times_s`, the times in force.
     """
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
@@ -419,9 +401,9 @@ def _target_times(
         order, spacing_s = list(arrival.order or names), arrival.spacing_s or 0.0
         earlier_leavers = {e.aircraft for e in scenario.event if e.kind == event.kind and e.time_s <= event.time_s}
         followers = [name for name in order[order.index(str(event.aircraft)) + 1 :] if name not in earlier_leavers]
-        # An aircraft that cannot move up keeps its place, and so do those behind it.
+        # An aircraft that cannot move up keeps its place, and so do the aircraft behind.
         moving = list(itertools.takewhile(lambda k: can_replan[k], map(names.index, followers)))
-        if planned_times_s[names.index(str(event.aircraft))] > event.time_s:  # otherwise it had arrived at its place
+        if planned_times_s[names.index(str(event.aircraft))] > event.time_s:  # not arrived before the event
             closer_s = times_s.copy()
             closer_s[moving] -= spacing_s
             return closer_s
@@ -433,8 +415,8 @@ def _requests(
 ) -> Iterator[ArrivalRequest]:
     """Yield the arrival requests to try in a search, in order; their times (s) count from `now_s`.
 
-    First come `target_times_s`, then the times in force, `times_s`, each unless later than the latest allowed arrival;
-    last, for the rules "together", "earliest" and "sequence", a request in which the search chooses the times.
+    The order is: `target_times_s`; the times in force, `times_s`; if the arrival rule allows, times that the search
+    chooses. Times later than the latest allowed arrival are omitted.
     """
     latest_s = scenario.timing.latest_arrival_s - now_s
     rule = scenario.arrival.rule
@@ -460,11 +442,9 @@ def _search_plan(
     requests: Iterable[ArrivalRequest],
     on_progress: Callable[[str], None],
 ) -> FlightState | None:
-    """Search for a new plan from the time `now_s` (s) on; return the flight's state with the plan, or None.
+    """Search for a new plan that starts at `now_s` (s); return the flight's state with the plan, or None.
 
-    Each of `requests` is tried twice: with an acceleration along the path of at most 2 m/s^2, then with the limits plus
-    the acceleration reserve (`CertifiedPlanner.correction_limits`). Aircraft that have arrived, are about to arrive or
-    have left the fleet keep their paths.
+    Each request is tried with at most 2 m/s^2 along the path, then with the limits plus the acceleration reserve.
     """
     plan_state, planner = state.planner, aircraft_planner(flight)
     limit_sets = (

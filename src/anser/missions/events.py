@@ -1,9 +1,8 @@
 """Events of a single flight in the order of time, and the reassignment of a departing aircraft's goal.
 
-The entry is `EventSchedule`, which `anser.missions.runs` asks between two segments of the flight. An event acts in two
-ways. Its physical effect (thrust or sensor lost, a goal that stops or turns, the time of a departure) is built into the
-flight beforehand, see `anser.scenario.build`. Its effect on the plan is applied here: the flight stops at the event's
-sample and `anser.missions.event_replanning` plans anew where necessary.
+`anser.missions.runs` calls `EventSchedule` between two segments of the flight. Only the effect of an event on the plan
+is applied here; the physical effect (such as lost thrust) is part of the flight from its start, see
+`anser.scenario.build`.
 """
 
 import dataclasses
@@ -59,11 +58,11 @@ class _FleetGoals:
     def distances_m(self, departures: Sequence[tuple[int, Event]]) -> np.ndarray:
         """Return each aircraft's distance from the rendezvous of each departed aircraft, (aircraft, departure), m.
 
-        The rendezvous is extrapolated to the planned arrival of the aircraft that would take over. An impossible pair
-        has the distance `_INFEASIBLE_M`: the aircraft cannot be replanned; a straight flight at its greatest airspeed,
-        with the strongest wind, would arrive too late; or its present goal would be left without an aircraft, and the
-        event does not ask for the "nearest" aircraft. Whether another pair can be flown, only the search for a plan
-        tells. `departures` are pairs (index of the departed aircraft, event).
+        The rendezvous is extrapolated to the planned arrival of the aircraft that would take over. The distance is
+        `_INFEASIBLE_M` if the aircraft cannot be replanned; if even a straight flight would arrive too late; or if the
+        present goal would lose its only aircraft, unless the event asks for the "nearest" aircraft.
+
+        `departures` are pairs (index of the departed aircraft, event).
         """
         tasks, names = self.snapshot.replannable_tasks, [aircraft.name for aircraft in self.scenario.aircraft]
         positions_n = np.asarray(tasks.position_n)
@@ -92,19 +91,18 @@ def reassign_goals(
     flight: Flight,
     state: FlightState,
     sample: int,
-    departures: Sequence[Event],  # all events of the sample; those without `goal_taken_over_by` have no effect
+    departures: Sequence[Event],  # all events of the sample; only events with `goal_taken_over_by` count
     goals: Sequence[str],  # name of the present goal of each aircraft
     has_valid_plan: bool,  # whether the fleet has a valid plan after the events
     on_progress: Callable[[str], None] = lambda message: None,  # called with a description of the current work
 ) -> tuple[Flight, FlightState, tuple[str, ...], list[EventOutcome]]:
     """Reassign the goals of departing aircraft to other aircraft, if a plan exists for the new assignment.
 
-    The assignment of the most goals with the least sum of distances is tried first, among aircraft that can still be
-    replanned and can arrive in time. If no plan is found, the pair with the longest distance is excluded, and the next
-    assignment is tried.
+    The assignment of the most goals with the least sum of distances is tried first. If no plan is found, the pair with
+    the longest distance is excluded.
 
-    Returns the flight and the state with the new goals and plan (unchanged without a reassignment), the names of all
-    aircraft's goals, and the outcome for each goal to take over.
+    Returns the flight and the state with the new goals and plan (unchanged if no goal is reassigned), the name of each
+    aircraft's goal, and the outcome for each goal to take over.
     """
     requests = [event for event in departures if event.goal_taken_over_by is not None]
     if not requests:
@@ -117,7 +115,7 @@ def reassign_goals(
     )
     open_goals: list[int] = []  # aircraft that have left a goal to which nobody else flies
 
-    messages: list[tuple[int, str, str | None]] = []  # aircraft, message, and the goal that it takes over
+    messages: list[tuple[int, str, str | None]] = []  # aircraft, message, and the goal that the aircraft takes over
 
     def outcomes(departed: Sequence[int], has_plan: bool) -> list[EventOutcome]:
         unassigned = [(k, f'no aircraft can take over its goal "{goals[k]}" in time', None) for k in departed]
@@ -154,13 +152,10 @@ def reassign_goals(
 def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Sequence[Event]) -> list[tuple[int, int]]:
     """Return the assignment of aircraft to goals that serves the most goals, with the least sum of distances (m).
 
-    The result has pairs (index of the aircraft that takes over, column of `distances` and `departures`). For a
-    departure that does not ask for the "nearest" aircraft, an aircraft may take over only if another aircraft still
-    flies to its former goal (`_abandons_goal`). Branch and bound: an assignment that leaves a goal without aircraft is
-    replaced by several tables of distances, each of which keeps one of the goal's aircraft, or forbids all of them the
-    goals of such departures.
+    The result has pairs (index of the aircraft that takes over, column of `distances` and `departures`). An aircraft
+    may leave its present goal without any aircraft only if the event asks for the "nearest" aircraft.
     """
-    from scipy.optimize import linear_sum_assignment  # half a second, for flights with a departure only
+    from scipy.optimize import linear_sum_assignment  # the import takes half a second
 
     order, queue = itertools.count(), []
     asks_for_spare = np.flatnonzero([event.goal_taken_over_by != "nearest" for event in departures])
@@ -177,6 +172,7 @@ def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Seq
         taker = next(abandoning, (None, None))[0]
         if taker is None:
             return pairs
+        # branch and bound: each new table keeps one of the goal's aircraft, or forbids all of them such departures
         rows = fleet.aircraft_with_goal(fleet.goals[taker])
         for excluded in (*((row, slice(None)) for row in rows), np.ix_(np.array(rows), asks_for_spare)):
             without = table.copy()
@@ -187,10 +183,9 @@ def _least_assignment(fleet: _FleetGoals, distances: np.ndarray, departures: Seq
 def _abandons_goal(
     fleet: _FleetGoals, pair: tuple[int, int], pairs: Sequence[tuple[int, int]], departures: Sequence[Event]
 ) -> bool:
-    """Whether the aircraft of `pair` would leave its present goal without any aircraft, by the assignment `pairs`.
+    """Whether the assignment `pairs` would leave the present goal of the aircraft in `pair` without any aircraft.
 
-    False for a departure that asks for the "nearest" aircraft, which may abandon its goal. Pairs are (aircraft, column
-    of `departures`).
+    False if the departure asks for the "nearest" aircraft. Pairs are (aircraft, column of `departures`).
     """
     if departures[pair[1]].goal_taken_over_by == "nearest":
         return False
@@ -199,10 +194,7 @@ def _abandons_goal(
 
 
 def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) -> tuple[Flight, FlightState]:
-    """Return flight and state in which the aircraft `taker` has goal, rendezvous and goal estimate of `giver`.
-
-    Both are indices into the fleet.
-    """
+    """Return flight and state in which `taker` has goal, rendezvous and goal estimate of `giver` (aircraft indices)."""
     (giver_group, giver_row), (taker_group, taker_row) = _group_and_row(flight, giver), _group_and_row(flight, taker)
 
     def mission(group: int) -> Any:
@@ -239,7 +231,7 @@ def _group_and_row(flight: Flight, aircraft: int) -> tuple[int, int]:
 
 
 _SEARCHES_MAX = 3  # complete searches after one event
-_SETTLED_S = 10.0  # time after an event in which every replanning is checked: a goal filter also needs time to settle
+_SETTLED_S = 10.0  # time after an event in which every replanning is checked, s; goal filters need time to settle
 
 
 class EventSchedule:
@@ -290,7 +282,7 @@ class EventSchedule:
             self.outcomes.append(outcome)
             if event.kind in GOAL_EVENTS and self._scenario.fleet.is_central:
                 self._goal_event = len(self.outcomes) - 1, _SEARCHES_MAX
-        # The plan that is flown without a handover is that after the last departure.
+        # If no goal is handed over, the plan after the last departure is flown.
         departure = next((outcome for outcome in reversed(self.outcomes) if outcome.kind == "aircraft-leaves"), None)
         has_valid_plan = departure is not None and departure.has_valid_plan
         flight, state, self.goals, handovers = reassign_goals(
@@ -302,8 +294,7 @@ class EventSchedule:
     def steps_until_next(self, sample: int, steps_max: int) -> int:
         """Return the number of steps from `sample` to the next event, at most `steps_max`.
 
-        While `check_replanning` watches the periodic replanning, the steps end with the one at the next replanning
-        time.
+        After a goal event, the steps also end with the step at the next replanning time, for `check_replanning`.
         """
         steps = min([steps_max, *(event_step - sample for event_step, _ in self._coming[:1])])
         if self._goal_event is not None and self._replan_steps:
@@ -311,11 +302,10 @@ class EventSchedule:
         return steps
 
     def check_replanning(self, flight: Flight, state: FlightState, sample: int) -> FlightState:
-        """Search for a new plan if the periodic replanning has failed after a change of a goal; return the state.
+        """Search for a new plan if periodic replanning has failed after a change of a goal, and return the state.
 
-        Periodic replanning, in the compiled loop, tries small corrections only; the complete search takes longer and
-        may find a plan. At most three searches follow the last goal event. The checks end with a plan from a search, or
-        when periodic replanning succeeds later than 10 s after the event. The state is unchanged without a new plan.
+        At most three searches follow a goal event. The checks end when a search finds a plan, or when periodic
+        replanning succeeds later than 10 s after the event. If no plan is found, the state is unchanged.
         """
         if self._goal_event is None:
             return state

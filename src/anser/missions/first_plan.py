@@ -55,11 +55,11 @@ _WIND_CHANGE_M_S = 0.5
 OnProgress = Callable[[str], None]
 """Callback with a description of the current work."""
 PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
-"""Function from a flight and the shapes of its first state to the program needed after planning; None: none."""
+"""Function from a flight and the shapes of its first state to the program needed after planning, or to None."""
 
 
 def prepare_nothing(flight: Flight, shapes: Any) -> PreparedProgram | None:
-    """Return None, for no program to prepare: the default `prepare_next` of `anser.plan`."""
+    """Return None: no program is prepared. This is the default `prepare_next` of `anser.plan`."""
 
 
 class NoPlanError(Exception):
@@ -82,7 +82,7 @@ class FirstPlan(abc.ABC):
     flight: Flight  #: The flight, padded with inactive aircraft to a size with a compiled program.
     fleet: TrimmedFleet  #: The aircraft of `flight`, trimmed at the start.
     refusals: tuple[Refusal, ...]  #: Reasons for a missing plan, one sentence each; empty if a plan exists.
-    plan_state: Any = None  # the planner's first state with the plan of all aircraft of `flight`; None without a plan
+    plan_state: Any = None  # the planner's first state with the plan of all aircraft of `flight`; None if no plan
     start_state: FlightState | None = None  # state of the fleet at the start, if computed together with the plan
     state_type: ClassVar[type]  # type of `saved_state`, by which a plan file is read
 
@@ -91,7 +91,7 @@ class FirstPlan(abc.ABC):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "FirstPlan":
-        """Trim every aircraft at its start and make the first plan; arguments and errors are those of `anser.plan`."""
+        """Trim every aircraft at its start and make the first plan; for arguments and errors see `anser.plan`."""
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "FirstPlan":
@@ -101,11 +101,11 @@ class FirstPlan(abc.ABC):
     @functools.cached_property
     @abc.abstractmethod
     def plan(self) -> Any:
-        """Plan, in the planner's own type, without the padding of `flight`; raises `NoPlanError` without a plan."""
+        """Plan of the scenario's aircraft, in the planner's own type; raises `NoPlanError` if there is no plan."""
 
     @abc.abstractmethod
     def problems(self) -> tuple[str, ...]:
-        """Return reasons for a missing plan, or obstacles to flying the plan, one sentence each; empty: none."""
+        """Return reasons for a missing plan, or obstacles to flying the plan, one sentence each; empty if flyable."""
 
     @abc.abstractmethod
     def notes(self) -> tuple[str, ...]:
@@ -132,7 +132,7 @@ class FirstPlan(abc.ABC):
 
     @abc.abstractmethod
     def record(self) -> "RecordedPlan":
-        """Return samples of the plan over time and the planner's report. Raises `NoPlanError` without a plan."""
+        """Return samples of the plan over time and the planner's report. Raises `NoPlanError` if there is no plan."""
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any] | None:
         """Compute the entry `network` of a flight's summary; None for a fleet with a central planner."""
@@ -175,7 +175,6 @@ class FirstPlan(abc.ABC):
         )
 
     def _problems_and_notes(self) -> list[str]:
-        """Return the lines of the printed form after the first: problems, then notes."""
         problems = self.problems() if self.refusals else [f"not flyable: {problem}" for problem in self.problems()]
         return [*problems, *(f"note: {note}" for note in self.notes())]
 
@@ -187,7 +186,7 @@ def initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: Any) ->
 
 
 def aircraft_planner(flight: Flight) -> CertifiedPlanner:
-    """Return a flight's certified planner; in a decentralised fleet, the one with which each aircraft plans."""
+    """Return a flight's certified planner; in a decentralised fleet, the planner with which each aircraft plans."""
     return cast("CertifiedPlanner | DecentralisedPlanner", flight.planner).aircraft_planner
 
 
@@ -204,10 +203,9 @@ _start_flight = compiled_quickly(start_flight, "trim and first plan")
 def trim_and_plan(
     scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
 ) -> tuple[FlightState, TrimmedFleet]:
-    """Trim every aircraft at its start and make the first plan by the planner's `first_plan`, in one program.
+    """Return the state of the flight at time 0, with the first plan, and the trimmed fleet.
 
-    Returns the state of the flight at time 0, with the plan, and the trimmed fleet. Raises ScenarioError if an aircraft
-    cannot be trimmed.
+    Raises ScenarioError if an aircraft cannot be trimmed at its start.
     """
     on_progress("trimming and planning")
     start = _start_flight.prepare(flight)
@@ -236,7 +234,7 @@ class PublishedFirstPlan(FirstPlan):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "PublishedFirstPlan":
-        """Trim every aircraft at its start and plan a simultaneous arrival of the fleet, in one compiled program."""
+        """Trim every aircraft at its start and plan a simultaneous arrival of the fleet."""
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
         return cls(scenario, flight, fleet, (), state.planner, state)
 
@@ -254,7 +252,7 @@ class PublishedFirstPlan(FirstPlan):
     def limits(self) -> LimitReport:
         """Least and greatest airspeed, turn rate, climb rate and altitude of each path, compared with the limits.
 
-        The values are those at samples of the paths; leading axis aircraft, without padding.
+        The values are those at samples of the paths; leading axis aircraft.
         """
         report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
         return first_rows(report, len(self.scenario.aircraft))
@@ -267,10 +265,10 @@ class PublishedFirstPlan(FirstPlan):
         return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
 
     def notes(self) -> tuple[str, ...]:
-        """Return the notes on the plan, one sentence each; empty without differences.
+        """Return the differences between the plan and the request of the scenario, one sentence each.
 
-        Notes concern a mean airspeed above the requested one, and a wind at a rendezvous that differs by more than
-        0.5 m/s from the wind at the aircraft's start.
+        The differences are a mean airspeed above the requested airspeed, and a wind at a rendezvous that differs by
+        more than 0.5 m/s from the wind at the aircraft's start.
         """
         fleet, notes, speed_m_s = self.scenario.fleet, [], float(self.plan.speed)
         preferred_m_s = fleet.airspeed_m_s
@@ -296,8 +294,8 @@ class PublishedFirstPlan(FirstPlan):
     def problems(self) -> tuple[str, ...]:
         """Return the obstacles to flying the plan, one sentence each; empty for a flyable plan.
 
-        Obstacles are a last arrival at or after the end of the flight and, for each aircraft, the first of: an error
-        status at the start, a failure of the planner, a limit that the path violates.
+        Obstacles are an arrival after the end of the flight, an error status at the start, a failure of the planner,
+        and a violated limit.
         """
         problems, duration_s = [], self.scenario.timing.duration_s
         if self.arrival_s >= duration_s:
@@ -326,7 +324,7 @@ class PublishedFirstPlan(FirstPlan):
 
 
 def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft, arrival_s: float) -> float:
-    """Return |wind at the rendezvous at `arrival_s` (s) - wind at the start at time 0|, m/s, of an aircraft."""
+    """Return |wind(rendezvous, `arrival_s`) - wind(start, 0)| of an aircraft, m/s."""
     if scenario.wind.field is None:
         up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
         return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
@@ -353,11 +351,10 @@ def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits
 
 
 def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
-    """Return the intervals of time, s after the start, in which each aircraft, flying alone, can arrive.
+    """Return the intervals of time, s after the start, in which each aircraft can arrive if the aircraft flies alone.
 
-    Computed with the candidate paths of the certified planner, up to the latest allowed arrival time; an interval that
-    contains the latest time ends at infinity. `flight` is the scenario's flight, padded. Raises ScenarioError if an
-    aircraft cannot be trimmed at its start.
+    An interval that contains the latest allowed arrival time ends at infinity. `flight` must be built from `scenario`.
+    Raises ScenarioError if an aircraft cannot be trimmed at its start.
     """
     planner = aircraft_planner(flight)
     fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
@@ -368,11 +365,10 @@ def possible_arrivals(scenario: Scenario, flight: Flight) -> list[Intervals]:
 def _search_without_difference(
     planner: CertifiedPlanner, scenario: Scenario, tasks: AircraftTask, fleet_task: FleetTask, outcome: SearchOutcome
 ) -> tuple[Refusal, ...]:
-    """Diagnose a missing plan in a wind field: search again as if the field were equal to the planner's wind layers.
+    """Test whether the wind field's difference from the planner's wind layers is the reason for a missing plan.
 
-    The planner computes with layers fitted to the field, and the certificate allows for the difference between both. If
-    the search without the difference finds a plan, the difference is the reason, which is returned. Otherwise, and
-    without a wind field, the result is empty. `outcome` is the result of the failed search, without padding.
+    Returns the reason if a new search without this difference finds a plan. The result is empty if the search finds no
+    plan, or if there is no wind field. `outcome` is the result of the failed search, without padding.
     """
     if not isinstance(planner.airspace.wind, FittedWind):
         return ()
@@ -388,7 +384,7 @@ class CertifiedFirstPlan(FirstPlan):
 
     state_type = CertifiedPlanState
     padded_tasks: AircraftTask  # input of the search, for all aircraft of `flight`
-    outcome: SearchOutcome | None = None  # result of the search; None for a plan without a central search
+    outcome: SearchOutcome | None = None  # result of the search; None if there was no central search
 
     @classmethod
     def make(
@@ -433,7 +429,7 @@ class CertifiedFirstPlan(FirstPlan):
 
     @property
     def holds(self) -> PlannedHolds | None:
-        """Holds after the arrivals, for all aircraft of `flight`, padding included; None without a plan."""
+        """Holds (holding patterns after the arrivals) of all aircraft of `flight`; None if there is no plan."""
         return None if self.plan_state is None else self.plan_state.holds
 
     @functools.cached_property
@@ -447,19 +443,19 @@ class CertifiedFirstPlan(FirstPlan):
         return self._planned_state().plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
-        """Return the reasons for a missing plan, one sentence each; with a plan, the aircraft with unproven paths.
+        """Return the reasons for a missing plan or, if a plan exists, a sentence for each path that is not proven.
 
-        Empty if every path is proven to keep limits, keep-outs and separation.
+        The result is empty if every path is proven to keep limits, keep-outs and separation.
         """
         if self.plan_state is None:
             return self.refusals
         return unproven_paths(self.scenario, np.asarray(self.plan_state.plan.feasible)[: len(self.scenario.aircraft)])
 
     def notes(self) -> tuple[str, ...]:
-        """Return the notes on the plan, one sentence each; empty without a plan or differences.
+        """Return the notes on the plan, one sentence each; empty if there is no plan.
 
-        Notes concern the difference of a wind field from the planner's wind layers, mean airspeeds other than
-        preferred, and the time at which a sequence of arrivals begins.
+        Notes concern the approximation of a wind field, mean airspeeds other than preferred, and the start of a
+        sequence.
         """
         if self.plan_state is None:
             return ()
@@ -510,7 +506,7 @@ class CertifiedFirstPlan(FirstPlan):
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
     """Return the arrival rule of a scenario with its arrival times, offsets or windows (s), as input of the search.
 
-    The values are padded to `count` aircraft by repetition of the last aircraft's; None: not padded.
+    The values of the last aircraft are repeated up to `count` aircraft. If `count` is None, no value is repeated.
     """
     arrival, fleet = scenario.arrival, scenario.aircraft
     times = offsets = windows = None
@@ -533,10 +529,7 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
 
 
 def _rough_flight_time_s(scenario: Scenario) -> float:
-    """Estimate the time of the last arrival, s, with the arrival rule and straight flights in the wind at the start.
-
-    The airspeed is the preferred one, or the greatest if less. Goals with waypoints are taken to stay at the first.
-    """
+    """Estimate the time of the last arrival, s, from the arrival rule and straight flights in the wind at the start."""
     request = arrival_request(scenario)
     if request.times_s is not None:
         return float(np.max(request.times_s))
@@ -559,8 +552,8 @@ def _rough_flight_time_s(scenario: Scenario) -> float:
 def start_search_programs(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> list[Any]:
     """Start to compile the programs of a search for a plan, for the shapes of `tasks` (arrays or shapes).
 
-    Returns the shapes of the programs' results, those of plan and holds last. If the rough flight time is too near a
-    change of the number of intervals per path, nothing is compiled, and the list is empty.
+    Returns the shapes of the programs' results; the last two results are plan and holds. If the number of intervals per
+    path is uncertain, nothing is compiled and the list is empty.
     """
     programs = planner.prepare_programs(tasks, _rough_flight_time_s(scenario), scenario.timing.duration_s)
     return [program.start().shapes for program in programs]
@@ -573,11 +566,10 @@ _started: "weakref.WeakKeyDictionary[PreparedProgram, set[tuple[Any, ...]]]" = w
 def start_programs(
     scenario: Scenario, flight: Flight, planner: CertifiedPlanner, trim: PreparedProgram, prepare_next: PrepareNext
 ) -> None:
-    """Start to compile the programs that search a plan, compute the state at time 0, and do the work after planning.
+    """Start to compile the programs of the search, of the state at time 0, and of `prepare_next`.
 
-    The shapes of fleet and tasks are those of the results of `trim`. The last program is that of `prepare_next`, if
-    any. If `prepare_next` is `prepare_nothing`, programs already started for a plan of the same sizes are not started
-    again.
+    `trim` is the prepared program that trims the fleet. Programs for equal sizes are started only once if
+    `prepare_next` is `prepare_nothing`.
     """
     fleet, tasks = trim.shapes
     longest_s = _rough_flight_time_s(scenario)

@@ -52,15 +52,12 @@ NO_PLAN = "no plan: the certified planner found none within the limits, the sepa
 
 
 class FlightCase(NamedTuple):
-    """One flight of many: a scenario, with the flight number and the seed that determine its random numbers.
-
-    `seed` None is the seed of the scenario. If `randomness` is given, number and seed have no effect.
-    """
+    """One flight of many: a scenario, with the flight number and the seed that determine its random numbers."""
 
     scenario: Scenario
     number: int = 0  # flight number
-    seed: int | None = None
-    randomness: AbstractRandomness | None = None
+    seed: int | None = None  # None: seed of the scenario
+    randomness: AbstractRandomness | None = None  # source of the random numbers, instead of number and seed
 
 
 _FlightBatch = Stacked[Flight]
@@ -193,32 +190,19 @@ def fly_many(
 
 @dataclasses.dataclass(frozen=True)
 class PlannedFlights:
-    """Flights with plans of the certified planner, before they are flown.
+    """Flights with plans of the certified planner, before they are flown."""
 
-    Attributes
-    ----------
-    numbers
-        Indices of the cases that have a plan.
-    flights
-        The flights of these cases.
-    fleets
-        Trimmed fleet of each flight.
-    plans
-        Plan of each flight.
-    """
-
-    numbers: list[int]
-    flights: list[Flight]
-    fleets: list[TrimmedFleet]
-    plans: list[CertifiedPlan]
+    numbers: list[int]  # indices of the cases that have a plan
+    flights: list[Flight]  # flights of these cases
+    fleets: list[TrimmedFleet]  # trimmed fleet of each flight
+    plans: list[CertifiedPlan]  # plan of each flight
 
 
 def plan_many(cases: Sequence[FlightCase]) -> PlannedFlights:
     """Trim and plan many flights of equal structure by the certified planner, up to the arrivals.
 
-    The result lacks a flight with an aircraft that cannot be trimmed, and a flight for which no plan was found. The
-    search tries the preferred arrival times only and plans no holds, which takes a fraction of the time of a first
-    plan; the arrival rule "earliest" has no preferred times and thus no plan.
+    Flights that cannot be trimmed or planned are left out. The search tries only the preferred arrival times and plans
+    no holds (holding patterns). The arrival rule "earliest" has no preferred times and thus no plan.
 
     Raises
     ------
@@ -252,17 +236,16 @@ def plan_many(cases: Sequence[FlightCase]) -> PlannedFlights:
 
 
 def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: OutputRecording | None) -> FlightRow:
-    """Fly one case as `anser.run` does and return its result row.
+    """Fly one case as `anser.run` does; the row of a flight that cannot start contains the reason.
 
-    The row of a flight that cannot start contains the reason. Raises ValueError if the case has a number other than 0,
-    or `randomness`.
+    Raises ValueError if the case has a number other than 0, or `randomness`.
     """
     if case.number != 0 or case.randomness is not None:
         received = f"the number {case.number}" if case.randomness is None else "random numbers of its own"
         raise ValueError(f"{case.scenario.name}: arrived {received}; expected 0 and none, as it is flown alone")
     try:
         scenario = case.scenario if case.seed is None else case.scenario.replace("seed", case.seed)
-        # outputs need every step, and the series select their rows of these
+        # outputs need every step; the series then select their rows from all steps
         stride = 1 if outputs is not None else None if series is None else series.stride
         if stride is not None:
             scenario = scenario.replace("timing.record_period_s", stride * scenario.timing.step_s)
@@ -284,8 +267,8 @@ def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: Output
 class _FlightGroup:
     """Flights of equal structure that wait for a batch.
 
-    The group remembers which arrays of the flights have differed in the batches so far: these arrays have a batch axis
-    from then on, the remaining arrays are shared by the flights of a batch.
+    An array that has differed between the flights of a batch keeps a batch axis in later batches; other arrays are
+    shared.
     """
 
     def __init__(self) -> None:
@@ -294,13 +277,10 @@ class _FlightGroup:
         self.flights: list[Flight] = []
 
     def stacked(self, flights: Sequence[Flight], size: int) -> _FlightBatch:
-        """Stack flights to a batch of `size` flights, padded with copies of the last flight.
-
-        An array that differed in an earlier batch of the group gets a batch axis again, which avoids recompilation.
-        """
+        """Stack flights to a batch of `size` flights, padded with copies of the last flight."""
         padding = [flights[-1]] * (size - len(flights))
         stacked = stack_objects([*flights, *padding], tables_only=False, batched=self._differing)
-        # per leaf of a flight; absent parts (None) have no leaves
+        # per leaf of a flight; absent parts (None) have no leaves; used for later batches to avoid recompilation
         self.differ = np.array(
             jax.tree.leaves(jax.tree.map(lambda _, batched: batched is not None, flights[-1], stacked.batched))
         )
@@ -316,7 +296,7 @@ class _FlightGroup:
 def _group_cases(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_FlightGroup, list[int], list[Flight]]]:
     """Yield batches of at most `batch` flights of equal structure, step, replanning period and duration.
 
-    Each item is a tuple: the group, the indices in `cases` of the flights in the batch, and these flights.
+    Each item has the group, the indices in `cases` of the flights in the batch, and these flights.
     """
     groups: dict[Any, _FlightGroup] = {}
     previous: tuple[Scenario, Flight] | None = None
@@ -350,9 +330,8 @@ def _fly_batch(
 ) -> list[FlightRow]:
     """Trim, plan and fly one batch; return one result row for each of `cases`.
 
-    `flights` is the batch, padded to a fixed size, `single_flights` has the same flights one by one. `on_share` is
-    called with the completed share of the batch, 0..1; with the certified planner, the searches for plans count as half
-    of the work.
+    `flights` is the batch, padded to a fixed size; `single_flights` has the same flights one by one. `on_share` is
+    called with the completed share of the batch, 0..1.
     """
     searched = 0.0
     parts: list[tuple[list[int], _FlightBatch, FlightState, Sequence[int]]] = []
@@ -398,7 +377,7 @@ def _fly_batch(
 
 
 def _start_planning_programs(scenario: Scenario, flight: Flight, flights: _FlightBatch) -> None:
-    """Start to compile the programs that trim a batch and search the plan of one of its flights after the other."""
+    """Start to compile the programs that trim a batch and search the plan of a single flight."""
     _, tasks = _trim_and_build_tasks.prepare(flights).start().shapes
     one_flight = jax.tree.map(lambda shape: jax.ShapeDtypeStruct(shape.shape[1:], shape.dtype), tasks)
     start_search_programs(scenario, aircraft_planner(flight), one_flight)
@@ -414,7 +393,7 @@ def _search_plans(
 ) -> dict[int, CertifiedPlanState]:
     """Search the first plans of the flights of a batch that are not in `refusals`; return the plans by index.
 
-    Adds the flights without a plan to `refusals`, with the reason. Indices are those of the flights in the batch.
+    If no plan is found for a flight, its reason is added to `refusals`. Indices are positions in the batch.
     """
     plans: dict[int, CertifiedPlanState | None] = {}
     plans_by_input: dict[bytes, CertifiedPlanState | None] = {}
@@ -435,7 +414,7 @@ def _search_plans(
 def _find_untrimmable(
     cases: Sequence[FlightCase], single_flights: Sequence[Flight], fleets: TrimmedFleet
 ) -> dict[int, str]:
-    """Return the reasons for flights that cannot start because an aircraft cannot be trimmed, by index in the batch."""
+    """Return the reason for each flight that has an aircraft that cannot be trimmed, by index in the batch."""
     reasons = {}
     is_trimmed = np.asarray(fleets.is_trimmed)
     for k, (case, flight) in enumerate(zip(cases, single_flights, strict=True)):
@@ -453,16 +432,12 @@ def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTa
 
 @dataclasses.dataclass(frozen=True)
 class _FlownBatch:
-    """Batch in flight: the constant arguments of the program that flies segments.
-
-    `required` is the separation and the keep-outs to compare with, `first_summaries` the states of the recorders before
-    the first step, `steps` the number of steps of a flight.
-    """
+    """Batch in flight: the constant arguments of the program that flies segments."""
 
     flights: _FlightBatch  # flights in the precision of the steps
-    required: _RequiredDistances
-    first_summaries: Any
-    steps: int
+    required: _RequiredDistances  # separation and keep-outs to compare with
+    first_summaries: Any  # states of the recorders before the first step
+    steps: int  # number of steps of a flight
     series: SeriesSelection | None
     outputs: OutputRecording | None
 
@@ -479,7 +454,7 @@ class _FlownBatch:
         return (self.flights, *state, self.required, *numbers, *selections)
 
     def fly_on(self, state: BatchState, first_sample: int, step_count: int) -> tuple[BatchState, Any]:
-        """Fly `step_count` steps from a sample on; return the state after the last step and the recorded rows."""
+        """Fly `step_count` steps from sample `first_sample`; return the new state and the recorded rows."""
         flown = _fly_segment(*self.arguments(state, first_sample, step_count))
         return BatchState(*flown[:2]), flown[2]
 
@@ -539,8 +514,8 @@ def _summarize_flights(
 ) -> list[FlightRow]:
     """Fly a planned batch to the end of its flights and return the result rows of the cases.
 
-    `states` are the flights' states at time 0, with the plans; `positions` are the indices of the cases in the batch,
-    the rest is padding; `on_share` is called with the completed share, 0..1.
+    `states` are the flights' states at time 0, with the plans. `positions` are the indices of the cases in the batch;
+    other flights are padding. `on_share` is called with the completed share, 0..1.
     """
     if not cases:
         return []
@@ -588,7 +563,6 @@ def _index_row(tree: Any, k: int) -> Any:
 
 
 def _content_hash(value: Any) -> bytes:
-    """Return a SHA-256 hash of the structure and the numbers of a pytree; equal for equal planning inputs."""
     leaves, structure = jax.tree.flatten(value)
     text = hashlib.sha256(repr(structure).encode())
     for leaf in leaves:

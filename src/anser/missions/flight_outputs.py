@@ -59,7 +59,7 @@ class FlightOutput(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return the problems of the expression and of its combination with the reduction; empty without problems.
+        """Return the problems of the expression and the reduction; empty if valid.
 
         A condition requires the reduction "time", and this reduction requires a condition.
         """
@@ -98,15 +98,13 @@ class OutputFormula(NamedTuple):
     until_arrival: bool  # whether samples in the hold are left out
 
     def partial(self, values: Mapping[str, Any], weights: Any, xp: Any) -> tuple[Any, Any]:
-        """Reduce some consecutive samples to the pair (running value, weight), for `combine`.
+        """Reduce some consecutive samples to the pair (running value, weight), for `combine` and `finish`.
 
-        For "greatest", the greatest value and 0; for "least", the greatest of the negated values and 0; for "final",
-        the last value and 1, or weight 0 without a sample; for other reductions, the integral over time and its
-        duration, s. Samples without a value (NaN) do not count, except for "final". If a variable of the expression is
-        missing: NaN and 0.
+        Samples without a value (NaN) do not count, except for "final". If a variable of the expression is missing, the
+        pair is (NaN, 0).
 
-        `values` are arrays (time, aircraft) in dataset units by dataset name; `weights`, (time,), the seconds for which
-        each sample counts; `xp` is `numpy` or `jax.numpy`.
+        `values` are arrays (time, aircraft) in dataset units by dataset name; `weights`, (time,), is the duration of
+        each sample, s; `xp` is `numpy` or `jax.numpy`.
         """
         expression = parse_expression(self.expression)
         if any(name not in values for name in expression.names):
@@ -115,7 +113,7 @@ class OutputFormula(NamedTuple):
         included = values["phase"] != HOLD if self.until_arrival else xp.ones(result.shape, dtype=bool)
         if self.aircraft is not None:
             result, included = (array[:, self.aircraft, None] for array in (result, included))
-        if self.reduction == "final":  # of one aircraft: the last sample that is included
+        if self.reduction == "final":  # one aircraft: the last included sample
             last = included.shape[0] - 1 - xp.argmax(included[::-1, 0])
             return result[last, 0], xp.any(included) * 1.0
         included = included & ~xp.isnan(result)
@@ -140,7 +138,7 @@ class OutputFormula(NamedTuple):
         return value + later_value, weight + later_weight
 
     def finish(self, value: float, weight: float) -> float | None:
-        """Return the output from the running value and weight of a whole flight; None without a finite value."""
+        """Return the output from the running value and weight of a whole flight; None if there is no finite value."""
         if self.reduction in _EXTREMES:
             return finite_or_none(value if self.reduction == "greatest" else -value)
         if weight <= 0.0 and self.reduction != "time":
@@ -155,7 +153,7 @@ class OutputRecording(eqx.Module):
 
     @classmethod
     def of_study(cls, outputs: Sequence[FlightOutput], scenario: Scenario) -> "OutputRecording | None":
-        """Return the selection of a study's outputs for the fleet of a scenario; None without outputs."""
+        """Return the selection of a study's outputs for the fleet of a scenario; None if there are no outputs."""
         names = [aircraft.name for aircraft in scenario.aircraft]
 
         def formula(o: FlightOutput) -> OutputFormula:
@@ -165,12 +163,12 @@ class OutputRecording(eqx.Module):
         return cls(tuple((o.name, formula(o)) for o in outputs)) if outputs else None
 
     def recorder(self, inner: AbstractRecorder, last_sample: Integer | None) -> "OutputRecorder":
-        """Return the recorder of the outputs, up to the sample `last_sample`, in addition to an inner recorder."""
+        """Return a recorder of the outputs and of the recorder `inner`; samples after `last_sample` add no outputs."""
         formulas = tuple(formula for _, formula in self.formulas)
         return OutputRecorder(inner=inner, formulas=formulas, last_sample=last_sample, stride=inner.stride)
 
     def values(self, output_state: Sequence[tuple[Any, Any]], index: int) -> dict[str, float | None]:
-        """Return the outputs of the flight `index` of a batch by name, from the running values at the end."""
+        """Return the outputs of the flight `index` of a batch by name, from the recorder state at the end."""
         return {
             name: formula.finish(float(value[index]), float(weight[index]))
             for (name, formula), (value, weight) in zip(self.formulas, output_state, strict=True)

@@ -81,9 +81,9 @@ def record_published(planned: "PublishedFirstPlan") -> RecordedPlan:
 def record_user_plan(
     scenario: Scenario, paths: PlannedPath, arrivals_s: np.ndarray, gravity: Any, problems: tuple[str, ...]
 ) -> RecordedPlan:
-    """Return the samples of a plan of a user-defined planner, with a report in which no path is compared with limits.
+    """Return the samples and the report of a user-defined planner's plan; no path is compared with the limits.
 
-    `paths` are stacked by aircraft, `arrivals_s` the times of arrival (s), `gravity` in m/s^2.
+    `paths` has the leading axis aircraft; `arrivals_s` are the arrival times, s; `gravity` is in m/s^2.
     """
     count = len(scenario.aircraft)
     details = PlanDetails(
@@ -104,9 +104,9 @@ def record_certified(
     holds: PlannedHolds | None = None,
     notes: tuple[str, ...] = (),
 ) -> RecordedPlan:
-    """Return the samples of a plan of the certified planner, with a report that has its proven bounds.
+    """Return the samples of a plan of the certified planner, and a report with the proven bounds.
 
-    Inactive rows of plan, tasks and holds are padding and are left out; `gravity` in m/s^2.
+    Inactive aircraft of `tasks` are padding and are left out; `gravity` is in m/s^2.
     """
     indices = np.flatnonzero(np.asarray(tasks.active) > 0.0)
     active_plan, limits = rows_on_host((plan, tasks.limits), indices)
@@ -134,11 +134,9 @@ def record_certified(
 
 
 def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
-    """Return proven bounds of the flight quantities, (aircraft,), by key of the limit, in SI units and radians.
+    """Return the proven bounds of the flight quantities, (aircraft,), by key of the limit; SI units, rad.
 
-    The limits of acceleration along the path change with airspeed and load factor. Accelerations are therefore
-    converted to the values in level flight at the start airspeed that use the same part of the limit, see
-    `PathBounds.along_at_start`.
+    Accelerations along the path are converted to level flight at the start airspeed, see `PathBounds.along_at_start`.
     """
     values = {limit.key: np.asarray(getattr(bounds, limit.field)) for limit in CERTIFIED_LIMITS}
     along = np.array(
@@ -148,11 +146,7 @@ def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarr
 
 
 def _holds_by_key(holds: PlannedHolds | None, indices: np.ndarray) -> dict[str, Any]:
-    """Return the entries of `PlanDetails` on the holds of the aircraft at `indices`, by field name.
-
-    Radii and heights above the goals, m; turn directions, +1 clockwise; the least clearance ratio of all pairs, None if
-    no separation is required. Empty for `holds` None.
-    """
+    """Return the entries of `PlanDetails` on the holds of the aircraft at `indices`; empty if `holds` is None."""
     if holds is None:
         return {}
     ratio = float(np.min(np.asarray(holds.clearance_ratio)[:, indices]))
@@ -181,10 +175,9 @@ def _record(
 
 
 def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
-    """Return a goal's positions at times (s), (time, NED axis), m.
+    """Return a goal's positions at times (s), NED, m; shape (time, 3).
 
-    The goal moves straight at its velocity or, with waypoints, straight from waypoint to waypoint, at rest before and
-    after.
+    A goal with waypoints moves straight from waypoint to waypoint, and rests before the first and after the last.
     """
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()
@@ -200,9 +193,8 @@ def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
 def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dict[str, float | np.ndarray]:
     """Return the limits without reserve, (aircraft,), by key of `anser.planning.limits.LIMITS`; SI units, rad.
 
-    The values are those of the scenario. A limit that the scenario leaves open for any aircraft is taken from
-    `derived`, the certified planner's limits, with the reserve added back. For other planners `derived` is None: an
-    open limit is NaN, and the limit that only the published planner checks (altitude after the level-off) is included.
+    A limit that is missing in the scenario is taken from `derived`, the limits of the certified planner, with the
+    reserve added back. If `derived` is None, a missing limit is NaN.
     """
     values_by_key, resolved = {}, [aircraft.limits for aircraft in resolve_fleet(scenario)]
     for limit in LIMITS if derived is None else CERTIFIED_LIMITS:

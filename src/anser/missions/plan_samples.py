@@ -1,7 +1,7 @@
 """Samples of planned paths: motion, required bank and load factor, greatest and least values, closest approaches.
 
-Between two samples a path is interpolated by the cubic with the positions and velocities of both samples. For samples
-every half second the error on aircraft paths is below a millimetre: fourth derivative times interval^4 / 384.
+Between two samples a path is a cubic Hermite polynomial. The error is at most fourth derivative * interval^4 / 384:
+below 1 mm on aircraft paths with samples every 0.5 s.
 """
 
 import functools
@@ -53,7 +53,7 @@ def sampled_motion(times_s: np.ndarray, history: Mapping[str, np.ndarray]) -> Sa
 
 
 def _pad(motion: SampledMotion) -> SampledMotion:
-    """Pad samples and aircraft to multiples of fixed sizes, with NaN motion at later times, one second apart."""
+    """Pad samples and aircraft to multiples of fixed sizes; padded motion is NaN."""
     sample_count, fleet_size = motion.positions_n.shape[:2]
     padding, fleet_padding = -sample_count % _TIMES_MULTIPLE, -fleet_size % FLEET_MULTIPLE
     sample_times = np.asarray(motion.times)
@@ -68,10 +68,7 @@ def _pad(motion: SampledMotion) -> SampledMotion:
 def _interpolate(
     times: Float[Array, " time"], positions: Float[Array, "time 3"], velocities: Float[Array, "time 3"], instant: Scalar
 ) -> Float[Array, "3"]:
-    """Return the position at the time `instant` (s) on the cubic Hermite polynomial between two samples.
-
-    NaN if one of the two samples is NaN; at the time of the first of them, the second is ignored.
-    """
+    """Return the position at `instant` (s) on the cubic between two samples; NaN if one of the samples is NaN."""
     k = jnp.clip(jnp.searchsorted(times, instant, side="right") - 1, 0, times.shape[0] - 2)
     step = times[k + 1] - times[k]
     states = positions[k], positions[k + 1], velocities[k], velocities[k + 1]
@@ -81,10 +78,7 @@ def _interpolate(
 def _cubic(
     step: Array, position: Array, next_position: Array, velocity: Array, next_velocity: Array, u: Array
 ) -> Float[Array, "*batch 3"]:
-    """Return the position, m, on the cubic of an interval of duration `step` (s), at the fraction `u` of the interval.
-
-    Positions (m) and velocities (m/s) are those at the start and at the end (`next_...`) of the interval.
-    """
+    """Return the position (m) at the fraction `u` of an interval of `step` (s), on the cubic Hermite polynomial."""
     displacement = next_position - position
     c2 = 3.0 * displacement - step * (2.0 * velocity + next_velocity)
     c3 = step * (velocity + next_velocity) - 2.0 * displacement
@@ -101,7 +95,7 @@ def _fine_times(times: Float[Array, " time"]) -> Float[Array, " fine"]:
 def _fine_positions(
     times: Float[Array, " time"], positions: Float[Array, "time 3"], velocities: Float[Array, "time 3"]
 ) -> Float[Array, "fine 3"]:
-    """Return one aircraft's positions at `_fine_times`, m, by the cubics between the samples."""
+    """Return one aircraft's positions at `_fine_times`, m, on the cubics between the samples."""
     states = positions[:-1], positions[1:], velocities[:-1], velocities[1:]
     step, states = (times[1:] - times[:-1])[:, None, None], (state[:, None] for state in states)
     inner = _cubic(step, *states, (jnp.arange(_SUBINTERVALS) / _SUBINTERVALS)[None, :, None])
@@ -111,9 +105,8 @@ def _fine_positions(
 def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"]) -> Float[Array, "*batch"]:
     """Return the distance, m, between two aircraft whose positions differ by `difference` (NED, m).
 
-    `separation` is the required horizontal and vertical separation, m. With horizontal 0, no separation is required,
-    and the distance is that in space. Otherwise, the result is the horizontal separation times the ratio of distance to
-    required separation.
+    `separation` is the required horizontal and vertical separation, m. If `separation[0]` is 0, the result is the
+    distance in space; if not, the result is separation[0] * (ratio of distance to required separation).
     """
     level = jnp.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
     height = jnp.abs(difference[..., 2])
@@ -127,9 +120,8 @@ def _distances_at_samples(
 ) -> tuple[Float[Array, " time"], Int[Array, " time"], Float[Array, "aircraft aircraft"]]:
     """Return the least distance in the fleet at each sample, m, the nearest pair, and each pair's least distance, m.
 
-    Distances are those of `_distance`; infinite where no pair is flying. The nearest pair is an index into the
-    flattened (aircraft, aircraft) matrix. The third result is such a matrix with the least distances over all samples,
-    infinite on and below the diagonal.
+    Distances are those of `_distance`; infinite if no pair is flying. The nearest pair is an index into the flattened
+    (aircraft, aircraft) matrix. The third result is such a matrix, infinite on and below the diagonal.
     """
     fleet_size = positions.shape[1]
     is_pair = jnp.triu(jnp.ones((fleet_size, fleet_size), dtype=bool), 1)
@@ -151,8 +143,8 @@ def _closest_approaches(
 ) -> tuple[Float[Array, " pairs"], Float[Array, " pairs"], Float[Array, "pairs 3"]]:
     """Compute the smallest distance of each pair of aircraft until the first arrival of the two, also between samples.
 
-    Returns the distances (`_distance`, m; infinite if undefined), their times, s, and the position of the second
-    aircraft relative to the first at these times, NED, m.
+    Returns distances (m, see `_distance`; infinite if undefined), times (s), and the positions of the second aircraft
+    relative to the first at these times (NED, m).
     """
     fine = _fine_times(motion.times)
 
@@ -184,15 +176,14 @@ def _closest_approaches(
 
 def nearest_pairs(
     motion: SampledMotion,
-    # required horizontal and vertical separation. None: distance in space. Otherwise the greater of the horizontal
-    # distance and, if a vertical separation is required, the altitude difference times horizontal over vertical
-    # separation: the requirement is met if this is at least the horizontal separation
+    # required horizontal and vertical separation, m; distances are then separation_m[0] times the ratio of distance to
+    # required separation (see `separation_ratio`). None: distances in space
     separation_m: tuple[float, float] | None,
 ) -> ClosestApproach:
     """Find the nearest pair of aircraft at every sample, and the closest approach of the whole plan.
 
-    A pair counts until the first arrival of the two. The closest approach is searched also between the samples, among
-    the 64 pairs that are nearest at the samples. Without a pair, distances and times are NaN, and indices -1.
+    A pair counts until the first arrival of the two. Between the samples, only the 64 pairs that are nearest at the
+    samples are examined. If there is no pair, distances and times are NaN, and indices are -1.
     """
     count, fleet = motion.positions_n.shape[:2]
     if fleet < 2:
@@ -245,7 +236,7 @@ def _keep_out_margins(
 def keep_out_margins(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return each aircraft's least distance from each keep-out, m, and its time, s; both (aircraft, keep-out).
 
-    The distance is that of `keep_out_room`, negative inside, evaluated at sixteen times per sampling interval.
+    The distance (`keep_out_room`) is negative inside, and is evaluated at sixteen times per sampling interval.
     """
     if not keep_outs:
         empty = np.zeros((motion.positions_n.shape[1], 0))
@@ -301,10 +292,10 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
 
 
 def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
-    """Return the motion on a path at a time (s), and the bank, load factors and force that it requires, by key.
+    """Return the motion on a path at a time (s), and the required bank, load factors and thrust, by key.
 
     The keys are those of `anser.variables`; SI units, rad. Bank angle and load factor hold for coordinated flight along
-    the path: they follow from the specific force perpendicular to the velocity relative to the air (theory section 6).
+    the path (theory section 6).
     """
     path_point, air_velocity = path.at(time), path.air_velocity_n(time)
     position, ground_velocity, acceleration = path_point.position_n, path_point.velocity_n, path_point.acceleration_n
@@ -341,10 +332,7 @@ def _sample_demands(
 
 
 def _sample_demands_in_blocks(paths: PlannedPath, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
-    """Return the results of `motion_and_demand` for each path at the path's own `times` (s), (aircraft, time), by key.
-
-    Computed in blocks of padded size, which limits the number of compilations.
-    """
+    """Return the results of `motion_and_demand` for each path at its own `times` (s), (aircraft, time), by key."""
     fleet_size, count = times.shape
     padded_times = np.pad(times, ((0, -fleet_size % FLEET_MULTIPLE), (0, -count % _BLOCK)), mode="edge")
     paths, gravity_array = pad_to_multiple(paths, FLEET_MULTIPLE), as_array(gravity)
@@ -376,10 +364,10 @@ def sample_extremes(
     gravity: ScalarLike,
     limits: PathLimits | None = None,
 ) -> PlanExtremes:
-    """Compute the greatest or least values of the limited quantities, at 1024 equal times up to each arrival.
+    """Compute the greatest or least values of the limited quantities, at 1024 equidistant times up to each arrival.
 
-    Nothing is proven between these times. If the deceleration in `limits` depends on the airspeed (`limits.idle`), the
-    accelerations are converted to values in level flight at the start airspeed, see `_along_at_start`.
+    Nothing is proven between these times. If `limits.idle` is set, the accelerations along the path are converted to
+    level flight at the start airspeed, see `_along_at_start`.
     """
     duration = np.asarray(arrival_times) - start_s
     sampled = _sample_demands_in_blocks(
@@ -408,9 +396,8 @@ def _along_at_start(
 ) -> tuple[Any, Any]:
     """Return a path's greatest acceleration and deceleration, m/s^2, converted to level flight at the start airspeed.
 
-    The path is sampled by `along_path` (acceleration along the path, m/s^2), `speed` (m/s) and `load_factor`. A
-    converted value is within the limit at the start (`deceleration`, m/s^2) if and only if all samples keep the limits
-    at their own airspeed and load factor, which `idle` describes.
+    `along_path` is the acceleration along the path, m/s^2. A converted value is within the limit at the start
+    (`deceleration`, m/s^2) if and only if all samples keep the limits at their airspeed and load factor (`idle`).
     """
     accelerations = along_path + deceleration * idle.rise(speed, load_factor)
     return np.max(accelerations), np.max(-along_path / idle.share(speed, load_factor))
@@ -431,8 +418,7 @@ def sample_plan(
 ) -> PlanSamples:
     """Sample a plan: motion, required bank and load factor, greatest and least values, and closest approaches.
 
-    Nothing is proven between the samples. `times` are the sample times (s) and the mask of the regular times, from
-    `sample_times`.
+    Nothing is proven between the samples.
     """
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = sampled_motion(times[0], history)

@@ -74,9 +74,9 @@ def plan(
     Returns
     -------
     FirstPlan
-        `plan` is the plan (raises `anser.missions.NoPlanError` if none was found), `refusals` the reasons for a missing
-        plan, `problems()` the reasons and the obstacles to flying the plan, and `notes()` the differences from the
-        scenario's request. Reasons and obstacles are empty for a flyable plan. The published planner never refuses.
+        The plan, with the reasons for a missing plan (`refusals`), the reasons and the obstacles to flying the plan
+        (`problems()`, empty for a flyable plan), and the differences from the scenario's request (`notes()`). The
+        published planner never refuses.
 
     Raises
     ------
@@ -176,10 +176,9 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
 def plan_for_flight(planned: FirstPlan, scenario: Scenario) -> FirstPlan:
     """Return a finished plan for the flight of a scenario that may have further user-defined parts.
 
-    The flight has the random numbers with which the plan was made.
-
-    Raises ValueError if the plan is that of another scenario, or was made with other user-defined parts or another
-    planner; ScenarioError if an aircraft cannot be trimmed at its start.
+    The flight has the random numbers of the plan. Raises ValueError if the plan is the plan of another scenario, or was
+    made with other user-defined parts or another planner. Raises ScenarioError if an aircraft cannot be trimmed at its
+    start.
     """
     if planned.scenario == scenario:
         return planned
@@ -235,7 +234,7 @@ def _with_checksum(archive: io.BytesIO) -> bytes:
 def _rebuild_state(kind: type, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
     """Rebuild an object of the class `kind` from the arrays of a plan file whose keys begin with `prefix`.
 
-    Fields and their types are the annotations of the class. An optional field without an array in the file is None.
+    An optional field is None if the file has no array for the field.
     """
     fields = {}
     for name, hint in get_type_hints(kind).items():

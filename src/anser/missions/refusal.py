@@ -1,8 +1,7 @@
 """Reasons for a missing plan: the binding constraint, the size of the conflict, and the nearest feasible request.
 
-`anser.missions.first_plan` calls these functions after a failed search of the certified planner; the reason in a fleet
-without a central planner comes from `anser.missions.consensus`. The sentences name aircraft and keys of the scenario.
-Also the reason for the time at which a planned sequence of arrivals begins.
+`anser.missions.first_plan` calls these functions after a failed search of the certified planner. The module also gives
+the reason for the start time of a planned sequence of arrivals.
 """
 
 import math
@@ -33,12 +32,12 @@ _RELAXATIONS = 2.0 ** np.linspace(0.0, 2.0, 9)  # factors on a limit, from the r
 _MESSAGES_MAX = 3
 _BISECTIONS = 5
 _TIME_TOLERANCE_S = 0.5
-_SAME_START = 1.001  # ratio of two times up to which a sequence counts as begun at its preferred time
+_SAME_START = 1.001  # up to this ratio to the preferred start time, a sequence counts as begun at this time
 EXCESS_MEANINGFUL = 0.5
-"""Greatest relative excess over a limit of an attempted path that shows the violated limit; beyond: no path."""
-_HIGH_SPEED = 0.9  # share of the greatest airspeed from which a mean airspeed points to that limit
-_EXCESS_NAMED = 1e-6  # relative excess over a limit from which the limit is named as violated
-_ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
+"""Relative excess over a limit above which an attempted path does not count as a path."""
+_HIGH_SPEED = 0.9  # a mean airspeed above this share of the greatest airspeed points to the airspeed limit
+_EXCESS_NAMED = 1e-6  # relative excess over a limit above which the limit is named as violated
+_ALL_PAIRS_MAX = 20  # greatest fleet size for which every pair is checked at every arrival time
 
 
 class Refusal(str):
@@ -70,10 +69,9 @@ def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
 
 
 def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_without: bool) -> tuple[Refusal, ...]:
-    """Return the reason for a missing plan if it is the wind field's difference from the planner's wind layers.
+    """Return a reason for a missing plan: the wind field's difference from the planner's wind layers.
 
-    The planner computes with layers fitted to the field, and its certificate allows for the difference. The difference
-    is the reason if `has_plan_without`: a search without the difference found a plan. Otherwise the result is empty.
+    `has_plan_without` must be True if a search without this difference found a plan; if False, the result is empty.
     `outcome` is the result of the failed search.
     """
     if not has_plan_without:
@@ -98,8 +96,8 @@ def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_wi
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[Refusal, ...]:
     """Return the reasons for which the search found no plan for a scenario's fleet, of the first kind that applies.
 
-    The kinds: rendezvous points too close; aircraft that cannot meet the request alone; no common time; separation.
-    `outcome` is the result of the search, without padding.
+    The kinds are: rendezvous points too close; aircraft that cannot meet the request alone; no common arrival time;
+    separation. `outcome` is the result of the search, without padding.
     """
     names, request = [aircraft.name for aircraft in scenario.aircraft], fleet.request
     conflicts = _conflicting_rendezvous(names, fleet)
@@ -126,8 +124,7 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
 def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple[Refusal, ...]:
     """Describe the worst violation of each failed path in an attempt at a plan, one sentence per aircraft or pair.
 
-    At most three sentences, shown while the search goes on; the reasons for a refusal (`diagnose_refusal`) need further
-    searches. `attempt` has no padding.
+    The result has at most three sentences. `attempt` must have no padding.
     """
     names, messages = [aircraft.name for aircraft in scenario.aircraft], {}
     certificate, times = attempt.certificate, np.asarray(attempt.arrival_times)
@@ -136,7 +133,7 @@ def describe_failed_attempt(scenario: Scenario, attempt: CertifiedPlan) -> tuple
         excess, clearance = excesses[k], np.asarray(certificate.keep_out_clearance)[k, : len(scenario.keep_out)]
         path = f'the paths tried so far take "{names[k]}" to its rendezvous at {times[k]:.1f} s'
         nearest, worst = int(np.argmin(ratios[k])), int(np.argmax(excess))
-        if not np.max(excess) <= EXCESS_MEANINGFUL:  # not a number: no path at all
+        if not np.max(excess) <= EXCESS_MEANINGFUL:  # NaN: no path at all
             text = f'no path of the kinds tried so far takes "{names[k]}" to its rendezvous at {times[k]:.1f} s'
             needed, greatest_m_s, keys = "", resolve_fleet(scenario)[k].limits.speed_max_m_s, []
             if scenario.wind.field is None:
@@ -169,7 +166,7 @@ def _straight_airspeed_m_s(scenario: Scenario, aircraft: Aircraft, time_s: float
 
 
 def earliest_common_time(arrival_intervals: Sequence[Intervals], from_s: float) -> float | None:
-    """Return the earliest time, s, from `from_s` (s) on at which every aircraft, flying alone, can arrive.
+    """Return the earliest time, s, at or after `from_s` (s) at which every aircraft can arrive if it flies alone.
 
     Rounded up to 0.1 s; None if no such time exists. `arrival_intervals` has the intervals (s) of each aircraft.
     """
@@ -179,7 +176,7 @@ def earliest_common_time(arrival_intervals: Sequence[Intervals], from_s: float) 
 
 
 def _later_common_time(arrival_intervals: Sequence[Intervals], requested_s: float) -> tuple[Refusal, ...]:
-    """Return a sentence with the earliest time after `requested_s` (s) at which all can arrive; empty without one."""
+    """Return a sentence with the earliest time after `requested_s` (s) at which all can arrive; () if there is none."""
     earliest_s = earliest_common_time(arrival_intervals, requested_s)
     if earliest_s is None or earliest_s <= requested_s:
         return ()
@@ -192,9 +189,8 @@ def describe_sequence_start(
 ) -> str:
     """Return one sentence: when a planned sequence begins, and which aircraft keeps it from beginning earlier.
 
-    `arrivals_s` are the planned times, s after the start. `outcome` is the result of the search, without padding. For a
-    plan from a file or from a fleet without a central planner, `outcome` is None: the sentence then has no reason for a
-    start later than the preferred airspeeds allow.
+    `arrivals_s` are the planned times, s after the start. `outcome` is the result of the search, without padding; if
+    None, the sentence does not say why an attempt at an earlier start failed.
     """
     names, offsets = [aircraft.name for aircraft in scenario.aircraft], fleet.offsets
     starts = fleet.preferred_times - offsets
@@ -217,11 +213,7 @@ def describe_sequence_start(
 
 
 def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedPlan) -> str:
-    """Return a clause that says why an attempt at earlier arrival times failed.
-
-    The clause names the aircraft without a path within its limits; if there are none, the pair of least clearance; if
-    every path is proven, the missing holds.
-    """
+    """Return a clause that says why an attempt at earlier arrival times failed."""
     times = np.asarray(attempt.arrival_times)
     alone = fleet.active & ~np.asarray(attempt.valid & attempt.certificate.satisfied_individually)
     if alone.any():
@@ -240,8 +232,8 @@ def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedP
 def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[Refusal, ...]:
     """Return the reasons for which aircraft can arrive but cannot hold afterwards, at most three.
 
-    One for each pair whose holds come too close, and for each aircraft whose hold alone violates altitude limits,
-    keep-outs or distance from the goal. `holds` are the best holds for the plan up to the arrivals.
+    A reason names a pair whose holds (holding patterns) come too close, or an aircraft whose hold alone violates
+    altitude limits, keep-outs or distance from the goal. `holds` are the best holds for the plan up to the arrivals.
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     scenario_aircraft = slice(len(names))  # without the padding
@@ -249,7 +241,7 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
     for k in np.flatnonzero(~np.asarray(holds.clear)[scenario_aircraft] & fleet.active):
         nearest = int(np.argmin(ratios[k]))
         if ratios[k, nearest] >= 1.0:
-            # The clearance is that of one circle: whether a keep-out is the cause of all refusals, it does not tell.
+            # The clearance belongs to one circle; a keep-out need not be the cause of all refusals.
             has_keep_outs = np.isfinite(np.asarray(holds.keep_out_clearance)[k]).any()
             text = (
                 f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it within the limits of altitude'
@@ -268,7 +260,7 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
 
 
 def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
-    """Return intervals of arrival times (s) as text: the first three, or "at no time" without intervals."""
+    """Return intervals of arrival times (s) as text: the first three, or "at no time" if there are none."""
     if not intervals:
         return "at no time"
     parts = [
@@ -281,7 +273,7 @@ def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
 def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[Refusal]:
     """Return reasons for pairs of aircraft whose rendezvous points are too close at every permitted arrival time.
 
-    At most three; none for arrival windows or for more than 20 aircraft.
+    The result has at most three reasons. It is empty for arrival windows and for more than 20 aircraft.
     """
     if fleet.request.windows_s is not None or len(names) > _ALL_PAIRS_MAX:
         return []
@@ -356,8 +348,8 @@ def _infeasible_aircraft(
 def _relax_constraint(fleet: FleetTask, constraint: str, factor: float, keep_out: int | None = None) -> FleetTask:
     """Return the fleet's task with one constraint relaxed by a factor (1: unchanged).
 
-    `constraint` is a key of `RELAXED_TOGETHER` or "keep-outs". For "keep-outs" the radius is divided by the factor: of
-    the keep-out with the index `keep_out`, or of every keep-out if `keep_out` is None.
+    `constraint` is a key of `RELAXED_TOGETHER` or "keep-outs". `keep_out` is the index of the keep-out; None: every
+    keep-out.
     """
     limits = fleet.tasks.limits
     if constraint == "keep-outs":
@@ -376,8 +368,8 @@ def _binding_constraint(
 ) -> tuple[str, tuple[str, ...]]:
     """Find the constraint of least relaxation with which an aircraft, flying alone, can arrive at `requested_s` (s).
 
-    Constraints are relaxed one at a time, up to a factor of four. Returns a clause that names the constraint and its
-    relaxation, and the scenario's keys of the constraint; without such a constraint, a clause that says so, and ().
+    Returns a clause that names the constraint and its relaxation, and the scenario's keys of the constraint. If no
+    single constraint relaxed by a factor of up to 4 suffices, the clause says so, and the keys are ().
     """
     best: tuple[float, str] | None = None
 
@@ -404,7 +396,7 @@ def _binding_constraint(
     factor, constraint = best
     if constraint == "keep-outs":
         indices: Sequence[int] = range(len(keep_outs))
-        # one keep-out that alone stands in the way; otherwise they do together
+        # one keep-out that alone stands in the way; if none does, all stand in the way together
         blocking = next((j for j in indices if has_path(_relax_constraint(fleet, constraint, factor, j))), None)
         indices = indices if blocking is None else (blocking,)
         names, smaller = " and ".join(f'"{keep_outs[j]}"' for j in indices), 100.0 * (1.0 - 1.0 / factor)
@@ -433,11 +425,7 @@ def _no_common_time(
 
 
 def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> Refusal:
-    """Return a reason with the largest separation (m), to 1/32 of the required one, for which new searches find a plan.
-
-    Horizontal and vertical separation are reduced by the same factor. Without a required separation, or without a plan
-    at the least part tried, the reason says so.
-    """
+    """Return a reason with the greatest separation for which a search finds a plan, in steps of 1/32 of the request."""
     separation = fleet.airspace.separation
     horizontal, vertical = float(separation.horizontal), float(separation.vertical)
     if horizontal == 0.0:

@@ -39,12 +39,7 @@ def needs_single_flight(scenario: Scenario) -> bool:
 
 
 def _precision_problem(scenario: Scenario, precision: Precision) -> Problem | None:
-    """Return the reason why a scenario cannot be flown in a precision; None if the precision is allowed.
-
-    float32 is refused over a round Earth, because positions are then distances from the centre of the Earth, of which
-    float32 resolves half a metre. float32 is also refused for scenarios that must be flown alone
-    (`needs_single_flight`).
-    """
+    """Return the reason why a scenario cannot be flown in a precision; None if the precision is allowed."""
     received = None
     if scenario.earth.model != "flat":
         received = "a round Earth, whose distances float32 rounds to half a metre"
@@ -63,7 +58,7 @@ def check_precision(scenario: Scenario, precision: Precision, source: str | None
 
 
 def precision_problems(scenarios: Sequence[Scenario], precision: Precision) -> dict[int, str]:
-    """Return the reasons why scenarios cannot be flown in a precision, by index; scenarios that can are left out."""
+    """Return the reasons why scenarios cannot be flown in a precision, by index; other scenarios are left out."""
     problems = {k: _precision_problem(scenario, precision) for k, scenario in enumerate(scenarios)}
     return {k: str(problem) for k, problem in problems.items() if problem is not None}
 
@@ -74,8 +69,8 @@ def limits_text(
 ) -> str:
     """Return the limits of the scenario's aircraft as JSON text, one object per aircraft.
 
-    The objects have the keys of `[limits]` with the effective values (null: no limit), and `surfaces_deg`: lower
-    and upper stop of each control surface by name, deg; surfaces without finite stops are left out.
+    The objects have the keys of `[limits]` with the effective values (null: no limit). The key `surfaces_deg` has the
+    lower and upper stop of each control surface by name, deg; surfaces without finite stops are left out.
     """
     stops: dict[int, dict[str, list[float]]] = {}
     for group in flight.groups:
@@ -105,16 +100,13 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 
 def _import_results() -> None:
-    """Import the modules of results, with xarray and pandas; a failure is ignored, as `run` imports them again."""
+    """Import the modules of results in advance; a failure is ignored, since `run` imports the modules again."""
     with contextlib.suppress(Exception):
         importlib.import_module("anser.results.dataset")
 
 
 def _start_replanning_programs(flight: Flight, state: FlightState) -> None:
-    """Start to compile the replanning programs while the flight's program is compiled, if a new plan is likely.
-
-    Likely means: a flight with random numbers and periodic replanning, by a planner that often searches for new plans.
-    """
+    """Start to compile the replanning programs while the flight's program is compiled, if a new plan is likely."""
     is_uncertain = flight.randomness is not None and int(flight.timing.replan_steps) > 0
     if is_uncertain and flight.planner.searches_often and prepare_flight(flight, state).is_compiling:
         start_replanning_programs(flight, state)
@@ -130,7 +122,7 @@ class FlightResult(SavedFlight):
     def save(self, folder: Path | str, *, force: bool = False) -> Path:
         """Write `flight.nc`, `summary.json` and `report.html` into a new folder; returns the folder.
 
-        With `force` the folder may exist: the three files are then replaced, further files stay.
+        If `force` is True, the folder may exist: the three files are replaced, and other files stay.
 
         Raises
         ------

@@ -1,7 +1,7 @@
 """Segments of flights, each flown by one call of a compiled program, and replanning between two steps.
 
-The compiled loop only corrects plans. Where a new plan is needed, the flight stops at this sample, and other programs
-make the plan: the program of the loop stays small, and the programs of a search for a first plan serve here too.
+The compiled loop only corrects plans. If a new plan is needed, the flight stops at this sample, and the programs of a
+search for a first plan make the new plan.
 """
 
 import functools
@@ -24,14 +24,14 @@ fly_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly,
 """Program that flies one segment of a single flight of up to four aircraft; see `anser.simulation.fly`."""
 fly_large_segment = compiled_by_older_generator(None, "flight")(functools.partial(fly, packed_rows=True))
 """Program that flies one segment of a single flight of more than four aircraft."""
-# Greatest number of aircraft whose step is made of single kernels. With more, the kernels take longer: for twenty
-# aircraft 1.7 times as long on two cores.
+# Greatest number of aircraft for which a step is made of single kernels. For twenty aircraft, such a step takes 1.7
+# times as long on two cores.
 _KERNEL_AIRCRAFT = 4
 _SHORT_SEGMENTS = 6  # number of segments from one planning time to the next that a batch flies after a new plan
 
 
 def segment_program(flight: Flight) -> Program[..., Any]:
-    """Return the program of a flight's segments: `fly_segment` for up to four aircraft, else `fly_large_segment`."""
+    """Return the program of a flight's segments, by number of aircraft: `fly_segment` or `fly_large_segment`."""
     return fly_segment if flight.count <= _KERNEL_AIRCRAFT else fly_large_segment
 
 
@@ -51,7 +51,7 @@ def start_replanning_programs(flight: Flight, state: FlightState) -> None:
 def fly_with_replanning(
     flight: Flight, state: FlightState, sample: int, step_count: int = SEGMENT_STEPS
 ) -> tuple[FlightState, dict[str, np.ndarray]]:
-    """Fly at most `SEGMENT_STEPS` steps from sample `sample` on, and replan between the steps where needed.
+    """Fly `step_count` steps (at most `SEGMENT_STEPS`) from sample `sample`, and replan between steps if necessary.
 
     Returns the state after the last step, and the recorded rows by key, each (step, aircraft).
     """
@@ -84,7 +84,7 @@ def sense_fleet(flight: Flight, state: FlightState, sample: Integer) -> Aircraft
 
 
 def replan_stopped_flight(flight: Flight, state: FlightState, sample: int) -> FlightState:
-    """Return the state of a flight at sample `sample` with a new plan, made before the step from this sample on."""
+    """Return the state of a flight at sample `sample` with a new plan, made before the next step."""
     number = as_array(sample, np.int32)
     reports, time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
     planner_state = flight.planner.replan_between_steps(state.planner, time_s, reports)
@@ -99,16 +99,16 @@ class BatchState(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """Segment that a batch has flown, from `first_sample` to before `end`, with the state after its last step."""
+    """Segment that a batch has flown."""
 
     first_sample: int
-    end: int
-    state: BatchState
+    end: int  # first sample of the next segment
+    state: BatchState  # state after the last step
     rows: Any  # recorded rows
 
 
 def fly_segments(
-    # function from a state, the first sample and the number of steps to the state after them and the recorded rows
+    # function from (state, first sample, number of steps) to (new state, recorded rows)
     fly_on: Callable[[BatchState, int, int], tuple[BatchState, Any]],
     replan: Callable[[FlightState, Int[np.ndarray, " chosen"], int], FlightState],  # see `replan_flights`
     state: BatchState,
@@ -119,11 +119,9 @@ def fly_segments(
 ) -> Iterator[Segment]:
     """Fly a batch from sample 0 to the last sample, and yield each segment.
 
-    The compiled steps make no new plans. If a flight needs a new plan within a segment, the segment is discarded, and
-    shorter segments follow, each up to the next planning time: one step is flown on trial; the flights that need a new
-    plan at this step get one by `replan`; then the segment is flown. If no flight needs a plan and every step is
-    recorded (`row_stride` 1), the trial step is yielded as a segment of its own. After `_SHORT_SEGMENTS` short segments
-    without a new plan, the segments are long again.
+    The compiled steps make no new plans. If a flight needs a new plan within a segment, the segment is discarded and
+    replaced by shorter segments up to the planning times, at which `replan` makes the new plans. After
+    `_SHORT_SEGMENTS` short segments without a new plan, the segments are long again.
     """
 
     def flights_to_replan(after: BatchState) -> Int[np.ndarray, " flights"]:
@@ -135,11 +133,11 @@ def fly_segments(
         step_count = min(SEGMENT_STEPS, last_sample + 1 - sample)
         if short_segments:
             step_count, short_segments = min(step_count, replan_steps - sample % replan_steps), short_segments - 1
-            next_state, recorded = fly_on(state, sample, 1)
+            next_state, recorded = fly_on(state, sample, 1)  # a trial step shows which flights need a plan
             indices = flights_to_replan(next_state)
             if indices.size:
                 state, short_segments = state._replace(flights=replan(state.flights, indices, sample)), _SHORT_SEGMENTS
-            elif row_stride == 1:
+            elif row_stride == 1:  # every step is recorded: the trial step is a segment of its own
                 yield Segment(sample, sample + 1, next_state, recorded)
                 state, sample, step_count = next_state, sample + 1, step_count - 1
                 if step_count == 0:

@@ -28,7 +28,7 @@ class SeriesSelection(eqx.Module):
 
     keys: tuple[str, ...] = eqx.field(static=True)  # keys of `anser.variables.CATALOGUE`
     stride: int = eqx.field(static=True)  # steps between two rows
-    # number of steps of which every segment is a multiple
+    # every segment has a multiple of this number of steps
     segment_divisor: int = eqx.field(static=True, default=SEGMENT_STEPS)
 
     @classmethod
@@ -40,7 +40,7 @@ class SeriesSelection(eqx.Module):
     def recording_stride(self) -> int:
         """Number of steps between two rows recorded by the compiled program; divides the length of every segment.
 
-        The program may thus record more rows than the series has; `segment_rows` selects.
+        The program may record more rows than the series has; `segment_rows` selects the rows of the series.
         """
         return math.gcd(self.stride, self.segment_divisor)
 
@@ -71,7 +71,7 @@ class SeriesSelection(eqx.Module):
         """Join the rows of all segments (`parts`) to the series of one flight of a batch.
 
         `index` is the flight's index in the batch. Returns arrays (aircraft, rows) by key, in dataset units. Missing
-        values are NaN or, for codes and flags, -1; a variable that the flight does not have has only missing values.
+        values and variables are NaN, or -1 for codes and flags.
         """
         shape = len(scenario.aircraft), self.rows(scenario)
         return {

@@ -31,8 +31,8 @@ def sweep_dataset(
 ) -> xr.Dataset:
     """Put the results of a sweep's flights into one dataset with a dimension for each swept key.
 
-    The swept values are the coordinate of their dimension. A flight that could not start has NaN in its
-    numbers, and the reason in `reason`. A quantity of the fleet without a value in any flight is left out.
+    The numbers of a flight that could not start are NaN, and `reason` has the reason. A quantity of the fleet is left
+    out if every flight lacks a value.
     """
     shape = tuple(len(values) for values in swept.values())
     dimensions = tuple(swept)
@@ -54,10 +54,7 @@ def sweep_dataset(
 
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
-    """Return swept values as a coordinate: booleans, or numbers (float64), or else texts.
-
-    Among texts, a value that is no text itself becomes its JSON text.
-    """
+    """Return swept values as booleans, numbers (float64) or texts; among texts, other values become JSON texts."""
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
@@ -95,8 +92,8 @@ def sweep(
     -------
     xr.Dataset
         One dimension for each path, with the name of the path, and `aircraft`. Variables as in `summary.json`: arrival
-        times, misses, airspeeds, distances, spread, and whether every requirement is met; a flight that could not start
-        has a `reason`.
+        times, miss distances, airspeeds, distances, spread, and whether every requirement is met. A flight that could
+        not start has a `reason`.
 
     Raises
     ------
@@ -160,7 +157,7 @@ def _first_cases(
 ) -> Iterator[tuple[Scenario, dict[str, object]]]:
     """Yield a few combinations for a first check, each as the scenario and the values by path.
 
-    The first has the first value of every path; each further one has the second value of one path instead.
+    The first combination has the first value of every path; each other combination has the second value of one path.
     """
     sizes = [len(values) for values in swept.values()]
     strides = [math.prod(sizes[k + 1 :]) for k in range(len(sizes))]
@@ -173,9 +170,9 @@ def _first_cases(
 
 
 def _refused(scenario: Scenario, problems: list, count: int) -> ScenarioError:
-    """Combine the problems of invalid combinations into one error; `count` is the number of all combinations.
+    """Return one error with the problems of at most `_MESSAGES_MAX` invalid combinations.
 
-    The error has the problems of at most `_MESSAGES_MAX` combinations. `problems` are pairs (values by path, problems).
+    `problems` are pairs (values by path, problems); `count` is the number of all combinations.
     """
     messages = []
     for combination, combination_problems in problems[:_MESSAGES_MAX]:

@@ -51,11 +51,10 @@ class UserFirstPlan(FirstPlan):
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "UserFirstPlan":
-        """Trim every aircraft at its start and plan by the user-defined planner, in one compiled program.
+        """Trim every aircraft at its start and plan by the user-defined planner.
 
-        `prepare_next` is called before the compilation, with the flight and the shapes of its first state, and may
-        start the compilation of the flight's program. Raises ScenarioError if JAX cannot trace the planner, its plans
-        are not one `AircraftPlan` with leading axis aircraft, or an aircraft cannot be trimmed.
+        Raises ScenarioError if JAX cannot trace the planner, if its plans are not one `AircraftPlan` with leading axis
+        aircraft, or if an aircraft cannot be trimmed.
         """
         _check_plans(flight)
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
@@ -78,7 +77,7 @@ class UserFirstPlan(FirstPlan):
     def problems(self) -> tuple[str, ...]:
         """Return the obstacles to flying the plan, one sentence each; empty for a flyable plan.
 
-        Obstacles are a last arrival at or after the end of the flight, and aircraft with an error status at the start.
+        Obstacles are an arrival after the end of the flight, and aircraft with an error status at the start.
         """
         duration_s = self.scenario.timing.duration_s
         late = f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s"
@@ -109,7 +108,7 @@ class UserFirstPlan(FirstPlan):
 def _check_plans(flight: Flight) -> None:
     """Trace `first_plan` and `plans` of a user-defined planner on shapes alone, without numbers.
 
-    Raises ScenarioError if a method fails, or if `plans` does not return an AircraftPlan with a leading aircraft axis.
+    Raises ScenarioError if a method fails, or if `plans` returns no AircraftPlan with leading axis aircraft.
     """
     planner, fleet = flight.planner, eqx.filter_eval_shape(trimmed_fleet, flight)
     state = trace_method("planner", planner, "first_plan", jnp.zeros(()), fleet.reports, fleet.performance)

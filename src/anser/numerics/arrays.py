@@ -1,8 +1,4 @@
-"""Functions for arrays and pytrees of arrays.
-
-The functions create arrays without compilation, change the precision, select and pad rows, and stack equally structured
-objects for `vmap`.
-"""
+"""Arrays and pytrees: creation without compilation, precision, rows, and equal structures stacked for `vmap`."""
 
 import functools
 import math
@@ -43,17 +39,14 @@ def first_rows(tree: T, count: int) -> T:
 
 
 def rows_on_host(tree: T, indices: int | slice | np.ndarray) -> T:
-    """Return the rows `indices` (leading axis) of every array in a pytree, as NumPy arrays; scalars remain.
-
-    Nothing is copied to the device, unlike in `take_rows`.
-    """
+    """Return the rows `indices` (leading axis) of every array in a pytree, as NumPy arrays; scalars remain."""
     return jax.tree.map(lambda leaf: np.asarray(leaf)[indices] if np.ndim(leaf) else leaf, tree)
 
 
 def with_rows(tree: T, indices: int | np.ndarray, values: Any) -> T:
-    """Return a pytree with the rows `indices` (leading axis) of every array replaced by those in `values`.
+    """Return a pytree with the rows `indices` (leading axis) of every array replaced by `values`, without compilation.
 
-    `values` is a pytree of the same structure. NumPy computes the result, so that no program is compiled.
+    `values` must be a pytree of the same structure.
     """
 
     def replace_rows(leaf: Any, rows: Any) -> Array:
@@ -74,7 +67,7 @@ def unstack_rows(tree: T) -> list[T]:
 def bucket_size(count: int, smallest: int) -> int:
     """Return the least of `smallest`, 2 `smallest`, 4 `smallest`, ... that is at least `count` (1 or more).
 
-    Fleets that are padded to these sizes share few compiled programs.
+    If fleets are padded to these sizes, few programs are compiled.
     """
     return smallest * 2 ** max(0, math.ceil(math.log2(count / smallest)))
 
@@ -95,14 +88,12 @@ def zeros_like_result(function: Callable[..., T], *args: Any) -> T:
 
 
 def as_array(value: Any, dtype: Any = float) -> Array:
-    """Convert numbers to a strongly typed JAX array; with `dtype` None the type is preserved.
-
-    Concrete values are copied to the device directly, because `jnp.asarray` would compile a program for each new shape.
-    """
+    """Convert numbers to a strongly typed JAX array without compilation; if `dtype` is None, the type is preserved."""
     if namespace(value) is jnp:
         return jnp.asarray(value, dtype)
     if isinstance(value, jax.Array) and dtype in (None, value.dtype) and not value.weak_type:
         return value
+    # `jnp.asarray` would compile a program for each new shape
     array = np.asarray(value, dtype)
     if array.size <= _SHARED_MAX:
         return _on_device(array.tobytes(), array.dtype, array.shape)
@@ -110,10 +101,7 @@ def as_array(value: Any, dtype: Any = float) -> Array:
 
 
 def cast_to_precision(value: T, dtype: Any) -> T:
-    """Return a pytree with its arrays of real numbers cast to the type `dtype`; other leaves are unchanged.
-
-    The function also serves shapes (`jax.ShapeDtypeStruct`) in place of arrays.
-    """
+    """Return a pytree with real arrays (or `jax.ShapeDtypeStruct`) cast to `dtype`; other leaves are unchanged."""
     target = jnp.dtype(dtype)
 
     def cast(leaf: Any) -> Any:
@@ -139,29 +127,20 @@ def cast_like(value: T, reference: T) -> T:
 
 @functools.lru_cache(maxsize=8192)
 def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
-    """Return a small array on the device, from its bytes, type and shape.
-
-    The results are cached: flights of a campaign share most arrays, and copying is slow.
-    """
+    """Return a small array on the device from its bytes, type and shape; cached, because copying is slow."""
     with jax.ensure_compile_time_eval():  # otherwise the cache would hold a tracer
         return jax.device_put(np.frombuffer(raw, dtype).reshape(shape))
 
 
 class Stacked(eqx.Module, Generic[T]):
-    """Several objects of equal structure, stored as two pytrees for `vmap`; `stack_objects` makes them.
-
-    Leaves that differ between the objects have a leading axis; a leaf that is equal in all objects is stored once.
-    """
+    """Several objects of equal structure for `vmap`, made by `stack_objects`; equal leaves are stored once."""
 
     # leaves that differ between the objects, with a leading axis over the objects; None in place of shared leaves
     batched: T
     shared: T  # leaves equal for every object; None in place of batched leaves
 
     def combine(self, batched: T) -> T:
-        """Return one object from its batched leaves, without the leading axis, and the shared leaves.
-
-        Inside `vmap` over the attribute `batched`, the argument is one object's slice.
-        """
+        """Return one object from `batched`, the object's slice of the attribute `batched`, and the shared leaves."""
         return eqx.combine(batched, self.shared)
 
     def at(self, index: int) -> T:
@@ -171,7 +150,7 @@ class Stacked(eqx.Module, Generic[T]):
     def map(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Return `function(object, *slices)` for every object, stacked along a leading axis, by `vmap`.
 
-        The slices of object k are those of index k along the leading axes of the arguments.
+        Object k gets the slices with index k along the leading axes of the arguments.
         """
         return jax.vmap(lambda batched, *slices: function(self.combine(batched), *slices))(self.batched, *arguments)
 
@@ -189,10 +168,7 @@ def map_rows(function: Callable[..., Any], *rows: Any) -> Any:
 
 
 def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the tree structure of an object, and shape and type of each leaf.
-
-    Two objects can be stacked by `stack_objects` if their signatures are equal.
-    """
+    """Return the tree structure, and shape and type of each leaf; objects of equal signature can be stacked."""
     leaves, structure = jax.tree.flatten(value)
     arrays = (leaf if isinstance(leaf, np.ndarray | jax.Array) else np.asarray(leaf) for leaf in leaves)
     return structure, tuple((array.shape, array.dtype) for array in arrays)
@@ -201,8 +177,8 @@ def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
 def stack_objects(
     parts: Sequence[T],  # objects, one or more
     *,
-    # whether arrays with fewer than two dimensions are batched even if equal. The structure of the result, and hence
-    # the compiled program, then does not depend on these numbers; tables and matrices can still be shared
+    # True: arrays with fewer than two dimensions are batched even if equal. The compiled program is then the same for
+    # equal and for different numbers
     tables_only: bool = True,
     batched: Callable[[T], Any] | None = None,  # selects a subtree that is batched even if equal; None: no subtree
 ) -> Stacked[T]:
@@ -233,7 +209,7 @@ def stack_objects(
 
 @functools.lru_cache(maxsize=64)
 def _is_in_subtree(structure: Any, select: Callable[[Any], Any] | None) -> tuple[bool, ...]:
-    """Return for each leaf of a tree whether `select` returns it or a subtree with it; None: False for every leaf."""
+    """Return for each leaf whether the leaf is in the subtree that `select` returns; None: False for all leaves."""
     tree = structure.unflatten([False] * structure.num_leaves)
     if select is not None:
         tree = eqx.tree_at(select, tree, replace_fn=lambda part: jax.tree.map(lambda _: True, part))
@@ -250,12 +226,9 @@ def _is_float(leaf: np.ndarray) -> bool:
 
 
 def count_not_above(ascending: Float[Array, " n"], value: ScalarLike) -> Integer:
-    """Return the number of entries of an ascending array that are at most `value`.
-
-    The value is compared with the first entries of blocks, then with the entries of one block. In a batch on a CPU the
-    method takes a third of the time of a binary search, and a fiftieth of the time of a comparison with every entry.
-    """
+    """Return the number of entries of an ascending array that are at most `value`."""
     count = ascending.shape[0]
+    # blocks: in a batch on a CPU, a third of the time of a binary search
     size = math.isqrt(count - 1) + 1
     blocks = jnp.concatenate([ascending, jnp.full(-count % size, jnp.inf, ascending.dtype)]).reshape(-1, size)
     block = jnp.maximum(jnp.sum(blocks[:, 0] <= value, dtype=jnp.int32) - 1, 0)
@@ -266,8 +239,8 @@ def count_not_above(ascending: Float[Array, " n"], value: ScalarLike) -> Integer
 def any_in_batch(flag: Flag) -> Flag:
     """Return whether any flag of a batch under `vmap` is true, as one flag; outside `vmap` return the flag itself.
 
-    `jax.lax.cond` on the result computes one branch under `vmap` too. On a batched flag it would compute both branches
-    for the whole batch.
+    `jax.lax.cond` on the result computes one branch even under `vmap`; on a batched flag it would compute both
+    branches.
     """
     return flag
 
@@ -278,10 +251,10 @@ def _any_in_batch(_size: int, _batched: list[bool], flags: Any) -> tuple[Any, bo
 
 
 def select_if_any(chosen: Flag, new: Callable[[], T], old: T) -> T:
-    """Return the pytree `new()` if the flag `chosen` is true, otherwise `old`; for updates that are rare.
+    """Return the pytree `new()` if the flag `chosen` is true, `old` if not; for updates that are rare.
 
-    In a batch under `vmap` each element is selected by its flag, and `new` is evaluated only if any flag is true.
-    Inside a single-kernel program, which has no conditions, `new` is always evaluated.
+    In a batch under `vmap`, `new` is evaluated only if any flag is true; in a single-kernel program `new` is always
+    evaluated.
     """
 
     def select() -> T:
@@ -291,5 +264,5 @@ def select_if_any(chosen: Flag, new: Callable[[], T], old: T) -> T:
 
 
 def select_rows(chosen: Array, new: Any, old: Any) -> Any:
-    """Return a pytree with the rows (leading axis) of `new` where `chosen` is true, and those of `old` elsewhere."""
+    """Return a pytree with the rows (leading axis) of `new` where `chosen` is true, and the rows of `old` elsewhere."""
     return jax.tree.map(lambda a, b: jnp.where(chosen.reshape(-1, *[1] * (jnp.ndim(a) - 1)), a, b), new, old)

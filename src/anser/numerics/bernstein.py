@@ -1,7 +1,7 @@
 """Polynomials on an interval in Bernstein form, bounded by their coefficients.
 
-A polynomial of degree n is sum_k c_k C(n, k) u^k (1 - u)^(n - k) on 0 <= u <= 1, with binomial coefficients C(n, k);
-its values lie between the least and the greatest of the coefficients c_k, which run along the last axis of an array.
+A polynomial of degree n is sum_k c_k C(n, k) u^k (1 - u)^(n - k) on 0 <= u <= 1, with binomial coefficients C(n, k).
+The values lie between the least and the greatest c_k. The coefficients c_k run along the last axis of an array.
 """
 
 import functools
@@ -16,10 +16,7 @@ Coefficients = Float[Array, "*batch n"]
 
 @functools.lru_cache
 def _convolution(m: int, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return weights and indices of the product of polynomials a and b of degrees m and n, shapes (m + n + 1, m + 1).
-
-    The coefficients of the product are c_k = sum_i weights[k, i] a_i b_indices[k, i].
-    """
+    """Return weights and indices of the product c_k = sum_i weights[k, i] a_i b_indices[k, i] of degrees m and n."""
     weights, indices = np.zeros((m + n + 1, m + 1)), np.zeros((m + n + 1, m + 1), dtype=int)
     for i in range(m + 1):
         for j in range(n + 1):
@@ -39,10 +36,7 @@ def product(a: Coefficients, b: Float[Array, "*batch m"]) -> Float[Array, "*batc
 
 
 def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
-    """Return the Bernstein coefficients of a polynomial in the basis of degree `degree`.
-
-    Raises ValueError if `degree` is less than the polynomial's.
-    """
+    """Return the Bernstein coefficients of a polynomial in the degree `degree`; raises ValueError if too low."""
     missing = degree - (a.shape[-1] - 1)
     if missing < 0:
         raise ValueError(f"a polynomial of degree {a.shape[-1] - 1} cannot be written with degree {degree}")

@@ -17,8 +17,8 @@ Y = TypeVar("Y")
 def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: ScalarLike) -> Y:
     """Return the state y (any pytree) after one step h of the classical fourth-order Runge-Kutta method.
 
-    `t` is the time at the start of the step; `derivative(t, y)` returns dy/dt, a pytree of y's structure. Source:
-    Hairer, Norsett, Wanner, *Solving ODEs I*, table 1.2.
+    `t` is the time at the start of the step; `derivative(t, y)` returns dy/dt. Source: Hairer, Norsett, Wanner,
+    *Solving ODEs I*, table 1.2.
     """
 
     def shifted(scale: ScalarLike, slope: Y) -> Y:
@@ -37,8 +37,7 @@ def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: S
 class QuadratureRule(NamedTuple):
     """Nodes and weights of a quadrature rule on [0, 1]; the weights are positive and sum to 1.
 
-    With positive weights a weighted sum of convex functions is convex, so the approximate length of a path is convex
-    like the exact length.
+    Positive weights make the approximate length of a path convex, like the exact length.
     """
 
     nodes: Float[np.ndarray, " nodes"]
@@ -64,9 +63,6 @@ def integrate(
     high: ScalarLike,
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Scalar:
-    """Return the integral of a vectorized function from `low` to `high` by a quadrature rule.
-
-    `low` > `high` gives the negative integral from `high` to `low`.
-    """
+    """Return the integral of a vectorized function from `low` to `high` by a quadrature rule."""
     low, span = jnp.asarray(low), jnp.asarray(high) - jnp.asarray(low)
     return span * jnp.sum(jnp.asarray(rule.weights) * function(low + span * jnp.asarray(rule.nodes)))

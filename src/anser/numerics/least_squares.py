@@ -1,7 +1,4 @@
-"""Damped Gauss-Newton and Levenberg-Marquardt methods for nonlinear equations.
-
-The module contains search loops for a single start or a batch of starts, and the implicit derivative of the solution.
-"""
+"""Damped Gauss-Newton and Levenberg-Marquardt methods for nonlinear equations, and the derivative of the solution."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
@@ -15,7 +12,7 @@ from anser.numerics.linear import solve_positive
 from anser.shapes import Flag, Integer, Scalar
 
 Evaluate = Callable[[PyTree, Array], Any]
-"""Function of (context, unknowns) that returns the linearized equations, such as `Linearized`, with their cost.
+"""Function of (context, unknowns) that returns linearized equations with a `cost`, such as `Linearized`.
 
 The context is the data of a start besides the unknowns."""
 StepRule = Callable[[PyTree, Any, Scalar], Array]
@@ -37,8 +34,8 @@ class Linearized(NamedTuple):
 class Damping(NamedTuple):
     """Rule for the damping of the steps of a search.
 
-    The function `initial` gives the first damping from the cost at the start. The damping is multiplied by `decrease`
-    after a step that lowers the cost, and by `increase` after any other step, and limited to `minimum` and `maximum`.
+    `initial` gives the first damping from the cost at the start. A step that lowers the cost multiplies the damping by
+    `decrease`, any other step by `increase`; the result is clipped to `minimum` and `maximum`.
     """
 
     initial: Callable[[Scalar], Scalar]
@@ -73,8 +70,7 @@ class SearchState(NamedTuple):
 def start_search(context: PyTree, start: Array, unevaluated: Any) -> SearchState:
     """Return the search state before the first step.
 
-    `start` holds the initial unknowns. `unevaluated` stands for the linearized equations before the first evaluation,
-    and has their structure and shapes with an infinite cost.
+    `unevaluated` must have the structure and shapes of linearized equations, with an infinite cost.
     """
     return SearchState(context, start, start, unevaluated, jnp.asarray(jnp.nan))
 
@@ -82,9 +78,7 @@ def start_search(context: PyTree, start: Array, unevaluated: Any) -> SearchState
 def search_step(evaluate: Evaluate, move: StepRule, damping: Damping, search: SearchState) -> SearchState:
     """Return the search after one step: evaluate the trial, adopt a trial of lower cost as the best, make a new trial.
 
-    `evaluate(context, unknowns)` returns the linearized equations with their `cost`. `move(context, at, damping)`
-    returns the step that is subtracted from the best unknowns to get the new trial. The damping changes by the rule
-    `damping`: after a failed trial the next has more damping.
+    The new trial is the best minus `move(context, linearized equations of the best, damping)`.
     """
     context, best, trial, at, former = search
     tried = evaluate(context, trial)
@@ -105,9 +99,9 @@ def search_steps(
     required_count: int | None = None,
     sufficient_cost: float = 0.0,
 ) -> SearchState:
-    """Return a batch of searches after up to `number` steps; the arguments are those of `search_step`.
+    """Return a batch of searches after up to `number` steps; see `search_step`.
 
-    With a `required_count`, the loop ends as soon as this number of searches has a cost of at most `sufficient_cost`.
+    If `required_count` is given, the loop ends when this number of searches has a cost of at most `sufficient_cost`.
     """
 
     def step_all(state: SearchState) -> SearchState:
@@ -132,10 +126,7 @@ def best_searches(searches: SearchState, count: int) -> SearchState:
 
 
 def minimum_norm_step(max_length: float) -> StepRule:
-    """Return the function `move` of `search_step` for equations with fewer residuals than unknowns.
-
-    The function computes the damped step of least norm, shortened to `max_length`.
-    """
+    """Return the rule for damped steps of least norm, at most `max_length`; for fewer residuals than unknowns."""
 
     def move(_: PyTree, at: Linearized, damping: Scalar) -> Array:
         square = at.jacobian @ at.jacobian.T + damping * jnp.eye(at.residual.shape[0])
@@ -168,17 +159,14 @@ def levenberg_marquardt(
 ) -> Solution:
     """Find a root x of `function(x, parameters)`, for as many residuals as unknowns.
 
-    If no root is reached, the x of lowest cost is returned: check `residual`.
-
-    The damping falls by ten after a successful step and rises by ten after a failed step (D. W. Marquardt, *J. SIAM*
-    11(2), 1963). Each step evaluates the function with its Jacobian once, in the only copy of the function in the
-    compiled code: a large model compiles several times faster than with a general solver. The result has no
-    derivatives; `with_implicit_derivative` attaches them.
+    If no root is reached, the x of lowest cost is returned: check `residual`. The result has no derivatives;
+    `with_implicit_derivative` attaches them. Source: D. W. Marquardt, *J. SIAM* 11(2), 1963.
     """
     # Inputs without tangents keep the loop from being differentiated: its derivative would be compiled but unused.
     parameters = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_array(leaf) else leaf, parameters)
     start = jax.lax.stop_gradient(start)
 
+    # the only copy of the function in the compiled code: a large model compiles faster than in a general solver
     def evaluate(_: None, x: Float[Array, " n"]) -> Linearized:
         residual, push = jax.linearize(lambda at: function(at, parameters), x)
         return Linearized(residual, jax.vmap(push, out_axes=1)(jnp.eye(x.size)))
@@ -208,8 +196,8 @@ def with_implicit_derivative(
 ) -> Float[Array, " n"]:
     """Return `root`, a root x of f = `function(x, p)`, with its derivative with respect to p = `parameters`.
 
-    By the implicit function theorem, dx = -(df/dx)^-1 (df/dp) dp; first derivatives only, evaluated only when
-    differentiating. If df/dx is singular, the derivative is the least-squares solution and stays finite.
+    dx = -(df/dx)^-1 (df/dp) dp, first derivatives only. If df/dx is singular, the derivative is the least-squares
+    solution and stays finite.
     """
     return _implicit(function, parameters, jax.lax.stop_gradient(root))
 
@@ -228,11 +216,9 @@ def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
 
 
 def damped_solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"], damping: Scalar) -> Float[Array, " n"]:
-    """Return the x that minimizes |matrix @ x - vector|^2 + damping |x|^2, by the normal equations.
-
-    A floor of 1e-14 of the largest diagonal term keeps a singular matrix solvable.
-    """
+    """Return the x that minimizes |matrix @ x - vector|^2 + damping |x|^2; a singular matrix gives a finite x."""
     normal = matrix.T @ matrix
+    # the floor keeps a singular matrix solvable
     floor = 1e-14 * jnp.max(jnp.diagonal(normal)) + 1e-30
     square = normal + (damping + floor) * jnp.eye(vector.size)
     # The derivative is that of the linear system, not of the elimination steps.

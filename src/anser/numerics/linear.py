@@ -19,24 +19,22 @@ def cross(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Arr
 
 
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
-    """Return the product of a 3x3 matrix and a vector, as a sum of columns.
-
-    A sum along the rows would be slower: XLA would compute its operands anew for each of the nine terms.
-    """
+    """Return the product of a 3x3 matrix and a vector."""
+    # a sum along the rows would be slower: XLA would compute its operands anew for each of the nine terms
     first, second, third = jnp.unstack(vector)
     return matrix[:, 0] * first + matrix[:, 1] * second + matrix[:, 2] * third
 
 
 def product3(a: Float[Array, "n 3"], b: Matrix33) -> Float[Array, "n 3"]:
-    """Return the product of a matrix with three columns and a 3x3 matrix, shape (n, 3), as explicit sums."""
+    """Return the product of a matrix with three columns and a 3x3 matrix, shape (n, 3)."""
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 
 def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
-    """Return the inverse of a 3x3 matrix, by cross products of the columns.
+    """Return the inverse of a 3x3 matrix.
 
-    A determinant whose magnitude is below `floor` times the product of the column lengths (columns nearly in one plane)
-    is replaced by this bound. The result then remains finite, but is no useful inverse.
+    If |determinant| is below `floor` times the product of the column lengths, the result is finite but no useful
+    inverse.
     """
     # The smallest length under the root keeps derivatives in range where a column is zero.
     smallest_square = max(_LEAST_SQUARE, 1e8 * float(jnp.finfo(matrix.dtype).tiny))
@@ -56,10 +54,7 @@ def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
 
 
 def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the solution x (n,) of matrix @ x = vector for a small positive definite matrix.
-
-    The method is Gauss-Jordan elimination without pivoting, which solves a batch of systems under `vmap` at once.
-    """
+    """Return the solution x (n,) of matrix @ x = vector for a small positive definite matrix."""
     count = vector.shape[0]
 
     def eliminate(k: Integer, augmented: Array) -> Array:
@@ -75,8 +70,8 @@ Groups = Float[Array, "groups n"]
 class BlockTridiagonal(NamedTuple):
     """A symmetric block tridiagonal matrix with n by n blocks, for groups of n unknowns.
 
-    `diagonal` holds the diagonal block of each group, `subdiagonal` the coupling block of each group (row) with the
-    preceding group (column); its first block is unused.
+    `diagonal` holds the diagonal block of each group. `subdiagonal` holds the block of each group (row) with the
+    preceding group (column); the first of these blocks is unused.
     """
 
     diagonal: Float[Array, "groups n n"]
@@ -84,10 +79,7 @@ class BlockTridiagonal(NamedTuple):
 
 
 def solve_tridiagonal(form: BlockTridiagonal, right: Groups) -> Groups:
-    """Return the solution of a positive definite block tridiagonal system, in the shape of the right-hand side `right`.
-
-    The method is block elimination (Cholesky) and back substitution.
-    """
+    """Return the solution of a positive definite block tridiagonal system with the right-hand side `right`."""
     lower = jax.scipy.linalg.solve_triangular
 
     def eliminate(carry: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[Any, Any]:

@@ -11,11 +11,10 @@ def multisine_phases(harmonics: tuple[int, ...], amplitudes: tuple[float, ...]) 
     """Return phases (rad) of cosines with which the relative peak factor of their sum is small.
 
     `harmonics` are the rising numbers of periods of each cosine in the period of the sum. The relative peak factor is
-    (greatest - least value) / (2 sqrt(2) root mean square); 1 for a sine. A quasi-Newton method minimizes the range of
-    values, smoothed by log-sum-exp, from the phases of Schroeder and from 4 sets of random phases; equal arguments
-    always give equal phases. If the count of harmonics times the greatest number exceeds 3600 (harmonics 1 to 60, which
-    take about a second), the phases are those of Schroeder: peak factor 1.2 to 1.5 in place of 1.0 to 1.15.
-    Sources: M. R. Schroeder, IEEE Trans. Information Theory 16(1), 1970; E. A. Morelli, AIAA-2003-5371 (measure).
+    (greatest - least value) / (2 sqrt(2) root mean square); 1 for a sine, 1.0 to 1.15 for the result. Equal arguments
+    always give equal phases. If the count of harmonics times the greatest number exceeds 3600, the phases are
+    Schroeder's, with a peak factor of 1.2 to 1.5. Sources: M. R. Schroeder, IEEE Trans. Information Theory 16(1), 1970;
+    E. A. Morelli, AIAA-2003-5371 (measure).
     """
     k, A = np.asarray(harmonics, dtype=float), np.asarray(amplitudes)
     count = k.size
@@ -56,8 +55,8 @@ def sum_of_harmonics(
 ) -> np.ndarray:
     """Return the values of a sum of cosines over one period, with phases in rad.
 
-    `harmonics` are the rising numbers of periods of the cosines in the period of the sum; `periods` are equally spaced
-    times from 0 to 1 inclusive, in units of the period. Many harmonics are summed by a Fourier transform.
+    `harmonics` are the rising numbers of periods of the cosines in the period of the sum. `periods` must be equally
+    spaced times from 0 to 1 inclusive, in units of the period.
     """
     if harmonics.size * harmonics[-1] <= _OPTIMIZED_MAX:
         return np.sum(amplitudes * np.cos(2.0 * np.pi * periods[:, None] * harmonics + phases), axis=1)
@@ -69,10 +68,7 @@ def sum_of_harmonics(
 
 
 def _minimize(function: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray) -> np.ndarray:
-    """Return the arguments at a local minimum of a function that returns value and gradient.
-
-    The method is BFGS with a backtracking line search.
-    """
+    """Return the arguments at a local minimum (BFGS) of a function that returns value and gradient."""
     x, (value, gradient) = start, function(start)
     inverse_hessian = np.eye(x.size) * min(1.0, 0.3 / max(float(np.abs(gradient).max()), 1e-12))
     for _ in range(_ITERATIONS):

@@ -14,7 +14,7 @@ from anser.numerics.arrays import as_array, namespace
 from anser.shapes import Integer
 
 AIR, VEHICLE_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
-"""Parts of the closed loop that draw random numbers; user-defined parts have numbers from 100."""
+"""Numbers of the parts of the closed loop that draw random numbers; user-defined parts have numbers from 100."""
 INITIAL_SAMPLE = -1
 """Sample number of the draws for initial values; the samples of a flight have the numbers 0, 1, ..."""
 
@@ -28,7 +28,7 @@ class AbstractRandomness(eqx.Module):
 
     @abc.abstractmethod
     def for_aircraft(self, index: Integer) -> "AbstractRandomness":
-        """Return the random source of one aircraft from a flight's source; `index` is the aircraft's in the fleet."""
+        """Return the random source of one aircraft; `index` is the aircraft's index in the fleet."""
 
     @abc.abstractmethod
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
@@ -39,24 +39,19 @@ class AbstractRandomness(eqx.Module):
 
     @abc.abstractmethod
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw `count` independent numbers, uniform in (0, 1), for a part of the loop at sample `number`.
-
-        The numbers are the standard normal distribution function of the numbers that `normals` draws for the same part
-        and sample; `part` is described there.
-        """
+        """Draw `count` independent numbers, uniform in (0, 1): the normal distribution function of `normals`."""
 
 
 class SeededRandomness(AbstractRandomness):
     """Random source of a flight or an aircraft: Threefry-2x32 of the part, the sample and the index in the draw.
 
-    The generator's key follows from (seed, flight, aircraft). The numbers are bit-identical for an aircraft alone and
-    in any batch.
+    The numbers are bit-identical for an aircraft alone and in any batch.
     """
 
     key: UInt32[Array, "2"]  # key of a flight, or of one aircraft in a flight
 
     def for_aircraft(self, index: Integer) -> "SeededRandomness":
-        """Return the source of one aircraft: the aircraft's index in the fleet is folded into the key."""
+        """Return the source of one aircraft, by the aircraft's index in the fleet."""
         return SeededRandomness(fold_key(self.key, index))
 
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
@@ -64,10 +59,7 @@ class SeededRandomness(AbstractRandomness):
         return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
     def uniforms(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
-        """Draw `count` uniform numbers in (0, 1): centres of 2^52 equal intervals.
-
-        Raises ValueError if `count` exceeds 65,536.
-        """
+        """Draw `count` uniform numbers: centres of 2^52 intervals of (0, 1); raises ValueError if `count` > 65,536."""
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
@@ -75,25 +67,21 @@ class SeededRandomness(AbstractRandomness):
 
 
 class PrescribedRandomness(AbstractRandomness):
-    """Random numbers from a table, designed or recorded, for tests and replays.
-
-    `standard_normals` has, by the number of the part, an array (aircraft, samples, count), or (samples, count) for one
-    aircraft; the first sample is that of the initialization (`INITIAL_SAMPLE`).
-    """
+    """Random numbers from a table, designed or recorded, for tests and replays."""
 
     #: Standard normals by part, shape (aircraft, samples, count), or (samples, count) for one aircraft; the first
     #: sample is `INITIAL_SAMPLE`.
     standard_normals: Mapping[int, Float[Array, "..."]]
 
     def for_aircraft(self, index: Integer) -> "PrescribedRandomness":
-        """Return the source with the numbers of one aircraft, whose index in the fleet is `index`."""
+        """Return the source of one aircraft, by the aircraft's index in the fleet."""
         return PrescribedRandomness({part: numbers[index] for part, numbers in self.standard_normals.items()})
 
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
         """Return the first `count` prescribed standard normals of a part at sample `number`.
 
-        NaN after the last sample of the table, so that a flight longer than its record fails. Raises ValueError if the
-        table has no such part, or fewer than `count` numbers per sample.
+        The result is NaN after the last sample of the table. Raises ValueError if the table has no such part, or fewer
+        than `count` numbers per sample.
         """
         numbers = self.standard_normals.get(part)
         if numbers is None or numbers.shape[-1] < count:
@@ -109,10 +97,9 @@ class PrescribedRandomness(AbstractRandomness):
 class BlendedRandomness(AbstractRandomness):
     """Random source whose standard normals are weighted sums of the normals of several seeded sources.
 
-    `keys` are the generator keys of the sources, `weights` have a sum of squares of 1, and the first `count` sources
-    are in use, the rest is padding. `aircraft` is the index in the fleet; None: source of the flight. The source is the
-    state of a Markov chain that blends the standard normals of a flight with new ones (preconditioned Crank-Nicolson).
-    Keys and weights describe it fully: storage does not depend on the length of the flight.
+    The squares of `weights` must sum to 1. Only the first `count` sources are used; `keys` are their generator keys.
+    `aircraft` is the index in the fleet; None: source of the flight. The source is the state of a Markov chain that
+    blends the normals of a flight with new ones (preconditioned Crank-Nicolson).
     """
 
     keys: UInt32[Array, "terms 2"]
@@ -121,7 +108,7 @@ class BlendedRandomness(AbstractRandomness):
     aircraft: Integer | None = None
 
     def for_aircraft(self, index: Integer) -> "BlendedRandomness":
-        """Return the source of one aircraft, whose index in the fleet is `index`."""
+        """Return the source of one aircraft, by the aircraft's index in the fleet."""
         return BlendedRandomness(self.keys, self.weights, self.count, index)
 
     def normals(self, part: int, number: Integer | int, count: int) -> Float[Array, " count"]:
@@ -174,13 +161,13 @@ def fold_key(key: Any, value: Any) -> UInt32[Array, "2"]:
 def threefry(key: Any, counter_high: Any, counter_low: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
     """Return two random 32-bit words for each pair of counters, by the generator Threefry-2x32 in 20 rounds.
 
-    `key` and counters are unsigned 32-bit words. Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel
-    random numbers: as easy as 1, 2, 3*, SC 2011. The rounds are unrolled, because a loop as in JAX is slower here.
+    `key` (two words) and counters are unsigned 32-bit words. Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E.
+    Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC 2011.
     """
     xp = namespace(key, counter_high, counter_low)
     keys = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(_PARITY))
     x, y = xp.asarray(counter_high) + keys[0], xp.asarray(counter_low) + keys[1]
-    for group in range(5):
+    for group in range(5):  # unrolled: a loop as in JAX is slower here
         for rotation in _ROTATIONS[group % 2]:
             x = x + y
             y = ((y << np.uint32(rotation)) | (y >> np.uint32(32 - rotation))) ^ x

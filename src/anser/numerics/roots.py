@@ -1,7 +1,4 @@
-"""Roots of a scalar function within a bracket.
-
-Newton's method and the Illinois method have a fixed number of steps, and the root has its implicit derivative.
-"""
+"""Roots of a scalar function within a bracket, with a fixed number of steps and the implicit derivative."""
 
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
@@ -28,8 +25,7 @@ def bracketed_newton(
     # `parameters`, not in a closure
     function: Callable[[Scalar, Parameters], tuple[Scalar, Scalar]],
     parameters: Parameters,  # any pytree
-    # bracket, low <= high. Without a change of sign the result is the evaluated point of least residual: check
-    # `residual`
+    # bracket, low <= high. If the function does not change sign, the result is no root: check `residual`
     low: ScalarLike,
     high: ScalarLike,
     guess: ScalarLike,  # initial x, clipped to the bracket
@@ -37,12 +33,8 @@ def bracketed_newton(
 ) -> Root:
     """Return a root of a scalar function that is zero or negative at `low`, and zero or positive at `high`.
 
-    A Newton step is taken if it stays inside the bracket and is at most half as long as the step before the last;
-    otherwise the bracket is halved. The number of steps is fixed (no early exit), so every member of a batch takes
-    equal time. The point of least residual is returned, unaffected by rounding noise near the root.
-
-    The steps are not differentiated. The root carries the derivative by the implicit function theorem,
-    dx = -(df/dp) dp / (df/dx), or zero if df/dx is zero. First derivatives only.
+    The method is Newton's with bisection as the safeguard; the evaluated point of least residual is returned. The root
+    carries the derivative dx = -(df/dp) dp / (df/dx), or zero if df/dx is zero; first derivatives only.
     """
     fixed, low, high, guess = lax.stop_gradient((parameters, jnp.asarray(low), jnp.asarray(high), jnp.asarray(guess)))
     low, high = low.astype(float), high.astype(float)
@@ -90,17 +82,15 @@ def bracketed_secant(
     # bracket
     low: ScalarLike,
     high: ScalarLike,
-    # values at the endpoints. Without a change of sign the result is an arbitrary point of the bracket: check
-    # `residual`
+    # values at the endpoints. If the function does not change sign, the result is no root: check `residual`
     value_low: ScalarLike,
     value_high: ScalarLike,
     steps: int,  # number of function evaluations in the loop
 ) -> Root:
     """Return a root of a scalar function with opposite signs at the bracket's endpoints, by the Illinois method.
 
-    The number of steps is fixed, and the evaluated point of least residual is returned. The steps are not
-    differentiated. The root carries the derivative by the implicit function theorem, dx = -(df/dp) dp / (df/dx),
-    evaluated only when differentiating, or zero if df/dx is zero. First derivatives only.
+    The evaluated point of least residual is returned. The root carries the derivative dx = -(df/dp) dp / (df/dx), or
+    zero if df/dx is zero; first derivatives only.
     """
     fixed = lax.stop_gradient(parameters)
     begin = tuple(lax.stop_gradient(jnp.asarray(x, dtype=float)) for x in (low, high, value_low, value_high))

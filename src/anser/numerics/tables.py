@@ -24,22 +24,19 @@ _PARTS_MAX, _STEPS_MAX = 8, 256
 class Axes(eqx.Module):
     """Axes of tables, with clamping or linear extrapolation beyond the breakpoints; see `make_axes`.
 
-    `locate` looks up the arguments of all axes at once.
-
     Attributes
     ----------
     breakpoints, sizes
         Strictly increasing breakpoints of each of the k axes, padded with plus infinity; number of breakpoints of each
         axis, at least 2.
     lower, upper
-        Limits of the arguments before the look-up: first and last breakpoint of a clamped axis, minus and plus
-        infinity for linear extrapolation.
+        Limits of the arguments before the look-up. A clamped axis has the first and last breakpoint, an extrapolated
+        axis has minus and plus infinity.
     even
         Whether the breakpoints of every axis are evenly spaced, to rounding; the interval then needs no search.
     step_lookup, step
-        For axes with breakpoints at multiples of a step: interval index, lower breakpoint and reciprocal interval
-        length for every step, axes concatenated; and the step of each axis. None for other axes. The look-up is twice
-        as fast as a search.
+        Data for a fast look-up if all breakpoints are at multiples of a step; None for other axes. `step_lookup` has
+        for every step the interval index, the lower breakpoint and 1 / interval length, axes concatenated.
     """
 
     breakpoints: Float[Array, "k n"]
@@ -53,7 +50,7 @@ class Axes(eqx.Module):
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
         """Return the interval index and the fraction within the interval on each axis, from one argument per axis.
 
-        The fraction is in 0..1, beyond this range for an extrapolated argument.
+        The fraction of an extrapolated argument is outside 0..1.
         """
         x = jnp.clip(x, self.lower, self.upper)
         if self.even:
@@ -81,9 +78,8 @@ class Axes(eqx.Module):
 class Tables(eqx.Module):
     """Groups of tabulated functions, multilinear between the breakpoints; see `make_tables`.
 
-    All functions of a group depend on the group's axes, the `axes` with the group's `axis_indices`. `cells` holds for
-    each group and each cell of its axes (row-major) the coefficients of 1, u, v, u v, ... in the fractions u, v, ...
-    along these axes, shape (cells, 2^axes, functions).
+    The functions of a group depend on the axes `axis_indices` of the group. `cells` holds for each group and each cell
+    of the grid (row-major) the coefficients of 1, u, v, u v, ... in the fractions u, v, ... along these axes.
     """
 
     axes: Axes
@@ -98,10 +94,7 @@ class Tables(eqx.Module):
     def interpolate_cell(
         self, index: Int[Array, " k"], fraction: Float[Array, " k"]
     ) -> tuple[Float[Array, " functions"], ...]:
-        """Return the values of each group's functions from the interval index and the fraction on each axis.
-
-        The index and the fraction are the results of `Axes.locate`.
-        """
+        """Return the values of each group's functions from the results of `Axes.locate`: index and fraction."""
         return tuple(
             self._interpolated(cells, along, index, fraction)
             for cells, along in zip(self.cells, self.axis_indices, strict=True)
@@ -130,12 +123,7 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
     """Build the axes of tables from the breakpoints of each axis.
 
     `clamp`, one flag or a flag for each axis: True holds the boundary value beyond the breakpoints, False extrapolates
-    the boundary cell linearly.
-
-    Raises
-    ------
-    ValueError
-        An axis has fewer than two breakpoints, or they do not strictly increase.
+    linearly. Raises ValueError if an axis has fewer than two breakpoints, or breakpoints do not strictly increase.
     """
     points = [np.asarray(axis, dtype=float) for axis in axes]
     for axis in points:
@@ -159,10 +147,7 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
 
 
 def _common_step(points: np.ndarray) -> float | None:
-    """Return the greatest step of which the distance of every breakpoint from the first is a multiple.
-
-    The result is None if the step would be less than an eighth of the smallest interval or a 256th of the axis.
-    """
+    """Return the greatest step that divides the distance of every breakpoint from the first; None if too small."""
     smallest_interval = float(np.min(np.diff(points)))
     for parts in range(1, _PARTS_MAX + 1):
         positions = (points - points[0]) / (smallest_interval / parts)
@@ -186,13 +171,9 @@ def _tabulate_steps(points: Sequence[np.ndarray], steps: Sequence[float]) -> np.
 def make_tables(axes: Axes, groups: Sequence[tuple[Sequence[int], Sequence[Sequence[float] | np.ndarray]]]) -> Tables:
     """Build tables from groups of functions.
 
-    Each group is a pair: the indices of its axes in `axes`, and the values of each of its functions on their grid, with
-    an array axis for each of these axes, in this order.
-
-    Raises
-    ------
-    ValueError
-        Values do not have the shape of their axes.
+    A group is the pair (indices of the group's axes, values of each function). The values of a function are an array
+    with one array axis for each of these axes, in this order. Raises ValueError if values do not have the shape of
+    their axes.
     """
     packed = []
     for along, functions in groups:

@@ -16,7 +16,7 @@ class AbstractGuidance(AbstractPart):
     """Interface of guidance, which commands one aircraft. Subclass this class directly, not a concrete guidance."""
 
     def init(self, belief: Belief, instant: Instant) -> Any:
-        """Return the guidance's state before the first sample; by default None, for a guidance without state."""
+        """Return the guidance's state before the first sample; by default None (no state)."""
         return None
 
     @abc.abstractmethod
@@ -25,19 +25,16 @@ class AbstractGuidance(AbstractPart):
     ) -> tuple[Any, Vector3, Any]:
         """Return the command for the controller, the position to follow (NED, m), and the new guidance state.
 
-        `plan` is None if the flight has no planner. The command has the type that the aircraft's controller expects.
-        For an aircraft with a goal the type is `PathCommand`, because the hold replaces the command by a `PathCommand`.
+        `plan` is None if the flight has no planner. The command must have the type that the aircraft's controller
+        expects, and for an aircraft with a goal the type must be `PathCommand`.
         """
 
 
 class AbstractController(AbstractPart):
-    """Interface of controllers, which turn commands into surfaces and throttle.
-
-    Subclass this class directly, not a concrete controller.
-    """
+    """Interface of controllers (commands to controls). Subclass this class directly, not a concrete controller."""
 
     def init(self, state: AircraftState, attitude: Vector3) -> Any:
-        """Return the controller's state after a long time in steady flight; by default None, for a law without state.
+        """Return the controller's state after a long time in steady flight; by default None (no state).
 
         `attitude` is (mu, alpha, beta), rad.
         """
@@ -49,9 +46,8 @@ class AbstractController(AbstractPart):
     ) -> tuple[Controls, Any, Any]:
         """Return surfaces and throttle for the coming sampling period, signals to record, and the new controller state.
 
-        `step` is the sampling period, s; `command` has the type that the aircraft's guidance gives.
-
-        The signals are None, or an object with a method `variables()` that returns a dictionary from keys of
+        `step` is the sampling period, s; `command` has the type that the aircraft's guidance returns. The signals are
+        None, or an object with a method `variables()` that returns a dictionary from keys of
         `anser.variables.CATALOGUE` to values.
         """
 

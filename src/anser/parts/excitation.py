@@ -20,9 +20,9 @@ from anser.shapes import ScalarLike, Vector
 from anser.units import DEG_RAD
 
 PATH_INPUTS = ("airspeed", "path_angle", "course")
-"""Commands to the velocity loop, by their keys without unit; in user input m/s and deg."""
+"""Commands to the velocity loop (in user input m/s and deg)."""
 LOOP_INPUTS = ("bank", "alpha", "beta", "roll_rate", "pitch_rate", "yaw_rate")
-"""Commands from the velocity loop to the attitude loop (in user input deg), and on to the rate loop (deg/s)."""
+"""Commands to the attitude loop (in user input deg) and to the rate loop (in user input deg/s)."""
 
 
 class Excitation(eqx.Module):
@@ -35,7 +35,7 @@ class Excitation(eqx.Module):
     targets: tuple[str, ...] = eqx.field(static=True)
 
     def _sums(self, names: Sequence[str], time: ScalarLike) -> Vector:
-        """Return the sum of the signals of each input in `names` at a time (s); 0 for an input without a signal."""
+        """Return the sum of the signals of each input in `names` at a time (s); 0 if an input has no signal."""
         zero = jnp.zeros((), jnp.result_type(time))
         values = [(target, signal.at(time)) for target, signal in zip(self.targets, self.signals, strict=True)]
         return jnp.stack([sum((value for target, value in values if target == name), start=zero) for name in names])
@@ -49,10 +49,10 @@ class Excitation(eqx.Module):
         return Controls(controls.surfaces + added[:-1], controls.throttle + added[-1])
 
     def excite_command(self, command: Any, time: ScalarLike) -> Any:
-        """Return a command plus the signals at a time (s) for path commands and for commands inside the autopilot.
+        """Return a command plus the signals of `PATH_INPUTS` and `LOOP_INPUTS` at a time (s).
 
-        The inputs are `PATH_INPUTS` and `LOOP_INPUTS`. Without a signal for these, the command is returned unchanged.
-        Raises ValueError if there is a signal and the command is no `PathCommand`.
+        If no such signal exists, the command is returned unchanged. Raises ValueError if such a signal exists and the
+        command is no `PathCommand`.
         """
         targets = set(self.targets)
         if targets.isdisjoint((*PATH_INPUTS, *LOOP_INPUTS)):

@@ -29,7 +29,7 @@ class AbstractSignal(eqx.Module):
         """Return the signal multiplied by a factor."""
 
     def highest_frequency(self) -> float:
-        """Return the highest frequency of the signal's sines, Hz; 0 for a signal without sines."""
+        """Return the highest frequency of the signal's sines, Hz; 0 if the signal has no sines."""
         return 0.0
 
 
@@ -52,9 +52,9 @@ class PulseSignal(AbstractSignal):
 
 
 class SweepSignal(AbstractSignal):
-    """Sine of a frequency that rises exponentially, from `start` (s) on for `duration` (s); 0 at other times.
+    """Sine of a frequency that rises exponentially, from `start` (s) for `duration` (s); 0 at other times.
 
-    At the time t after the start the frequency is `frequency` (Hz) times exp(`rate` t), with the rate in 1/s.
+    The frequency at the time t (s) after the start is `frequency` * exp(`rate` * t), in Hz.
     """
 
     amplitude: ScalarLike
@@ -83,7 +83,7 @@ class SweepSignal(AbstractSignal):
 
 
 class SineSumSignal(AbstractSignal):
-    """Sum of cosines from the time `start` (s) on for `duration` (s); 0 at other times.
+    """Sum of cosines from the time `start` (s) for `duration` (s); 0 at other times.
 
     Each cosine has an amplitude, a frequency (Hz) and a phase at the start (rad): one entry of the three arrays.
     """
@@ -137,7 +137,7 @@ _ROUNDINGS = 16
 class InputSignal:
     """Increment of one control input or command over time, in the unit of the input.
 
-    Signals can be added, subtracted, and multiplied by a number. `description` is the text for labels.
+    Signals can be added, subtracted, and multiplied by a number.
     """
 
     #: The increment as a function of time, in the unit of the input: deg for a surface, a fraction for the throttle.
@@ -149,10 +149,7 @@ class InputSignal:
         return self.signal.at(np.asarray(time_s, dtype=float))
 
     def require_sampling(self, step_s: float, place: str) -> None:
-        """Raise ValueError if a sine of the signal is faster than half the sampling rate, 0.5 / `step_s`.
-
-        `place` names the input in the message.
-        """
+        """Raise ValueError, with the text `place`, if a sine of the signal is faster than half the sampling rate."""
         highest_hz = self.signal.highest_frequency()
         if highest_hz > 0.5 / step_s * (1.0 + 1e-9):
             raise ValueError(
@@ -189,7 +186,7 @@ def step_input(amplitude: float, start_s: float = 1.0) -> InputSignal:
 
 
 def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> InputSignal:
-    """Return a doublet: from `start_s` on, a pulse of `amplitude`, then of minus `amplitude`, each `width_s` long.
+    """Return a doublet: from `start_s`, a pulse of `amplitude`, then a pulse of -`amplitude`, each `width_s` long.
 
     The amplitude is in the unit of the input. Raises ValueError if a number is not finite, the start is negative, or
     the width is not positive.
@@ -200,7 +197,7 @@ def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> Inp
 
 
 def three_two_one_one(amplitude: float, start_s: float = 1.0, width_s: float = 0.7) -> InputSignal:
-    """Return a 3-2-1-1: four pulses of alternating sign from `start_s` on, 3, 2, 1 and 1 times `width_s` long.
+    """Return a 3-2-1-1: four pulses of alternating sign from `start_s`, 3, 2, 1 and 1 times `width_s` long.
 
     The amplitude is in the unit of the input. Source: Klein and Morelli, Aircraft System Identification (2006), chapter
     9. Raises ValueError if a number is not finite, the start is negative, or the width is not positive.
@@ -223,9 +220,9 @@ def sine_sweep(
 ) -> InputSignal:
     """Return a sine sweep, with a frequency that rises exponentially from the first to the second of `frequencies_hz`.
 
-    The sweep spends equal time in each octave, from `start_s` on for a time of `duration_s`; before and after the sweep
-    the signal is zero. Raises ValueError unless the frequencies are positive and do not fall, amplitude and start are
-    finite, the start is not negative, and the duration is positive.
+    The sweep lasts from `start_s` for `duration_s`, with equal time in each octave; the signal is zero at other times.
+    Raises ValueError if a frequency is not positive, the second frequency is below the first, amplitude or start is not
+    finite, the start is negative, or the duration is not positive.
     """
     low, high = _frequencies(frequencies_hz)
     _require_numbers(amplitude=amplitude, duration_s=duration_s, start_s=start_s)
@@ -246,10 +243,12 @@ def multisine(
 ) -> InputSignal:
     """Return a sum of harmonics of 1 / `duration_s` between two frequencies, with phases for a small peak factor.
 
-    The harmonics are dealt out in turn to `channels` inputs; signals of different `channel` with the same duration are
-    orthogonal, so that several surfaces can move at once. The sum is scaled to a greatest magnitude of `amplitude` and
-    shifted to a zero crossing, so that it starts near zero. The phases are optimized (relative peak factor 1.0 to 1.15)
-    for up to about 60 harmonics, in about a second; beyond, they are those of Schroeder (peak factor 1.2 to 1.5).
+    The harmonics are distributed in turn over `channels` inputs. Signals of different `channel` with the same duration
+    are orthogonal, and can excite several surfaces at the same time. The signal starts near zero. The relative peak
+    factor is 1.0 to 1.15 for up to about 60 harmonics (optimized phases), and 1.2 to 1.5 for more harmonics
+    (Schroeder's phases).
+
+    Raises ValueError if an argument is out of range, or a channel gets no harmonic.
 
     Parameters
     ----------
@@ -266,8 +265,6 @@ def multisine(
     power_exponent
         The power of a harmonic is proportional to its frequency to this exponent; 0: equal powers, -1: about equal
         power in each octave.
-
-    Raises ValueError if an argument is out of range, or a channel gets no harmonic.
     """
     low, high = _frequencies(frequencies_hz)
     _require_numbers(amplitude=amplitude, power_exponent=power_exponent, duration_s=duration_s, start_s=start_s)
@@ -281,7 +278,7 @@ def multisine(
         )
     amplitudes = (harmonics / harmonics[0]) ** (0.5 * power_exponent)
     phases = multisine_phases(tuple(harmonics.tolist()), tuple(amplitudes.tolist()))
-    # shares of the period
+    # grid: fractions of the period
     grid = np.linspace(0.0, 1.0, _SAMPLES_PER_PERIOD * int(harmonics[-1]) + 1)
     samples = sum_of_harmonics(harmonics, amplitudes, np.asarray(phases), grid)
     rising = np.flatnonzero((samples[:-1] <= 0.0) & (samples[1:] > 0.0))[0]
@@ -305,8 +302,7 @@ def multisine_harmonics(frequencies_hz: tuple[float, float], duration_s: float) 
 
 
 _SAMPLES_PER_PERIOD = 64
-"""Samples per period of the highest harmonic at which greatest magnitude and zero crossings of a multisine are
-sought."""
+"""Samples per period of the highest harmonic, from which amplitude and zero crossings of a multisine are computed."""
 
 
 def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
@@ -319,10 +315,7 @@ def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
 
 
 def _require_numbers(**numbers: float) -> None:
-    """Raise ValueError, with the argument's name, for a number that is not finite or a time that does not fit.
-
-    Durations and widths must be positive, starts 0 or later.
-    """
+    """Raise ValueError, with the argument's name, for a number that is not finite or a time that is out of range."""
     for name, value in numbers.items():
         low, kind = (0.0, "positive") if name in ("duration_s", "width_s") else (-np.inf, "finite")
         is_number = isinstance(value, int | float | np.number)

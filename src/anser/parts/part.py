@@ -9,8 +9,7 @@ import equinox as eqx
 class AbstractPart(eqx.Module):
     """Base of the interfaces of user-defined parts.
 
-    Defining a class with a field that has the name of a base class's method raises TypeError, because the field would
-    hide the method.
+    A subclass with a field that has the name of a base class's method raises TypeError at its definition.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:

@@ -1,7 +1,4 @@
-"""Motion along a path: the reference for guidance, and the command for the controller.
-
-The command consists of airspeed, path angle and course with their rates.
-"""
+"""Motion along a path: reference for guidance, and command for the controller (airspeed, path angle, course, rates)."""
 
 import abc
 
@@ -13,15 +10,12 @@ from anser.parts.part import AbstractPart
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm
 
+# Rounding must not put the start of a path before the path; float32 rounds a time of four hours by 0.5 ms.
 _ROUNDINGS = 1e4
 
 
 def time_rounding(time: ScalarLike) -> float:
-    """Return the tolerance, s, within which two times count as equal: 0 in float64, 1.2 ms in float32.
-
-    Without the tolerance, rounding could put a path's start before the path, where nothing accelerates: float32 rounds
-    a time of ten minutes by 0.03 ms, and a time of four hours by 0.5 ms.
-    """
+    """Return the tolerance, s, within which two times count as equal: 0 in float64, 1.2 ms in float32."""
     dtype = jnp.result_type(time)
     return 0.0 if dtype == jnp.float64 else _ROUNDINGS * float(jnp.finfo(dtype).eps)
 
@@ -57,7 +51,7 @@ class AbstractReference(AbstractPart):
 class StraightPath(AbstractReference):
     """Straight line over the ground at constant speed; positions NED in the Earth's chart, m, times in s.
 
-    The end must be later than the start: without a duration there is no velocity.
+    `end_time` must be later than `start_time`.
     """
 
     start_n: Vector3
@@ -66,16 +60,13 @@ class StraightPath(AbstractReference):
     end_time: ScalarLike
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Return position, velocity and acceleration at a time (s); the line continues beyond both of its ends."""
+        """Return position, velocity and acceleration at a time (s); the line continues beyond its two ends."""
         velocity_n = (self.end_n - self.start_n) / (self.end_time - self.start_time)
         return PathPoint(self.start_n + (time - self.start_time) * velocity_n, velocity_n, jnp.zeros_like(velocity_n))
 
 
 class LoopExcitation(eqx.Module):
-    """Test inputs inside the autopilot: increments of the commands to the attitude loop and to the rate loop.
-
-    `attitude` is added to the commanded (mu, alpha, beta), rad; `rates_b` to the commanded (P, Q, R), rad/s.
-    """
+    """Test inputs inside the autopilot: increments of the commands to the attitude loop and to the rate loop."""
 
     attitude: Vector3  #: Addition to the commanded (mu, alpha, beta), rad.
     rates_b: Vector3  #: Addition to the commanded (P, Q, R), rad/s.
@@ -90,15 +81,14 @@ class PathCommand(eqx.Module):
     V_dot: Scalar  #: Rate of the speed, m/s^2.
     gamma_dot: Scalar  #: Rate of the path angle, rad/s.
     chi_dot: Scalar  #: Rate of the course, rad/s.
-    excitation: LoopExcitation | None = None  #: Test input of the loops inside the velocity loop; None: without.
+    excitation: LoopExcitation | None = None  #: Test input of the inner loops; None: no test input.
 
 
 def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
     """Convert a velocity and its time derivative (NED, m/s, m/s^2) to speed, path angle and course with their rates.
 
     The velocity is over the ground or relative to the air. In vertical flight, course and course rate are 0; at rest,
-    all angles and rates are 0. Theory section 6, "Commands along a trajectory"; the path angle uses atan2, because asin
-    loses digits and has no derivative near the vertical.
+    all angles and rates are 0. Theory section 6, "Commands along a trajectory".
     """
     north, east, down = jnp.unstack(velocity_n)
     north_dot, east_dot, down_dot = jnp.unstack(acceleration_n)
@@ -106,7 +96,8 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
     speed, level = norm(velocity_n), norm(velocity_n[:2])
     moving, turning = speed > 0.0, level > 0.0
     safe_speed, safe_level = jnp.where(moving, speed, 1.0), jnp.where(turning, level, 1.0)
-    # At rest atan2 gets (0, 1), because its derivative at (0, 0) is not a number.
+    # atan2, because asin loses digits and has no derivative near the vertical. At rest atan2 gets (0, 1), because its
+    # derivative at (0, 0) is not a number.
     gamma = jnp.arctan2(up, jnp.where(moving, level, 1.0))
     chi = jnp.arctan2(jnp.where(turning, east, 0.0), jnp.where(turning, north, 1.0))
     level_dot = (north * north_dot + east * east_dot) / safe_level

@@ -1,8 +1,8 @@
 """Interfaces of an aircraft's sensors and estimator, and the signals between sensors, estimator and guidance.
 
-The signals are the instant, the truth, the readings, and the belief (the aircraft's own estimate of its state and its
-goal's). `Reading` lists all measurements: a new type of measurement needs a new field there, and an estimator that uses
-the field. Implementations are in `anser.sensing`.
+The signals are the instant, the truth, the readings, and the belief, the aircraft's own estimate of its state and of
+its goal. A new type of measurement needs a new field in `Reading`, and an estimator that uses the field.
+Implementations are in `anser.sensing`.
 """
 
 import abc
@@ -28,10 +28,7 @@ _VERTICAL = 1e-12
 
 
 class LineOfSight(eqx.Module):
-    """Line of sight from an aircraft to its goal: range (m), azimuth and elevation (rad), and their rates.
-
-    The azimuth is clockwise from North, the elevation positive upwards.
-    """
+    """Line of sight from an aircraft to its goal: range, azimuth and elevation, and their rates."""
 
     range: Scalar  #: Distance from the aircraft to the goal, m.
     azimuth: Scalar  #: Azimuth, clockwise from North, rad.
@@ -45,7 +42,7 @@ class LineOfSight(eqx.Module):
 def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3]:
     """Return three unit vectors (NED): along the line of sight, towards rising azimuth, towards rising elevation.
 
-    The vectors are the rows of the matrix M of theory section 7; azimuth and elevation in rad.
+    The vectors are the rows of the matrix M of theory section 7.
     """
     ca, sa, ce, se = jnp.cos(azimuth), jnp.sin(azimuth), jnp.cos(elevation), jnp.sin(elevation)
     return (
@@ -60,7 +57,7 @@ def measure_line_of_sight(
 ) -> LineOfSight:
     """Compute the exact line of sight from an aircraft to its goal; inputs NED, m, and m/s over the ground.
 
-    At zero range all angles and rates are 0. With the goal exactly above or below, the azimuth is that of the
+    At zero range all angles and rates are 0. If the goal is exactly above or below, the azimuth is the direction of the
     horizontal relative velocity, the azimuth rate is 0, and the elevation rate contains the whole relative motion. At
     any other elevation, `goal_from_line_of_sight` recovers position and velocity to rounding. Theory section 7.
     """
@@ -94,8 +91,7 @@ def goal_from_line_of_sight(
     """Compute a goal's position (NED, m) and velocity over the ground (NED, m/s) from the line of sight to the goal.
 
     Position and velocity of the aircraft are NED, m and m/s over the ground. The result is exact if the line of sight
-    has no error (theory section 7): the matrix M of the axes of the line of sight is orthonormal, so the inverse of M
-    is the transpose.
+    has no error (theory section 7).
     """
     along, across, above = _axes(sight.azimuth, sight.elevation)
     relative_rate = (
@@ -107,16 +103,12 @@ def goal_from_line_of_sight(
 
 
 class Instant(eqx.Module):
-    """Time, step and random numbers of one sample of a flight, the same for every part of the closed loop.
-
-    `number` counts the samples from 0, `step` is the sampling period (s); `randomness` is the source of this aircraft's
-    random numbers, None in a flight without a seed.
-    """
+    """Time, step and random numbers of one sample of a flight, the same for every part of the closed loop."""
 
     environment: Environment
-    number: Integer
-    step: Scalar
-    randomness: AbstractRandomness | None = None
+    number: Integer  #: Number of the sample, from 0.
+    step: Scalar  #: Sampling period, s.
+    randomness: AbstractRandomness | None = None  #: Random numbers of this aircraft; None if the flight has no seed.
 
     @property
     def time(self) -> Scalar:
@@ -127,8 +119,8 @@ class Instant(eqx.Module):
         """Return standard normal random numbers for a part of one aircraft at this sample, shape (count,).
 
         The numbers depend only on (seed, flight, aircraft, part, sample). `part` is a constant of
-        `anser.numerics.randomness`, or a user's number from 100 on; `once` draws the numbers of the initialization
-        instead of this sample's. Raises ValueError if the flight has no seed.
+        `anser.numerics.randomness`, or a user's number >= 100. If `once` is True, the numbers are for the
+        initialization, not for this sample. Raises ValueError if the flight has no seed.
         """
         numbers = self._source().normals(part, INITIAL_SAMPLE if once else self.number, count)
         return numbers.astype(self.step.dtype)
@@ -136,7 +128,7 @@ class Instant(eqx.Module):
     def uniforms(self, part: int, count: int, *, once: bool = False) -> Array:
         """Return random numbers uniform in (0, 1) for a part of one aircraft at this sample, shape (count,).
 
-        Arguments and errors are those of `normals`.
+        Arguments and errors: see `normals`.
         """
         numbers = self._source().uniforms(part, INITIAL_SAMPLE if once else self.number, count)
         return numbers.astype(self.step.dtype)
@@ -155,16 +147,12 @@ class GoalState(eqx.Module):
 
 
 class Truth(eqx.Module):
-    """True state of one aircraft and its goal at one instant.
-
-    `condition` has air data, forces and moments in this state, gusts included; `disturbance` has the gusts and the loss
-    of thrust.
-    """
+    """True state of one aircraft and its goal at one instant."""
 
     airframe: AbstractAirframe
     state: AircraftState
     condition: AirDataAndForces  #: Air data, forces and moments in the true state, gusts included.
-    goal: GoalState | None  #: Motion of the goal; None for an aircraft without a goal.
+    goal: GoalState | None  #: Motion of the goal; None if the aircraft has no goal.
     #: Whether the goal sensor works; false after its loss.
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
     #: Gusts in addition to the mean wind, and loss of thrust.
@@ -172,18 +160,13 @@ class Truth(eqx.Module):
 
 
 class GoalReading(eqx.Module):
-    """Measurement of a goal by a sensor with errors at one sample, or an empty reading.
-
-    For the `kind` "sight", `values` are range (m), azimuth and elevation (rad), and their rates; for "report", position
-    (m) and velocity (m/s) of the goal, NED. `sigmas` are the standard deviations of their errors. In an empty reading
-    no value is `measured`. `number` is the sample of the measurement, which may be earlier than that of the reading.
-    """
+    """Measurement of a goal by a sensor with errors at one sample, or an empty reading."""
 
     #: Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three; or the
     #: goal's report: position (NED, m) and velocity (NED, m/s) in the Earth's chart.
     values: Float[Array, "6"]
     sigmas: Float[Array, "6"]  #: Standard deviations of the errors, in the units of `values`.
-    measured: Bool[Array, "6"]  #: Flags of the measured components; all false at a sample without a measurement.
+    measured: Bool[Array, "6"]  #: Flags of the measured components; all False in an empty reading.
     #: Number of the sample at which the measurement was made; the reading may arrive at a later sample.
     number: Integer
     #: "sight": the values are a line of sight; "report": the values are the goal's reported motion.
@@ -193,7 +176,7 @@ class GoalReading(eqx.Module):
 class Fix(eqx.Module):
     """Position (m, in the Earth's chart) and velocity over the ground (m/s), NED, from satellite navigation.
 
-    Between two fixes, `is_new` is false, and position and velocity are those of the earlier fix.
+    Between two fixes, `is_new` is False, and position and velocity are unchanged.
     """
 
     position_n: Vector3
@@ -204,16 +187,15 @@ class Fix(eqx.Module):
 class Reading(eqx.Module):
     """All measurements of one aircraft at one instant; the input of its estimator.
 
-    A measurement that the aircraft's sensors do not make is None: `sight` is from an ideal goal sensor, `goal` from one
-    with errors; `fix` is from satellite navigation, `velocity_air_b` from pitot tube and vanes.
+    A measurement that the aircraft's sensors do not make is None.
     """
 
     state: AircraftState  #: Measured state of the aircraft.
-    #: Ideal sensors: air data, forces and moments of the true airframe in `state`. Sensors with errors: those of the
-    #: true state; an estimator for such sensors recomputes them at its estimated state, from `air_data` or the wind.
+    #: Air data, forces and moments of the true airframe in the true state. An estimator for sensors with errors
+    #: computes these values for its estimated state, from `air_data` or the wind.
     condition: AirDataAndForces
     specific_force_b: Vector3  #: Specific force at the centre of gravity, body axes, m/s^2.
-    #: Exact line of sight to the goal with all rates, at every sample; None without a goal, or if the goal sensor has
+    #: Exact line of sight to the goal, at every sample; None if the aircraft has no goal, or if the goal sensor has
     #: errors (see `goal`).
     sight: LineOfSight | None
     goal: GoalReading | None = None  #: Measurement of a goal sensor with errors; None for an ideal sensor.
@@ -224,10 +206,7 @@ class Reading(eqx.Module):
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
 
     def air_data(self, environment: Environment) -> AirData:
-        """Return the measured air data, gusts included.
-
-        Density and speed of sound are exact, for the true altitude: static pressure and temperature have no error.
-        """
+        """Return the measured air data, gusts included; density and speed of sound are exact."""
         data = self.condition.air_data
         if self.velocity_air_b is None:
             return data
@@ -235,23 +214,19 @@ class Reading(eqx.Module):
 
 
 class Belief(eqx.Module):
-    """An aircraft's own estimate of its state and its goal's: the only input of guidance and controller.
+    """An aircraft's own estimate of its state and of its goal: the only input of guidance and controller."""
 
-    `airframe` is the airframe as the aircraft knows it, `condition` has air data, forces and moments of this airframe
-    at the estimated `state`. `sight` and `goal` are None without a goal.
-    """
-
-    #: The airframe as the aircraft knows it, and its air data, forces and moments at the estimated state.
+    #: The airframe as the aircraft knows it, and air data, forces and moments of this airframe at the estimated state.
     airframe: AbstractAirframe
     state: AircraftState
     condition: AirDataAndForces
     specific_force_b: Vector3  #: Measured specific force, body axes, m/s^2.
-    #: Line of sight to the goal, measured or estimated, and estimated motion of the goal; None without a goal.
+    #: Line of sight to the goal, measured or estimated, and estimated motion of the goal; None if no goal exists.
     sight: LineOfSight | None
     goal: GoalState | None
-    #: Uncertainty of the estimated positions of aircraft and goal; None if both are exact.
+    #: Uncertainty of the estimated positions of aircraft and goal; None if they are exact.
     uncertainty: "Uncertainty | None" = None
-    estimates: "AbstractEstimates | None" = None  #: Estimates of an adaptive estimator; None without adaptation.
+    estimates: "AbstractEstimates | None" = None  #: Estimates of an adaptive estimator; None if not adaptive.
 
 
 class AbstractEstimates(eqx.Module):
@@ -268,37 +243,26 @@ class AbstractEstimates(eqx.Module):
 
 
 class Uncertainty(eqx.Module):
-    """Uncertainty of an aircraft's estimated position and of the estimated motion of its goal.
+    """Uncertainty of an aircraft's estimated position and of the estimated motion of its goal."""
 
-    `position_covariance` is that of the aircraft, NED, m^2, `goal_covariance` that of the goal's position and velocity,
-    NED, m and m/s. `nis` is the normalised innovation squared of the goal's last measurement, divided by its dimension
-    (1 on average); `goal_status` is `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
-    """
-
-    position_covariance: Matrix33
-    # covariance of the goal's position and velocity, NED, m and m/s; for lines of sight it includes the uncertainty of
-    # the aircraft's position
+    position_covariance: Matrix33  # covariance of the aircraft's position, NED, m^2
+    # covariance of the goal's position and velocity, NED, m and m/s; for lines of sight, the covariance includes the
+    # uncertainty of the aircraft's position
     goal_covariance: Float[Array, "6 6"]
     goal_is_measured: Flag  # whether a measurement of the goal arrived at this sample
+    # normalised innovation squared of the goal's last measurement, divided by the dimension; 1 on average
     nis: Scalar
-    goal_status: Integer
+    goal_status: Integer  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
 
 
 GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)
 
 
 class AbstractSensors(AbstractPart):
-    """Interface of the complete set of sensors of one aircraft. Subclass this class directly, not a concrete set.
-
-    A single sensor has no interface: the sensors in `anser.sensing` are parts of `NoisySensors`, the set of sensors
-    with errors.
-    """
+    """Interface of the complete set of sensors of one aircraft. Subclass this class directly, not a concrete set."""
 
     def init(self, truth: Truth, instant: Instant) -> Any:
-        """Return the sensors' state before the first sample, as after a long time in the present flight condition.
-
-        By default None, for sensors without state.
-        """
+        """Return the sensors' state after a long time in the present flight condition; by default None (no state)."""
         return None
 
     @abc.abstractmethod
@@ -310,7 +274,7 @@ class AbstractEstimator(AbstractPart):
     """Interface of the estimator of one aircraft. Subclass this class directly, not a concrete estimator."""
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> Any:
-        """Return the estimator's state before the first sample; by default None, for an estimator without state."""
+        """Return the estimator's state before the first sample; by default None (no state)."""
         return None
 
     @abc.abstractmethod

@@ -1,8 +1,4 @@
-"""Interface of planners, and their inputs and outputs.
-
-Inputs are a report of every aircraft, which contains its rendezvous, and the aircraft's performance; the output is a
-plan for every aircraft.
-"""
+"""Interface of planners: from reports and performance of all aircraft to a plan for every aircraft."""
 
 import abc
 from collections.abc import Iterator
@@ -25,17 +21,13 @@ from anser.spatial.vectors import norm, safe_sqrt, unit_vector
 
 
 class Rendezvous(eqx.Module):
-    """Rendezvous point relative to the goal (`stand_off_n`, NED, m), and the prescribed directions of arrival.
-
-    `course` and `path_angle` are over the ground, rad, and count only if their flag is set. All values are arrays, so a
-    change of the numbers needs no new compilation.
-    """
+    """Rendezvous point relative to the goal, and the prescribed directions of arrival."""
 
     stand_off_n: Vector3  #: Position of the point relative to the goal, NED, m; (0, 0, -300) is 300 m above the goal.
     course: Scalar  #: Prescribed course over the ground at arrival, rad.
-    course_prescribed: Flag  #: Whether `course` is prescribed; otherwise free.
+    course_prescribed: Flag  #: Whether `course` is prescribed; False: free.
     path_angle: Scalar  #: Prescribed path angle over the ground at arrival, up positive, rad.
-    path_angle_prescribed: Flag  #: Whether `path_angle` is prescribed; otherwise free.
+    path_angle_prescribed: Flag  #: Whether `path_angle` is prescribed; False: free.
 
 
 def make_rendezvous(
@@ -43,7 +35,7 @@ def make_rendezvous(
 ) -> Rendezvous:
     """Build a rendezvous at `stand_off_n` (NED, m) from the goal.
 
-    Course and path angle over the ground at arrival (rad) are prescribed unless None.
+    Course and path angle over the ground at arrival (rad) are free if None.
     """
     return Rendezvous(
         stand_off_n,
@@ -64,8 +56,8 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
 
     Returns
     -------
-    Time to go (s), and whether the aircraft can meet the point. Without a meeting, because the point outruns the
-    aircraft, the time is a finite placeholder: the range divided by the sum of both speeds.
+    Time to go (s), and whether the aircraft can meet the point. If the point outruns the aircraft, the time is a
+    finite placeholder: range / (sum of both speeds).
 
     Notes
     -----
@@ -95,16 +87,16 @@ def final_air_velocity(
     ----------
     line_n
         Vector from start to rendezvous in the frame of the moving air, NED, m: the direction of arrival if none is
-        prescribed. If only course or path angle is prescribed, the other follows from this direction seen from the
-        ground.
+        prescribed. If only course or path angle is prescribed, this direction, seen from the ground, gives the other
+        angle.
     speed, wind_n
         Airspeed at arrival, m/s, and steady wind, NED, m/s.
 
     Returns
     -------
-    Velocity relative to the air, and whether the prescribed direction over the ground can be flown (true without a
-    prescribed direction): with the unit vector d of the direction, a ground speed g > 0 solves |g d - wind| = `speed`.
-    Without a solution, or without a prescribed direction, the velocity is along `line_n`.
+    Velocity relative to the air, and whether the prescribed direction over the ground can be flown (True if no
+    direction is prescribed). A direction with the unit vector d can be flown if a ground speed g > 0 solves
+    |g d - wind| = `speed`. If no direction is prescribed or can be flown, the velocity is along `line_n`.
     """
     straight_velocity = jnp.asarray(speed) * unit_vector(line_n, jnp.array([1.0, 0.0, 0.0]))
     straight_path = polar(straight_velocity + wind_n, jnp.zeros(3))
@@ -120,24 +112,22 @@ def final_air_velocity(
     return jnp.where(prescribed & attainable, ground_speed * along - wind_n, straight_velocity), attainable
 
 
-_LEAST = 0.05  # relative to the deceleration at the start: a minimum that is always available
+_LEAST = 0.05  # least deceleration, as a ratio to the deceleration at the start
 
 
 class IdleDeceleration(eqx.Module):
-    """Deceleration with idle thrust, (drag - thrust) / mass, in level flight, as a table over airspeed.
+    """Deceleration with idle thrust, (drag - thrust) / mass, as a table over airspeed; stacked for a fleet.
 
-    The values are ratios to the deceleration at the start (`Performance.deceleration`). Between the airspeeds of the
-    table they are linear, beyond them constant. `by_lift` is the part of `level` that is due to lift, which is
-    proportional to the square of the load factor. Each method takes one airspeed (m/s) and load factor, or arrays of
-    equal length. Stacked for a fleet.
+    The values are ratios to the deceleration at the start (`Performance.deceleration`), linear between the airspeeds of
+    the table and constant beyond. The methods take one airspeed (m/s) and load factor, or arrays of equal length.
     """
 
     speeds: Float[Array, "*aircraft entries"]  # airspeeds of the table, rising, m/s
     level: Float[Array, "*aircraft entries"]  # relative deceleration in level flight (load factor 1) at each airspeed
-    by_lift: Float[Array, "*aircraft entries"]
+    by_lift: Float[Array, "*aircraft entries"]  # part of `level` due to lift, proportional to (load factor)^2
 
     def share(self, speed: Any, load_factor: Any) -> Any:
-        """Return the deceleration at an airspeed (m/s) over that at the start; at least `_LEAST`.
+        """Return the deceleration at an airspeed (m/s) as a ratio to the deceleration at the start; at least `_LEAST`.
 
         A load factor below 1 reduces the drag due to lift; a load factor above 1 has no effect here, see `rise`.
         """
@@ -150,9 +140,9 @@ class IdleDeceleration(eqx.Module):
         return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """Return the increase of the deceleration by a load factor above 1, over the deceleration at the start.
+        """Return the additional deceleration due to a load factor above 1, as a ratio to the deceleration at the start.
 
-        The result is 0 for a load factor up to 1. `speed` is the airspeed, m/s.
+        The result is 0 for a load factor up to 1.
         """
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
@@ -180,7 +170,7 @@ class IdleDeceleration(eqx.Module):
         return entries[..., 0] + array_module.sum(parts * (entries[..., 1:] - entries[..., :-1]), axis=-1)
 
     def _maximum(self, array_module: ModuleType, entries: Any, slow: Any, fast: Any) -> Any:
-        """Return the maximum of tabulated values between two airspeeds (m/s), both bounds included."""
+        """Return the maximum of tabulated values in the closed interval between two airspeeds (m/s)."""
         speeds = _expand_entries(slow, self.speeds)
         inside = (speeds > array_module.expand_dims(slow, -1)) & (speeds < array_module.expand_dims(fast, -1))
         endpoint_maximum = array_module.maximum(
@@ -192,7 +182,7 @@ class IdleDeceleration(eqx.Module):
 
 
 def _expand_entries(values: Any, entries: Any) -> Any:
-    """Give table entries leading axes of length 1, so that they broadcast along a new last axis of `values`."""
+    """Return table entries with leading axes of length 1, which broadcast along a new last axis of `values`."""
     return entries.reshape((1,) * np.ndim(values) + entries.shape)
 
 
@@ -214,7 +204,7 @@ class AircraftReport(eqx.Module):
     active: Flag
     #: Whether the aircraft has left the fleet and flies its exit path, which the other aircraft should avoid.
     has_left: Flag
-    #: Covariance of the goal's position and velocity, NED, m and m/s; None if both are exact.
+    #: Covariance of the goal's position and velocity, NED, m and m/s; None if they are exact.
     goal_covariance: Float[Array, "*aircraft 6 6"] | None = None
 
     def rendezvous_n(self, duration: ScalarLike) -> Vector3:
@@ -223,43 +213,29 @@ class AircraftReport(eqx.Module):
 
 
 class Performance(eqx.Module):
-    """Greatest acceleration and deceleration along the path of one aircraft; stacked for a fleet.
+    """Greatest acceleration and deceleration along the path of one aircraft; stacked for a fleet."""
 
-    `acceleration` (full thrust) and `deceleration` (idle thrust), m/s^2, are those in level flight at the airspeed of
-    the start. `idle` is the deceleration with idle thrust at other airspeeds and load factors, as a ratio to
-    `deceleration`, or to `ACCELERATION_FLOOR` of `anser.steady.performance` if this is greater.
-    """
-
-    deceleration: Float[Array, "..."]
-    acceleration: Float[Array, "..."]
+    deceleration: Float[Array, "..."]  #: Idle thrust, level flight at the airspeed of the start, m/s^2.
+    acceleration: Float[Array, "..."]  #: Full thrust, level flight at the airspeed of the start, m/s^2.
+    #: Deceleration at other airspeeds and load factors, as a ratio to the greater of `deceleration` and
+    #: `ACCELERATION_FLOOR` of `anser.steady.performance`.
     idle: IdleDeceleration
 
 
 class NetworkView(eqx.Module):
-    """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet.
+    """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet."""
 
-    The aircraft flies along its path by a clock: `lag` is true time minus clock, s, `rate` is the rate of the clock (1:
-    as fast as time). `hears` flags the aircraft of which a message arrived at the last exchange; `offers` tells whether
-    the aircraft offers the fleet a new path.
-    """
-
-    lag: Scalar
-    rate: Scalar
-    hears: Bool[Array, " aircraft"]
-    offers: Flag
+    lag: Scalar  #: True time minus the clock by which the aircraft flies along its path, s.
+    rate: Scalar  #: Rate of the clock; 1: as fast as time.
+    hears: Bool[Array, " aircraft"]  #: True for each aircraft of which a message arrived at the last exchange.
+    offers: Flag  #: Whether the aircraft offers the fleet a new path.
 
 
 _GOAL_OUTRUNS = 1  # status `GOAL_OUTRUNS` of `anser.planning.published.coordination`, a room that imports this module
 
 
 class AircraftPlan(eqx.Module):
-    """Plan of one aircraft for the closed loop, stacked for a fleet: path, arrival time (s), hold and status.
-
-    `status` is 0 for success; `replanning` is the origin of the plan, a code from `FIRST_PLAN` on of
-    `anser.planning.certified.replanning`. `hold` is the planned motion after the arrival; None: the hold of the
-    aircraft's mission. The rest is for the record, apart from `hold_reach`, the greatest distance (m) by which the hold
-    moves with its goal.
-    """
+    """Plan of one aircraft, stacked for a fleet: path, arrival time, hold (motion after the arrival) and status."""
 
     trajectory: AbstractReference  #: Planned motion up to the arrival, which the guidance follows.
     arrival_time: Scalar  #: Time of arrival at the rendezvous, s.
@@ -268,14 +244,13 @@ class AircraftPlan(eqx.Module):
     length: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))  #: Length of the path, m.
     #: Lateral bend of a path of the published planner, m; NaN for paths of other planners.
     lateral_bend: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))
-    #: Origin of the plan (first plan, corrected, new plan, ...): a code of `anser.planning.certified.replanning`, from
-    #: `FIRST_PLAN` on.
+    #: Origin of the plan: a code of `anser.planning.certified.replanning`, such as `FIRST_PLAN`.
     replanning: Integer = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     hold: Any = None  #: Planned motion after the arrival; None: the hold of the aircraft's mission.
-    #: Greatest distance by which the hold moves with a goal that deviates from its prediction, m; None: a hold follows
-    #: small deviations without limit, and is not flown after larger ones (see `hold_reference`).
+    #: Greatest distance by which the hold moves with a goal that deviates from its prediction, m. None: no such limit;
+    #: the hold follows small deviations, and is not flown after large deviations (see `hold_reference`).
     hold_reach: Scalar | None = None
-    network: NetworkView | None = None  #: Clock and message data in a decentralised fleet; otherwise None.
+    network: NetworkView | None = None  #: Clock and message data; None if the fleet is not decentralised.
 
     @classmethod
     def straight(
@@ -288,9 +263,9 @@ class AircraftPlan(eqx.Module):
         reports
             Stacked reports at `time` (s).
         arrival_time
-            Common time of arrival, s, whatever airspeed it needs; None: the earliest time at which every active
-            aircraft can arrive at its airspeed. An aircraft that its goal outruns has the status of this message, and
-            the others do not wait for it.
+            Common time of arrival, s; the required airspeeds are not checked. None: the earliest time at which every
+            active aircraft can arrive at its airspeed, except aircraft that the goal outruns; the status of these is
+            `GOAL_OUTRUNS` of `anser.planning.published.coordination`.
         """
 
         def meeting(report: AircraftReport) -> tuple[Scalar, Flag]:
@@ -315,12 +290,10 @@ class AircraftPlan(eqx.Module):
 class AbstractPlanner(AbstractPart):
     """Interface of the planner of a fleet. Subclass this class directly, not a concrete planner.
 
-    The planner state (`planner_state`) is a pytree of arrays. `anser.simulation.flight` calls `plans` and `observe` at
-    every step and `replan` at the replanning times, in compiled code: these methods must return the same structure,
-    shapes and dtypes each time. For a new plan that needs too much computation for compiled steps, `replan_needed`
-    returns true, and `replan_between_steps` makes the plan.
-
-    Inactive aircraft are masked: they get no plan and do not constrain the others.
+    The planner state (`planner_state`) is a pytree of arrays. Compiled code calls `plans` and `observe` at every step
+    and `replan` at the replanning times; these methods must return the same structure, shapes and dtypes each time. If
+    a new plan needs too much computation for compiled steps, `replan_needed` returns True, and `replan_between_steps`
+    makes the plan. An inactive aircraft gets no plan and does not constrain the fleet.
     """
 
     #: Whether most flights with random numbers (sensor errors, gusts) need a new plan from `replan_between_steps`.
@@ -336,17 +309,14 @@ class AbstractPlanner(AbstractPart):
         """
 
     def initial_state(self, plan_state: Any, randomness: AbstractRandomness | None) -> Any:
-        """Return the planner state at time 0 for a first plan `plan_state` that was made before the flight.
-
-        By default, `plan_state` is the planner state.
-        """
+        """Return the planner state at time 0 for a first plan made before the flight; by default `plan_state`."""
         return plan_state
 
     def replan_needed(self, planner_state: Any) -> Flag:
-        """Whether the fleet needs a new plan that `replan` cannot make; must stay true until the plan is made.
+        """Whether the fleet needs a new plan that `replan` cannot make; must stay True until the plan is made.
 
         The flight then returns to the sample at which the need arose, and `replan_between_steps` makes the plan. By
-        default never.
+        default False.
         """
         return as_array(False, bool)
 
@@ -366,14 +336,14 @@ class AbstractPlanner(AbstractPart):
     def prepare_replanning(self, planner_state: Any, reports: AircraftReport) -> Iterator[PreparedProgram]:
         """Yield the compiled programs of `replan_between_steps`, for the shapes of its arguments; by default none.
 
-        With `searches_often`, the programs are compiled at the same time as the steps of a flight with random numbers.
+        If `searches_often` is True, the programs are compiled together with the steps of a flight with random numbers.
         """
         return iter(())
 
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
         """Correct the plan from the stacked reports at `time` (s), or make a new plan; return the new planner state.
 
-        By default the plan stays as it is.
+        By default the plan is unchanged.
         """
         return planner_state
 
@@ -387,15 +357,15 @@ class AbstractPlanner(AbstractPart):
     ) -> Any:
         """Return the planner state after one step of flight, whether or not a plan was made; by default unchanged.
 
-        Reports and sample number are those at the start of the step; `step` is the sampling period, s; `randomness` is
-        None in a flight without a seed.
+        `reports` and `number` (of the sample) are for the start of the step; `step` is the sampling period, s.
+        `randomness` is None in a flight without a seed.
         """
         return planner_state
 
     def plans(self, planner_state: Any) -> AircraftPlan:
         """Return the plan in force of every aircraft, stacked; leading axis aircraft.
 
-        By default the planner state is an `AircraftPlan`; numbers that are common to the aircraft are repeated.
+        By default the planner state must be an `AircraftPlan`; numbers that are common to the aircraft are repeated.
         """
         count = planner_state.arrival_time.shape[:1]
         return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, count) if jnp.ndim(leaf) == 0 else leaf, planner_state)

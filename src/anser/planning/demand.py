@@ -1,7 +1,7 @@
-"""What a motion requires of an aircraft in coordinated flight: airspeed, bank angle, and forces per mass.
+"""Motion of an aircraft in coordinated flight: required airspeed, bank angle, and forces per mass.
 
-Coordinated means without side force in body axes. These functions evaluate single points of a path; the certificate
-bounds the same quantities between the knots, see `anser.planning.certified.path_bounds`.
+Coordinated means that there is no side force in body axes. The functions evaluate single points of a path;
+`anser.planning.certified.path_bounds` bounds the same quantities between the knots.
 """
 
 import equinox as eqx
@@ -16,16 +16,12 @@ _SPEED_MIN = 1e-6  # m/s: keeps results finite in vertical flight
 
 
 class Demand(eqx.Module):
-    """Airspeed (m/s), and the specific force that a motion requires: forces of wings and engine minus drag, per mass.
+    """Airspeed, and specific force that a motion requires: forces of wings and engine minus drag, per mass, m/s^2."""
 
-    Components in m/s^2: `side`, horizontal and normal to the velocity, right positive; `lift`, normal to the velocity
-    and to `side`, up positive; `along` the velocity, V_dot + g sin(gamma).
-    """
-
-    speed: Scalar
-    side: Scalar
-    lift: Scalar
-    along: Scalar
+    speed: Scalar  #: Airspeed, m/s.
+    side: Scalar  #: Horizontal component normal to the velocity, right positive, m/s^2.
+    lift: Scalar  #: Component normal to the velocity and to `side`, up positive, m/s^2.
+    along: Scalar  #: Component along the velocity, V_dot + g sin(gamma), m/s^2.
 
     @property
     def bank(self) -> Scalar:
@@ -53,10 +49,8 @@ class Demand(eqx.Module):
         """Return the excess of the required forces over three limits, m/s^2; negative within a limit.
 
         1. Bank angle: abs(side) - lift * bank; the argument `bank` is the tangent of the greatest bank angle.
-        2. Force normal to the velocity: the larger of `smooth_normal` - normal and lift_min - lift.
-        3. Force along the velocity: the larger of along - acceleration and -along - deceleration.
-
-        The other arguments are limits in m/s^2.
+        2. Force normal to the velocity: the larger of `smooth_normal` - normal and lift_min - lift; arguments in m/s^2.
+        3. Force along the velocity: the larger of along - acceleration and -along - deceleration; arguments in m/s^2.
         """
         return (
             jnp.abs(self.side) - self.lift * bank,
@@ -74,7 +68,7 @@ def coordinated_demand(
     forward: Scalar,
     up: Scalar,  # vertical acceleration plus gravity, m/s^2
 ) -> Demand:
-    """Compute airspeed and specific force (`Demand`) of a motion that is resolved along and across its course."""
+    """Compute airspeed and specific force (`Demand`) of a motion from components along and across the course."""
     speed = jnp.sqrt(level**2 + climb**2)
     return Demand(speed, side, (level * up - climb * forward) / speed, (level * forward + climb * up) / speed)
 
@@ -82,11 +76,10 @@ def coordinated_demand(
 def demand(
     air_velocity_n: Vector3, acceleration_n: Vector3, gravity: ScalarLike, level_min: float = _SPEED_MIN
 ) -> Demand:
-    """Compute airspeed and specific force (`Demand`) from velocity and acceleration, NED.
+    """Compute airspeed and specific force (`Demand`) from the velocity relative to the air and the acceleration, NED.
 
-    `air_velocity_n` is the velocity relative to the air, m/s, `acceleration_n` the acceleration over the ground, m/s^2.
-    The horizontal airspeed is replaced by sqrt(horizontal^2 + level_min^2), `level_min` in m/s, so that vertical flight
-    has finite derivatives.
+    The acceleration is over the ground, m/s^2. The horizontal airspeed is replaced by sqrt(horizontal^2 + level_min^2),
+    so that vertical flight has finite derivatives. All speeds in m/s.
     """
     north, east, down = air_velocity_n
     level = jnp.sqrt(north**2 + east**2 + level_min**2)
@@ -96,15 +89,15 @@ def demand(
 
 
 def normal_force_max(limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Return the load factor limit times gravity: the greatest specific force normal to the velocity, m/s^2."""
+    """Return the greatest specific force normal to the velocity, m/s^2: the load factor limit times gravity."""
     return jnp.minimum(limits.load_factor_max, _LOAD_FACTOR_UNLIMITED) * gravity
 
 
 def side_force_max(lift_min: ScalarLike, lift_max: ScalarLike, limits: PathLimits, gravity: ScalarLike) -> Scalar:
     """Return the greatest horizontal force across the velocity (`Demand.side`), m/s^2, for turns within the limits.
 
-    With this force, bank angle and load factor keep their limits for every `Demand.lift` from `lift_min` to `lift_max`,
-    m/s^2. If the limits allow no turn, the result is a small positive number.
+    Bank angle and load factor are within their limits for every `Demand.lift` from `lift_min` to `lift_max`, m/s^2. If
+    the limits allow no turn, the result is a small positive number.
     """
     by_bank = jnp.maximum(lift_min, _FORCE_MIN) * jnp.tan(limits.bank_max)
     side_square = normal_force_max(limits, gravity) ** 2 - lift_max**2

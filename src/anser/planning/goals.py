@@ -20,10 +20,7 @@ class GoalMotion(eqx.Module):
     velocity_after_n: Vector3  #: Velocity after the last waypoint, NED, m/s.
 
     def _arrays(self, time: ScalarLike) -> tuple[ModuleType, Array, Array, Array, Array]:
-        """Return the array module, the three fields as its arrays, and the velocity of each leg, (leg, axis), m/s.
-
-        The array module is NumPy for concrete values, else `jax.numpy`; a leg without duration has the velocity 0.
-        """
+        """Return the array module, the three fields, and the velocity of each leg, (leg, axis), m/s."""
         xp = namespace(self, time)
         times, positions_n, velocity_after_n = map(xp.asarray, (self.times, self.positions_n, self.velocity_after_n))
         spans, steps = times[1:] - times[:-1], positions_n[1:] - positions_n[:-1]
@@ -39,7 +36,7 @@ class GoalMotion(eqx.Module):
         return positions_n[0] + travelled + xp.maximum(time - times[-1], 0.0) * velocity_after_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Return the velocity at a time (s), NED, m/s: 0 before the first time; at a waypoint, that of the next leg."""
+        """Return the velocity at a time (s), NED, m/s: 0 before the first time; at a waypoint, of the next leg."""
         xp, times, _, velocity_after_n, leg_velocities = self._arrays(time)
         on_leg = (time >= times[:-1]) & (time < times[1:])
         on_path = xp.sum(xp.where(on_leg[:, None], leg_velocities, 0.0), axis=0)
@@ -47,10 +44,7 @@ class GoalMotion(eqx.Module):
 
 
 def straight_goal(position_n: Vector3, velocity_n: Vector3, time: ScalarLike = 0.0) -> GoalMotion:
-    """Return the motion of a goal that rests at a position (NED, m) until a time (s), then has a constant velocity.
-
-    `velocity_n` is NED, m/s.
-    """
+    """Return the motion of a goal at rest at `position_n` (NED, m) until `time` (s), then at `velocity_n` (m/s)."""
     xp = namespace(position_n, time)
     return GoalMotion(as_array(xp.asarray(time)[None]), as_array(xp.asarray(position_n)[None]), velocity_n)
 
@@ -86,10 +80,7 @@ def waypoint_goal(
 
 
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
-    """Repeat the last waypoint of a goal up to `count` waypoints, so that goals can be stacked.
-
-    Raises ValueError if the goal has more than `count` waypoints.
-    """
+    """Repeat the last waypoint of a goal up to `count` waypoints; raise ValueError if the goal has more waypoints."""
     missing = count - goal.times.shape[0]
     if missing < 0:
         raise ValueError(f"the goal has {goal.times.shape[0]} waypoints, more than the {count} to pad it to")

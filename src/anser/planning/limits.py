@@ -17,10 +17,9 @@ _ALTITUDE_RELAXATION_M = 1000.0  # change of an altitude limit where other limit
 
 
 class PathLimits(eqx.Module):
-    """Flight limits of a planned path of one aircraft, SI units and rad; stacked, of a fleet.
+    """Flight limits of a planned path of one aircraft (stacked: of a fleet), SI units and rad.
 
-    `acceleration_max` and `deceleration_max` (positive) limit V_dot + g sin(gamma). With `idle`, the deceleration limit
-    is that at the start airspeed, and changes with airspeed and load factor. Infinite, or None: no limit.
+    Infinite or None means that there is no limit.
     """
 
     speed_min: Scalar  #: Least airspeed, m/s.
@@ -31,21 +30,21 @@ class PathLimits(eqx.Module):
     altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))  #: Greatest altitude, m.
     #: Greatest load factor, 1 in level flight.
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    #: Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag per mass; with `idle`, up to load factor 1.
+    #: Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag, per mass. If `idle` is given: at load factor 1.
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    #: Greatest deceleration with idle engine, positive, m/s^2. With `idle`, for level flight at the start airspeed.
+    #: Greatest -(V_dot + g sin(gamma)), m/s^2: engine idle. If `idle` is given: level flight at the start airspeed.
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    #: How the deceleration with idle engine changes with airspeed and load factor; None: it is constant.
+    #: Change of the deceleration with idle engine over airspeed and load factor; None: the deceleration is constant.
     idle: IdleDeceleration | None = None
     #: Greatest bank rate, rad/s: the planner keeps this limit, but the certificate does not prove it. None: no limit.
     bank_rate_max: Scalar | None = None
-    #: Least load factor in a push-over: `Demand.lift` over weight.
+    #: Least load factor in a push-over: `Demand.lift` / gravity.
     load_factor_min: Scalar = eqx.field(default_factory=lambda: as_array(-np.inf))
 
     def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
-        """Return the greatest acceleration and deceleration along the path at an airspeed (m/s) and a load factor.
+        """Return the greatest acceleration and deceleration, m/s^2, at an airspeed (m/s) and a load factor.
 
-        Both limit V_dot + g sin(gamma), m/s^2; the deceleration is returned as a positive number.
+        Both are limits of V_dot + g sin(gamma); the deceleration is positive.
         """
         if self.idle is None:
             return self.acceleration_max, self.deceleration_max
@@ -59,7 +58,7 @@ def acceleration_limits(limits: PathLimits) -> tuple[Scalar, Scalar]:
 
 
 def reduced_limit(limit: ScalarLike, share: ScalarLike) -> Scalar:
-    """Return an upper limit reduced to `share` (0..1) of its size; a negative limit is lowered by as much."""
+    """Return an upper limit lowered by (1 - `share`) of its magnitude; `share` is in 0..1."""
     return limit * jnp.where(jnp.asarray(limit) < 0.0, 2.0 - share, share)
 
 
@@ -79,22 +78,16 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limit:
-    """Catalogue entry of one limit of a path: the least or greatest value of a flight quantity that is bounded.
+    """Catalogue entry of a path limit: bound of the least or greatest value of a flight quantity along the path."""
 
-    The value of the limit is the field `field` of `PathLimits`. `key` is the name of the bounded extreme
-    ("airspeed_min"), `suffix` its unit in names ("m_s"), `variable` the bounded quantity, by its key in
-    `anser.variables`; `extreme` computes the least or greatest value along an axis. Empty `violation`: the published
-    planner does not check the limit.
-    """
-
-    key: str
-    field: str
-    suffix: str
-    variable: str
-    extreme: Callable[[np.ndarray, int], np.ndarray]
+    key: str  # name of the bounded extreme: "airspeed_min"
+    field: str  # field of `PathLimits` with the value of the limit
+    suffix: str  # unit of the extreme in names: "m_s"
+    variable: str  # key of the bounded quantity in `anser.variables`
+    extreme: Callable[[np.ndarray, int], np.ndarray]  # least or greatest value along an axis
     description: str  # description of the extreme in tables and labels
     heading: str = ""  # short column heading; empty: the description
-    violation: str = ""
+    violation: str = ""  # end of a message; empty: the published planner does not check the limit
     is_certified: bool = True  # whether the certified planner proves the limit
 
     @property
@@ -129,8 +122,9 @@ class Limit:
     ) -> Scalar:
         """Return the relative excess over the limit: (value - limit) / max(|limit|, 1); at most 0 within the limit.
 
-        The sign is reversed for a lower limit; for a bank angle (rad), tangents take the place of the angles. An
-        infinite limit is never exceeded (-1); a NaN is never within the limit.
+        For a lower limit, the numerator is limit - value. For a bank angle (rad), tangents replace the angles. The
+        excess over an infinite limit is -1. If the limit is NaN, or the value is NaN and the limit finite, the excess
+        is NaN.
         """
         if self.suffix == "deg":
             value, limit = jnp.tan(jnp.minimum(value, _BANK_LIMIT_RAD)), jnp.tan(limit)
@@ -143,8 +137,8 @@ class Limit:
     def relaxed(self, limit: Scalar, factor: ScalarLike) -> Scalar:
         """Return the limit (SI units, rad) relaxed by a factor; the factor 1 leaves the limit unchanged.
 
-        An altitude moves by 1000 m x (factor - 1); the tangent of a bank angle and any other upper limit is multiplied
-        by the factor, any other lower limit is divided.
+        An altitude limit moves by 1000 m x (factor - 1). For a bank angle, the tangent is multiplied by the factor.
+        Other upper limits are multiplied by the factor; other lower limits are divided by the factor.
         """
         if self.suffix == "m":
             change = _ALTITUDE_RELAXATION_M * (factor - 1.0)
@@ -207,7 +201,7 @@ LIMIT_MESSAGES = (
     "within all limits",
     *(f"the trajectory {limit.violation} (limits.{limit.scenario_key})" for limit in LIMITS if limit.violation),
 )
-"""Messages of `anser.planning.published.planner.check_limits`: the first without violation, then one per limit."""
+"""Messages of `anser.planning.published.planner.check_limits`: no violation, then one message per checked limit."""
 
 RELAXED_TOGETHER = {
     cause: tuple(limit for limit in CERTIFIED_LIMITS if limit.field in fields)
@@ -219,14 +213,13 @@ RELAXED_TOGETHER = {
         ("floor and ceiling", ("altitude_min", "altitude_max")),
     )
 }
-"""Possible causes of a missing plan, each with the limits that are relaxed together to test the cause."""
+"""Limits that are relaxed together to test a possible cause of a missing plan, by the name of the cause."""
 
 
 NOMINAL_BEND_M = 1.0
-"""Greatest lateral bend with which a path of the published planner is called nominal, m.
+"""Greatest lateral bend, m, of a path of the published planner that is called nominal.
 
-A bend of 1 m lengthens a path of 1 km by a few millimetres; solving for a length of 10 km to 1e-6 m leaves a bend of
-this size even for a path that needs no bend."""
+Rounding of the length leaves a bend of this size even for a path that needs no bend."""
 
 
 def describe_bend(bend_m: float) -> str:
@@ -237,5 +230,5 @@ def describe_bend(bend_m: float) -> str:
 
 
 def describe_turns(turn_sum_deg: float) -> str:
-    """Return the label of a path of the certified planner, such as "turns 83 deg", from its sum of turn angles, deg."""
+    """Return the label of a path of the certified planner from its sum of turn angles, deg, such as "turns 83 deg"."""
     return f"turns {turn_sum_deg:.0f} deg"

@@ -8,7 +8,7 @@ from anser.shapes import Scalar
 
 
 class Separation(eqx.Module):
-    """Required distances between two aircraft: either the horizontal or the vertical one must be kept."""
+    """Required distances between two aircraft: the horizontal or the vertical distance, or both, must be kept."""
 
     horizontal: Scalar  #: Horizontal distance, m; 0: no separation is required.
     vertical: Scalar  #: Vertical distance, m; 0: only the horizontal distance counts.
@@ -17,8 +17,8 @@ class Separation(eqx.Module):
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
     """Return the ratio of distance to required separation: the larger of the horizontal and the vertical ratio.
 
-    At least 1 means separated; infinite if no horizontal distance is required. `level` and `height` are the horizontal
-    and vertical distances, `horizontal` and `vertical` the required ones, m (see `Separation`); NumPy or JAX arrays.
+    The ratio is at least 1 for separated aircraft, and infinite if no horizontal distance is required. `level` and
+    `height` are the horizontal and vertical distance, m. `horizontal` and `vertical`: see `Separation`.
     """
     xp = level.__array_namespace__()
     is_required, is_vertical = horizontal > 0.0, vertical > 0.0
@@ -30,23 +30,22 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
 def keep_out_room(distance: Any, altitude: Any, radius: Any, bottom: Any, top: Any) -> Any:
     """Return the distance of a point outside an upright cylinder: the larger of horizontal and vertical distance, m.
 
-    The result is negative inside. `distance` is the horizontal distance of the point from the axis, `altitude` the
-    altitude of the point; the cylinder has the radius `radius` and extends from altitude `bottom` to `top`. All in m;
-    NumPy or JAX arrays.
+    The result is negative inside. `distance` is the horizontal distance of the point from the axis. The cylinder
+    extends from the altitude `bottom` to the altitude `top`. All arguments in m; NumPy or JAX arrays.
     """
     xp = distance.__array_namespace__()
     return xp.maximum(distance - radius, xp.maximum(bottom - altitude, altitude - top))
 
 
 def closest_fraction(
-    # first relative position and its change, (..., axis), m; NumPy or JAX arrays
+    # initial relative position and its change, (..., axis), m; NumPy or JAX arrays
     begin: Any,
     change: Any,
     square_min: float = 1e-200,  # lower bound of the squared change, m^2; keeps derivatives finite
 ) -> Any:
-    """Return the fraction, 0 to 1, at which `begin` + fraction * `change` is shortest: the closest approach.
+    """Return the fraction of the closest approach, 0 to 1, at which |begin + fraction * change| is least.
 
-    The result has the shape (...) without the last axis, and is 0 if the relative position is constant.
+    The result has the shape (...), and is 0 if the relative position is constant.
     """
     xp = begin.__array_namespace__()
     square = xp.sum(change * change, axis=-1)

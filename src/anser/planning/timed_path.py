@@ -22,9 +22,9 @@ def hermite_quintic(
     span: ScalarLike,  # time between the states, s, positive
     u: ScalarLike,  # fraction of the time, 0 to 1
 ) -> Float[Array, "3 3"]:
-    """Return position, velocity and acceleration of the quintic that joins two states, at a fraction of their time.
+    """Return position, velocity and acceleration of the quintic that joins two states, at the fraction `u`.
 
-    The result has the rows of `begin` and `end`: value, first and second derivative by time; columns are NED axes.
+    Rows of the result: value, first and second derivative by time, as in `begin` and `end`; columns: NED axes.
     """
     # Relative to the parabola from the first state: small differences keep their digits.
     parabola = begin[0] + span * begin[1] + 0.5 * span**2 * begin[2]
@@ -42,9 +42,9 @@ def hermite_quintic(
 class TimedPath(AbstractReference):
     """Planned position of one aircraft over time: piecewise quintic, twice continuously differentiable over the ground.
 
-    The path over the ground is the path through the air plus the drift of the air. Both are quintics in the cells
-    between knots, with the values, slopes and second derivatives of the knots. At a jump of the wind's rate, two knots
-    at one time may differ in the second derivatives of air path and drift, but not in the sum.
+    The position over the ground is the path through the air plus the drift of the air, both quintics between knots. At
+    a jump of the wind's rate, there are two knots at one time: the second derivatives of `air_n` and of `drift_n` may
+    differ, but not their sum.
     """
 
     #: Knot times, s, from the start to the arrival, not decreasing; two equal neighbours make an empty cell.
@@ -70,7 +70,7 @@ class TimedPath(AbstractReference):
     def _at(self, time: ScalarLike, knots: Knots, *added_knots: Knots) -> Float[Array, "3 3"]:
         """Return value, first and second derivative (rows) at a time (s) of the sum of the knot tables' quintics.
 
-        Before the first and after the last knot the quintic continues straight, with the velocity at the knot.
+        Before the first and after the last knot, the result continues straight, with the velocity at the knot.
         """
         # Not jnp.clip, whose derivative at the bounds is one half.
         clipped = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
@@ -89,10 +89,8 @@ class TimedPath(AbstractReference):
         return jnp.where(jnp.abs(outside) <= time_rounding(clipped), inside, extrapolated)
 
     def _begun_count(self, time: ScalarLike) -> Integer:
-        """Return the number of knots that are earlier than the arrival and not later than a time (s).
-
-        Knots at the arrival time are not counted, because the last cells may be empty.
-        """
+        """Return the number of knots not later than a time (s), except knots at the arrival time."""
+        # The last cells may be empty, hence knots at the arrival time do not count.
         if not is_tracing_single_kernel():
             return count_not_above(jnp.where(self.times < self.times[-1], self.times, jnp.inf), time)
 
@@ -121,7 +119,7 @@ class TimedPath(AbstractReference):
         return self._at(time, self.air_n), self._at(time, self.drift_n)
 
     def air_length(self, from_time: ScalarLike = -jnp.inf) -> Scalar:
-        """Return the three-dimensional length of the air path, m, from a time (s; -inf: the start) to the arrival."""
+        """Return the three-dimensional length of the air path, m, from `from_time` (s; -inf: start) to the arrival."""
 
         def cell_length(begin: Knots, end: Knots, start: Scalar, stop: Scalar) -> Scalar:
             span = stop - start

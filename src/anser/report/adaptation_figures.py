@@ -1,8 +1,4 @@
-"""Panels of the estimates of an adaptive autopilot over time.
-
-A panel shows an estimate, its band of two standard deviations, the true value if known, and the time of a detected
-fault.
-"""
+"""Panels of an adaptive autopilot's estimates over time, each with a band of two standard deviations."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -33,7 +29,7 @@ _MARGIN = 0.05
 
 
 def estimate_label(dataset: xr.Dataset, name: str) -> str:
-    """Return the axis label, for matplotlib, of an estimate with a name of `anser.report.estimates.ESTIMATES`."""
+    """Return the axis label of an estimate, for matplotlib; `name` must be one of `estimates.ESTIMATES`."""
     symbol = math_symbol(dataset[f"{name}_estimate"])
     if name in EFFECTIVENESS:
         return f"{name.partition('_')[0].capitalize()} effectiveness\nover the model's, {symbol}"
@@ -43,20 +39,16 @@ def estimate_label(dataset: xr.Dataset, name: str) -> str:
 def draw_band(
     axes: "Axes", time: np.ndarray, estimate: np.ndarray, sigma: np.ndarray, color: str, truth: np.ndarray | None
 ) -> None:
-    """Draw the band of an estimate over `time`, two standard deviations (`sigma`) to each side, in a colour.
-
-    The true values, `truth`, are drawn as a dashed line unless None.
-    """
+    """Draw the band `estimate` -/+ 2 `sigma` and, if `truth` is not None, the true values as a dashed line."""
     axes.fill_between(time, estimate - 2.0 * sigma, estimate + 2.0 * sigma, color=color, alpha=0.2, linewidth=0.0)
     if truth is not None:
         axes.plot(time, truth, zorder=3, **COMMAND_LINE)
 
 
 def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence[np.ndarray]) -> None:
-    """Set the range of the vertical axis, so that the lines are visible as a whole; unchanged without lines.
+    """Set the range of the vertical axis so that all `lines` are visible; an empty `lines` changes nothing.
 
-    `lines` are the values of the estimates and true values, `bands` the edges of their bands. The edges extend the
-    range beyond the lines by at most `_BAND_MAX` times the range of the lines.
+    The edges of the `bands` extend the range beyond the lines by at most `_BAND_MAX` times the range of the lines.
     """
     if not lines:
         return
@@ -70,7 +62,7 @@ def set_visible_range(axes: "Axes", lines: Sequence[np.ndarray], bands: Sequence
 
 
 def draw_fault(axes: "Axes", time: np.ndarray, codes: np.ndarray) -> None:
-    """Draw a dotted vertical line at the time of the first non-zero fault code; none without a fault."""
+    """Draw a dotted vertical line at the time of the first non-zero fault code, if any."""
     time_s = fault_time(time, codes)
     if time_s is not None:
         axes.axvline(time_s, color=LIMIT_COLOR, linestyle=":", linewidth=1.2)

@@ -34,7 +34,7 @@ _LONGITUDINAL, _LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
 
 
 def draw_airframe(dataset: xr.Dataset, path: Path) -> None:
-    """Draw coefficients, thrust and trim of a result of `anser.analysis.survey_airframe` into a new PNG, SVG or PDF."""
+    """Draw a result of `anser.analysis.survey_airframe` into a new PNG, SVG or PDF: coefficients, thrust and trim."""
     save_figure(draw_for_print(_draw_airframe, dataset), [path])
 
 
@@ -83,10 +83,7 @@ def _draw_thrust(axes: "Axes", dataset: xr.Dataset) -> None:
 def _draw_trim(
     axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, y_label: str, k: int = 0, label: str | None = None
 ) -> None:
-    """Draw `values` of level flight over airspeed: a line within the airframe's limits, dots beyond a limit.
-
-    `k` is the number of the line in the panel, for its style; `label` its name in the legend.
-    """
+    """Draw `values` of level flight over airspeed: a line, style `k`, within the airframe's limits, and dots beyond."""
     speeds, within = dataset["airspeed"].values, dataset["trimmable"].values
     line = series_style(k)
     axes.plot(speeds, np.where(within, values, np.nan), label=label, **line)
@@ -96,7 +93,7 @@ def _draw_trim(
 
 
 def draw_deep_stall(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw Cm over alpha, and trim alpha over the centre of gravity, of a deep-stall analysis into new files."""
+    """Draw a deep-stall analysis into new files: Cm over alpha, and trim alpha over the centre of gravity."""
     mpl, figure = new_figure((9.0, 4.2))
     with mpl.rc_context(PRINT_STYLE):
         moment_axes, trim_axes = figure.subplots(1, 2)
@@ -140,9 +137,7 @@ _UNCOMMANDED_CHANNELS = {
 _ENGINE = (("throttle",), ("power_percent",))
 
 _TRANSIENT_S = 15.0
-"""Time after which the fast responses are over, s: the panels below the first row show no longer time.
-
-A test of at most twice this duration is shown whole."""
+"""Time at which the panels below the first row end, s; a test of at most twice this duration is shown whole."""
 
 _SHARED_LABELS = {"degree": "Angle (°)", "degree s-1": "Rate (°/s)"}
 """Axis labels of panels with several variables, by unit."""
@@ -155,10 +150,7 @@ _LINE_LENGTH = 22
 
 
 def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw a flight of `anser.analysis.fly_steps` into new files: commanded channels of the loop, states, and controls.
-
-    Raises FileExistsError if one of the files exists.
-    """
+    """Draw a flight of `anser.analysis.fly_steps` into new files: commanded channels, states, and controls."""
     mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]
@@ -181,10 +173,7 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
 
 
 def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None:
-    """Draw several flights of `anser.analysis.fly_steps` into new files, a panel per flight.
-
-    The curves are the responses of the commanded channels, in % of the step.
-    """
+    """Draw the commanded channels of several step tests into new files, in % of the step; one panel per test."""
     row_count = -(-len(datasets) // 4)
     mpl, figure = new_figure((7.6, 0.7 + 1.75 * row_count))
     with mpl.rc_context(PRINT_STYLE):
@@ -243,10 +232,7 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None
 
 
 def _shade_after_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
-    """Shade the time after `read_at_s`, the end of the time for which the step's metrics hold, in all panels of `grid`.
-
-    Nothing is shaded if the test ends at `read_at_s`.
-    """
+    """Shade the time after `read_at_s`, at which the step's metrics were read, in all panels of `grid`."""
     reading_s, end = dataset.attrs["read_at_s"], float(dataset["time"].values[-1])
     if end - reading_s < 0.5 * (dataset["time"].values[1] - dataset["time"].values[0]):
         return
@@ -261,10 +247,7 @@ def _lead(dataset: xr.Dataset, end: float | None = None) -> float:
 
 
 def _with_lead(dataset: xr.Dataset, values: np.ndarray, initial_value: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return time (s) and values of a variable, extended to the time before the step.
-
-    Two points with `initial_value` precede the values: at a time before the step, which is at time 0, and at time 0.
-    """
+    """Return time (s) and `values` of a step response, preceded by a line at `initial_value` that ends at time 0."""
     time = dataset["time"].values
     return np.concatenate([[-_lead(dataset), 0.0], time]), np.concatenate([[initial_value, initial_value], values])
 
@@ -306,7 +289,7 @@ _COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha
 
 
 def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> None:
-    """Draw path, errors and commands of a flight's first aircraft up to the planned arrival into new files."""
+    """Draw path, errors and commands of a flight's first aircraft into new files, up to the planned arrival."""
     mpl, figure = new_figure((7.6, 6.2))
     approach = dataset.isel(aircraft=0)
     approach = approach.sel(time=approach["time"] <= float(approach["arrival_time_s"].values[0]))

@@ -37,8 +37,8 @@ _TITLE_MAX = 110
 def aircraft_flight_figure(dataset: xr.Dataset) -> "Figure":
     """Return the figure of one aircraft's flight: motion, surfaces, engine, and the estimates of an adaptive autopilot.
 
-    Estimates have a band of two standard deviations, the control effectiveness also a dashed line of the true values; a
-    dotted line marks the time at which the autopilot detected a fault.
+    Each estimate has a band of two standard deviations. True control effectiveness is dashed. A dotted line marks the
+    time at which the autopilot detected a fault.
     """
     return draw_for_print(_draw_flight, dataset)
 
@@ -111,10 +111,9 @@ def _title(dataset: xr.Dataset) -> str:
 def write_aircraft_report(
     dataset: xr.Dataset, path: Path, figure: "Figure | None" = None, *, overwrite: bool = False
 ) -> None:
-    """Write the HTML page of one aircraft's flight: figure, conditions, first, last, least and greatest values.
+    """Write the HTML page of one aircraft's flight; if `figure` is None, the figure is drawn from `dataset`.
 
-    `figure` is the result of `aircraft_flight_figure`; None: drawn here. Raises FileExistsError if `path` exists and
-    `overwrite` is False.
+    Raises FileExistsError if `path` exists and `overwrite` is False.
     """
     rows = [
         {

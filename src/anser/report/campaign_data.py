@@ -21,22 +21,18 @@ def json_numbers(values: np.ndarray) -> list[float | None]:
 
 @dataclass(frozen=True)
 class SeriesBands:
-    """Quantiles of one variable over the flights of a campaign, for each of `aircraft` (names) at each of `times_s`, s.
-
-    `quantiles` are the 5, 50 and 95 % quantiles, shape (3, aircraft, times), in `unit`; NaN if no flight has a finite
-    value. Of many flights, times or aircraft, only a selection is included.
-    """
+    """Quantiles of one variable over the flights of a campaign; a selection if flights, times or aircraft are many."""
 
     name: str
     long_name: str
-    unit: str
+    unit: str  # of the quantiles
     times_s: np.ndarray
-    aircraft: tuple[str, ...]
-    quantiles: np.ndarray
+    aircraft: tuple[str, ...]  # names
+    quantiles: np.ndarray  # 5, 50 and 95 % quantiles; shape (3, aircraft, times); NaN if no flight has a finite value
 
 
 def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
-    """Return `bands`, quantiles of recorded variables over time, as plain data for JSON, an entry per variable."""
+    """Return `bands` as plain data for JSON, an entry per variable."""
     return [
         {
             "name": band.name,
@@ -65,41 +61,29 @@ _SCATTER_POINTS_MAX = 4000
 
 @dataclass(frozen=True)
 class ReplayedFlight:
-    """A flight of a campaign that was simulated again for the report's map.
+    """A flight of a campaign that was simulated again for the report's map."""
 
-    `number` is its number in the campaign; `worst` says whether the flight is one of the worst, otherwise it is drawn
-    in the background; `tracks` contains the positions of the aircraft, in the format of `flight.nc`.
-    """
-
-    number: int
-    worst: bool
-    tracks: xr.Dataset
+    number: int  # number of the flight in the campaign
+    worst: bool  # True: one of the worst flights; False: drawn in the background
+    tracks: xr.Dataset  # positions of the aircraft, in the format of `flight.nc`
 
 
 @dataclass(frozen=True)
 class CampaignReport:
-    """Content of the report page of a campaign.
+    """Content of the report page of a campaign."""
 
-    `dataset` comes from the `CampaignStore`; `estimates` and `influences` are results of their `as_dict`; `study` is
-    the study file as plain data; `folder` is the campaign's folder as the user entered it; `independent` is the mask of
-    the statistically independent flights; `worst` are the numbers of the worst flights; `is_converged` says whether
-    the stopping rule ended the campaign early; `levels` are the ordered values of each text input by key path;
-    `replays` are the flights on the map; `replay_differences` are the numbers of the replayed flights whose results
-    differ from the campaign's; `bands` are the quantiles of the variables recorded over time.
-    """
-
-    dataset: xr.Dataset
-    estimates: Mapping[str, Any]
-    influences: Mapping[str, Any]
-    study: Mapping[str, Any]
-    folder: str
-    independent: np.ndarray
-    worst: Sequence[int]
-    is_converged: bool = False
-    levels: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    replays: Sequence[ReplayedFlight] = ()
-    replay_differences: Sequence[int] = ()
-    bands: tuple[SeriesBands, ...] = ()
+    dataset: xr.Dataset  # dataset of a `CampaignStore`
+    estimates: Mapping[str, Any]  # estimates of the campaign as a dictionary
+    influences: Mapping[str, Any]  # `Influences.as_dict` of the campaign
+    study: Mapping[str, Any]  # study file as plain data
+    folder: str  # campaign's folder as the user entered it
+    independent: np.ndarray  # mask of the statistically independent flights, shape (flights,)
+    worst: Sequence[int]  # numbers of the worst flights
+    is_converged: bool = False  # True: the stopping rule ended the campaign early
+    levels: Mapping[str, Sequence[str]] = field(default_factory=dict)  # values of text inputs, in order, by key path
+    replays: Sequence[ReplayedFlight] = ()  # flights on the map
+    replay_differences: Sequence[int] = ()  # numbers of the replayed flights with results that differ from the campaign
+    bands: tuple[SeriesBands, ...] = ()  # quantiles of the variables recorded over time
 
     @property
     def varied_paths(self) -> list[str]:
@@ -108,7 +92,7 @@ class CampaignReport:
 
 
 def campaign_data(report: CampaignReport) -> dict[str, Any]:
-    """Return the data that the report page plots (estimates, distributions, time series, flights), for JSON."""
+    """Return the data that the report page plots, for JSON: estimates, distributions, time series, flights."""
     independent_flights = report.dataset.isel(flight=np.flatnonzero(report.independent))
     confidence = float(report.estimates["confidence"])
     quantities: dict[str, dict[str, Any]] = {}
@@ -136,24 +120,24 @@ def campaign_data(report: CampaignReport) -> dict[str, Any]:
 
 
 def _share_to_plot(quantiles: Sequence[Mapping[str, Any]]) -> float:
-    """Return the probability nearest to 0.95 among those of `quantiles`, the quantiles of one quantity.
-
-    Only quantiles with a finite value count, unless none has a finite value.
-    """
+    """Return the quantile probability nearest to 0.95; quantiles with a finite value have priority."""
     bounded_shares = [estimate["share"] for estimate in quantiles if estimate["value"] is not None]
     return min(bounded_shares or [estimate["share"] for estimate in quantiles], key=lambda share: abs(share - 0.95))
 
 
 def _counts(size: int, points: int) -> np.ndarray:
-    """Return the numbers of flights at which a convergence curve is computed: from 1 to `size`, at most `points`."""
+    """Return at most `points` numbers of flights, from 1 to `size`, for a convergence curve."""
     return np.unique(np.linspace(1, size, min(size, points)).round().astype(int)) if size else np.empty(0, int)
 
 
 def success_convergence(succeeded: np.ndarray, confidence: float, points: int) -> dict[str, np.ndarray]:
     """Compute the success rate and its Wilson confidence interval for growing numbers of flights.
 
-    Returns arrays of at most `points` entries: `n`, the number of flights; `value`, success rate of the first n
-    flights, %; `low` and `high`, bounds of its confidence interval, %.
+    Returns arrays of at most `points` entries:
+
+    - `n`: number of flights
+    - `value`: success rate of the first n flights, %
+    - `low`, `high`: bounds of the confidence interval of the rate, %
     """
     counts = _counts(succeeded.size, points)
     successes = np.cumsum(succeeded)[counts - 1] if succeeded.size else counts
@@ -178,10 +162,10 @@ def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confide
 
 
 def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
-    """Compute the cumulative distribution of `values`, one value per flight, for a plot.
+    """Return bounds in increasing order, `kept`, and the % of flights within each bound, `part`, for a plot.
 
-    Returns `kept`, bounds in increasing order, and `part`, the % of flights within each bound: with a value of at most
-    the bound (`upper`) or at least the bound. An infinite value, of a failed flight, is within no bound.
+    A flight is within a bound if its value is at most (`upper`) or at least the bound. Infinite values of failed
+    flights are within no bound.
     """
     ordered = np.sort(values) if upper else np.sort(values)[::-1]
     shares = 100.0 * np.arange(1, ordered.size + 1) / max(ordered.size, 1)
@@ -194,11 +178,10 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 
 
 def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return inputs, outputs and numbers of the flights for plots of an output over an input.
+    """Return inputs, outputs and numbers of the flights for scatter plots of the `quantities` over the inputs.
 
-    The outputs are those of `quantities`, tables with the keys name and upper. Of more than `_SCATTER_POINTS_MAX`
-    flights a selection is returned, evenly spaced among the failed flights (at least half of the points, if there are
-    so many) and among the successful flights. `drawn` is [number of selected flights, number of all flights].
+    More than `_SCATTER_POINTS_MAX` flights are reduced to a selection; failed flights get at least half of the points,
+    if there are so many. `drawn` is [number of selected flights, number of all flights].
     """
     data, succeeded = report.dataset, report.dataset["met"].values
     failed_max = max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))

@@ -38,8 +38,8 @@ def _style(name: str) -> dict[str, Any]:
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     """Draw success rate, distributions of miss and spread, and misses over inputs into `campaign.svg` and `.png`.
 
-    `dataset` has the independent flights of a `CampaignStore`. Existing files are replaced. Returns the paths; for
-    fewer than two flights, no file is written and the result is empty.
+    `dataset` must have only the independent flights of a `CampaignStore`. Existing files are replaced. Returns the
+    paths; if the dataset has fewer than two flights, no file is written.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
@@ -105,7 +105,7 @@ def _draw_shares_below(axes: "Axes", values: np.ndarray) -> None:
 
 
 def _draw_outcomes(axes: "Axes", x: np.ndarray, y: np.ndarray, succeeded: np.ndarray) -> None:
-    """Draw a point per flight with finite coordinates: a dot for a successful flight, a cross for a failed flight."""
+    """Draw a dot for each successful flight and a cross for each failed flight, if its coordinates are finite."""
     is_finite, is_large = np.isfinite(x) & np.isfinite(y), x.size > _VECTOR_FLIGHTS_MAX
     for k, (mask, marker, size) in enumerate(((succeeded, ".", 3.0), (~succeeded, "x", 5.0))):
         selected = mask & is_finite
@@ -113,7 +113,7 @@ def _draw_outcomes(axes: "Axes", x: np.ndarray, y: np.ndarray, succeeded: np.nda
 
 
 def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
-    """Draw the greatest miss of each flight over an input; failed flights without a miss stand at the upper edge."""
+    """Draw the greatest miss of each flight over an input; flights with infinite miss stand at the upper edge."""
     x, y, succeeded = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
     _draw_outcomes(axes, x, y, succeeded)
     for value in x[~np.isfinite(y)]:
@@ -127,7 +127,7 @@ def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> No
 def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     """Draw miss and arrival spread of two campaigns' paired flights into new files `comparison.svg` and `.png`.
 
-    Returns the paths; empty, without files, if there are too few pairs (`_FLIGHTS_MIN`).
+    Returns the paths; if there are fewer than two pairs, no file is written.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
@@ -150,10 +150,7 @@ def _draw_paired(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray) -> None:
-    """Draw the distribution of the paired differences (second less first): % of pairs at or below each value.
-
-    Infinite differences count in the percentage.
-    """
+    """Draw the % of pairs whose difference, second less first, is at most each value; infinite differences count."""
     is_equal = first_values == second_values
     differences = np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values)
     _draw_shares_below(axes, differences)
@@ -162,7 +159,7 @@ def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.
 
 
 def draw_rare(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the exceedance probability of a rare event into files `rare`, replacing existing files; return the paths."""
+    """Draw the exceedance probability of a rare event into `rare.svg` and `rare.png`; existing files are replaced."""
     return save_drawings({"rare": _draw_rare}, dataset, _style("rare"), folder, overwrite=True)
 
 
@@ -202,8 +199,8 @@ _LEGEND_LINES_MAX = 12
 def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     """Draw last arrival, arrival spread and greatest miss of a sweep into new files `sweep.svg` and `sweep.png`.
 
-    The abscissa is the swept numeric key with the most values; each combination of the remaining keys is a line.
-    Returns the paths of the files, empty if no numeric key has several values. Raises FileExistsError if a file exists.
+    The abscissa is the swept numeric key with the most values; each combination of the remaining keys is a line. If no
+    numeric key has several values, no file is written. Returns the paths. Raises FileExistsError if a file exists.
     """
     if _abscissa_path(dataset) is None:
         return ()
@@ -211,7 +208,7 @@ def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _abscissa_path(dataset: xr.Dataset) -> str | None:
-    """Return the swept numeric key path with the most values, for the abscissa; None if no such key has two values."""
+    """Return the swept numeric key path with the most values; None if no numeric key has two values."""
     paths = [path for path in json.loads(dataset.attrs["swept"]) if dataset[path].dtype.kind == "f"]
     longest = max(paths, key=lambda path: dataset[path].size, default=None)
     return longest if longest is not None and dataset[longest].size > 1 else None

@@ -105,10 +105,7 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return for miss and for arrival spread the quantile nearest to 95 %, of those with a finite value.
-
-    A quantity without a finite quantile is left out.
-    """
+    """Return the finite quantile nearest to 95 % of the miss and of the arrival spread, if any."""
     quantiles = []
     for name in _HEADLINES:
         candidates = [estimate for estimate in estimates["quantiles"] if estimate["name"] == name]
@@ -128,10 +125,7 @@ def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _interval_text(low: float | None, high: float | None) -> str:
-    """Return a confidence interval as text, such as "3 to 5".
-
-    With one bound None (infinite): "3 or more" or "5 or less"; with both: "interval open".
-    """
+    """Return a confidence interval as text: "3 to 5", "3 or more", "5 or less"; "interval open" if both are None."""
     if low is None and high is None:
         return "interval open"
     if low is None or high is None:
@@ -144,7 +138,7 @@ def _percent(share: float) -> str:
 
 
 def _value(value: float | None) -> str:
-    """Format a number with four significant digits, at most nine decimals; a dash if missing or not finite."""
+    """Format a number with four significant digits, at most nine decimals; a dash if None or not finite."""
     if value is None or not np.isfinite(value):
         return MISSING
     if not value:

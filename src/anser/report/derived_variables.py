@@ -44,7 +44,7 @@ DERIVED_VARIABLES = (
 
 
 def recorded_table(dataset: xr.Dataset, name: str = "scenario") -> dict[str, Any]:
-    """Return the table in a dataset's JSON attribute `name` ("scenario", "network"); empty if missing or unreadable."""
+    """Return the table in the JSON attribute `name`, "scenario" or "network"; empty if missing or unreadable."""
     try:
         table = json.loads(dataset.attrs.get(name, "{}"))
     except (TypeError, ValueError):
@@ -53,10 +53,10 @@ def recorded_table(dataset: xr.Dataset, name: str = "scenario") -> dict[str, Any
 
 
 def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return a table for each aircraft: its limits by the scenario's keys of `limits`, and the stops `surfaces_deg`.
+    """Return a table for each aircraft: limits by key of the scenario's table `limits`, and `surfaces_deg`.
 
-    `surfaces_deg` has the least and the greatest deflection, deg, of each surface by name. In an older dataset, which
-    has no limits of the aircraft, the library's F-16 gets the scenario's limits, another aircraft an empty table.
+    `surfaces_deg` has [least, greatest] deflection, deg, by name of the surface. An older dataset has no such tables:
+    the library's F-16 then gets the scenario's limits, and any other aircraft an empty table.
     """
     if "limits" in dataset.attrs:
         return json.loads(dataset.attrs["limits"])
@@ -69,23 +69,20 @@ def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def limit_value(limits: Mapping[str, Any], key: str | None) -> float | None:
-    """Return the limit with a key, in the key's unit, negated if "-" precedes the key; None if missing."""
+    """Return the limit with a key, in the key's unit; a leading "-" of the key negates the value. None if missing."""
     value = None if key is None else limits.get(key.removeprefix("-"))
     return None if key is None or value is None else -float(value) if key.startswith("-") else float(value)
 
 
 def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
-    """Whether the paths are those of the certified or decentralised planner.
-
-    Otherwise they are polynomials of the published planner, bent by shape parameters.
-    """
+    """Whether the planner is certified or decentralised, not the published planner with bent polynomial paths."""
     return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 
 def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return a scenario's required horizontal and vertical separation, m; None if no separation is required.
+    """Return the required horizontal and vertical separation, m; None if no separation is required.
 
-    A vertical separation of 0 means that only the horizontal distance counts.
+    If the vertical separation is 0, only the horizontal distance counts.
     """
     separation = scenario.get("separation", {})
     if not separation.get("horizontal_m", 0.0) > 0.0:
@@ -96,15 +93,17 @@ def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | No
 def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     """Return a flight's dataset with the derived variables of the report; `scenario` may be empty.
 
-    - Always: `climb_rate_m_s` relative to the air, and the errors `along_error_m`, `across_error_m`, `height_error_m`
-      from the planned position. Errors and planned positions are NaN in the hold after the arrival.
-    - For two aircraft or more: `distance_min_m`.
-    - With limits in the scenario: `height_over_floor_m`, `separation_kept`.
-    - With sensor errors: the errors of the estimated positions of goal and aircraft, each with two standard deviations
-      (root of the sum of squares over the axes), m.
-    - With a decentralised planner: `links_heard`, the number of aircraft heard.
-    - With an adaptive autopilot: the edges of each estimate's band of two standard deviations, `..._low` and
-      `..._high`, and the true effectiveness, `..._truth`.
+    - `climb_rate_m_s`, relative to the air
+    - `along_error_m`, `across_error_m`, `height_error_m`: errors from the planned position; NaN in the hold at the end
+    - `distance_min_m`, if the flight has two or more aircraft; `separation_kept`, if a separation is required as well
+    - `height_over_floor_m`, if the scenario has a lowest altitude
+    - `goal_error_m`, `own_error_m`: errors of the estimated positions, and `goal_band_m`, `own_band_m`: two standard
+      deviations (root of the sum of squares over the axes), if sensors have errors
+    - `links_heard`: number of aircraft heard, if the planner is decentralised
+    - `..._low`, `..._high`: each estimate -/+ two standard deviations, and `..._truth`: true effectiveness, if an
+      autopilot is adaptive
+
+    Planned positions are set to NaN in the hold as well.
     """
     is_before_hold = dataset["phase"].values != HOLD
     names = ("position_error_m", *(f"reference_{axis}" for axis in _AXES))
@@ -201,11 +200,13 @@ _FITTED, _CORRECTED, _ANEW, _KEPT = range(4)
 
 
 def find_events(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return for each aircraft the events of a recorded flight: lists by name, with times in s.
+    """Return the events of each aircraft in a recorded flight, as lists by name; times are in s.
 
-    `phases`: entries [name of the phase, from, to]. `failed`: [non-zero status code, from, to]. `renewals`: [time,
-    index into `REPLANNING_OUTCOMES`] of each change of the plan in force. `limited`: [index into `LIMITED_COMMANDS`,
-    from, to]. `outside`: [from, to] outside the aerodynamic tables.
+    - `phases`: [name of the phase, from, to]
+    - `failed`: [non-zero status code, from, to]
+    - `renewals`: [time, index into `REPLANNING_OUTCOMES`], for each change of the plan in force
+    - `limited`: [index into `LIMITED_COMMANDS`, from, to]
+    - `outside`: [from, to] outside the aerodynamic tables
     """
     time = dataset["time"].values
     return [_aircraft_events(dataset.isel(aircraft=k), time) for k in range(dataset.sizes["aircraft"])]
@@ -247,10 +248,7 @@ def _renewals(aircraft: xr.Dataset, time: np.ndarray) -> list[list[float]]:
 
 
 def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[Any]]:
-    """Return the spans of time in which `values` is constant as [value, from, to], s.
-
-    A span ends where the next span starts, the last at the last recorded time.
-    """
+    """Return the spans of constant `values` as [value, from, to], times in s; a span ends where the next one starts."""
     codes = values.values.astype(int)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
     stops = [*starts[1:], codes.size - 1]
@@ -261,7 +259,7 @@ def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[A
 
 
 def evenly_spaced(indices: np.ndarray, count: int) -> np.ndarray:
-    """Return `indices` if there are at most `count`, otherwise a selection of `count` of them, evenly spaced."""
+    """Return at most `count` of the `indices`, evenly spaced."""
     if indices.size <= count:
         return indices
     return indices[np.linspace(0, indices.size - 1, count).round().astype(int)] if count else indices[:0]

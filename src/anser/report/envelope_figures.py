@@ -23,8 +23,8 @@ EMPTY_COLOR = "#e6e6e6"
 class EnvelopeMap:
     """Figure of a survey of the flight envelope: panels over Mach number and altitude.
 
-    Each flight condition has a row, each quantity a column of panels with a colour bar below. `title` is completed by
-    aircraft and type of inversion; `notes` are the lines of text below the title; `width` is in inches.
+    Each flight condition has a row of panels. Each quantity has a column of panels with a colour bar below. Aircraft
+    and type of inversion are added to `title`; `notes` are lines of text below the title; `width` is in inches.
     """
 
     def __init__(self, dataset: xr.Dataset, columns: int, width: float, title: str, *notes: str) -> None:
@@ -49,8 +49,7 @@ class EnvelopeMap:
     def draw_column(self, k: int, values: np.ndarray, label: str, extend: str | None = None, **style: Any) -> None:
         """Draw `values`, shape (condition, altitude, mach), in column `k` of panels, with a labelled colour bar below.
 
-        `extend` ("min", "max" or "both") gives the colour bar pointed ends; `style` has matplotlib's properties of the
-        cells.
+        `extend` ("min", "max" or "both") selects the pointed ends of the colour bar; `style` has matplotlib properties.
         """
         for axes, cells in zip(self.panels[:, k], values, strict=True):
             self.draw_cells(axes, cells, **style)
@@ -58,14 +57,14 @@ class EnvelopeMap:
         self.figure.colorbar(cells, cax=self.colorbar_axes[k], orientation="horizontal", label=label, extend=extend)
 
     def draw_cells(self, axes: "Axes", values: np.ndarray, **style: Any) -> None:
-        """Draw a cell around each grid point, coloured by `values` (altitude, mach); cells with NaN stay empty."""
+        """Draw a cell around each grid point, coloured by `values`, shape (altitude, mach); NaN leaves a cell empty."""
         mach, altitude = _edges(self.mach), _edges(self.altitude_km)
         axes.pcolormesh(mach, altitude, np.ma.masked_invalid(values), linewidth=0.2, edgecolors="white", **style)
         axes.set_xlim(mach[0], mach[-1])
         axes.set_ylim(altitude[0], altitude[-1])
 
     def draw_marks(self, axes: "Axes", mask: np.ndarray, **style: Any) -> None:
-        """Draw a mark at each grid point where `mask` (altitude, mach) is true."""
+        """Draw a mark at each grid point at which `mask`, shape (altitude, mach), is True."""
         altitude, mach = np.nonzero(mask)
         axes.scatter(self.mach[mach], self.altitude_km[altitude], **style)
 
@@ -101,8 +100,7 @@ _REASONS = {
 }
 """Legend text and colour of each reason that limited or ended a flight, by name of the reason.
 
-Colours of Okabe and Ito, distinguishable with colour-blindness, and their tints: blue, pink and grey for limited
-flights, yellow to black for failed flights."""
+Limited flights are blue, pink and grey; failed flights are yellow to black (colours of Okabe and Ito, and tints)."""
 _FAILED_AFTER_BAD_START = ("failed, from a start beyond the limits", "#2b0f24")
 
 
@@ -116,7 +114,7 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _commanded(dataset: xr.Dataset) -> np.ndarray:
-    """Return the mask (surface,) of the commanded, not scheduled surfaces; all true in an older dataset."""
+    """Return the mask, shape (surface,), of the surfaces that are commanded, not scheduled; all in an older dataset."""
     if "is_commanded" not in dataset:
         return np.ones(dataset.sizes["surface"], dtype=bool)
     return dataset["is_commanded"].values.astype(bool)
@@ -206,9 +204,9 @@ _MARGIN_STYLE = {
 
 
 def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw Bode and Nyquist diagrams of every control loop of one trim point into new files (format by suffix).
+    """Draw Bode and Nyquist diagrams of each control loop at one trim point into new files; the suffix sets the format.
 
-    `dataset` is a result of `anser.analysis.margins`. Raises FileExistsError if one of the files exists.
+    `dataset` must be a result of `anser.analysis.margins`. Raises FileExistsError if one of the files exists.
     """
     mpl, figure = new_figure((11.0, 9.0))
     with mpl.rc_context(_MARGIN_STYLE):
@@ -282,7 +280,7 @@ def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]
 
 
 def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
-    """Draw the open-loop frequency responses near -1, and a shaded diamond with corners at the required margins."""
+    """Draw the open-loop frequency responses near -1 and, shaded, a diamond with corners at the required margins."""
     angles = np.linspace(0, 2 * np.pi, 181)
     axes.plot(np.cos(angles), np.sin(angles), color=_LINE, lw=0.6)
     factor, angle = 10 ** (dataset.attrs["gain_min_db"] / 20), np.radians(dataset.attrs["phase_min_deg"])
@@ -367,11 +365,10 @@ def _draw_margin(
     color_range: tuple[float, float],
     is_short: np.ndarray,
 ) -> None:
-    """Draw a margin, `values` (condition, altitude, mach), in column `k` of panels.
+    """Draw a margin, `values` (condition, altitude, mach), in column `k` of panels; crosses mark True in `is_short`.
 
-    A cross marks each point below the required margin (`is_short`). Cells are grey if a command of the autopilot is at
-    a limit, which opens the loop, and black if the loop is unstable. Values above `color_range`, also infinite, take
-    its upper colour.
+    Cells are grey if a limit of the autopilot opens the loop, and black if the loop is unstable. Values above
+    `color_range` get the upper colour.
     """
     from matplotlib.colors import ListedColormap
 

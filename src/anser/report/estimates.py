@@ -27,18 +27,20 @@ _UNKNOWN = {
 }
 
 Deviations = Sequence[tuple[float, Mapping[str, Any]]]
-"""Deviations from the nominal aircraft, each with the time from which it acts, s; factors of several multiply."""
+"""Deviations from the nominal aircraft as (start of the effect, s; deviation); their factors are multiplied.
+
+A deviation is a table with the keys of a scenario's `deviation`."""
 
 
 def has_estimates(dataset: xr.Dataset) -> bool:
-    """Whether any aircraft of the flight has an adaptive autopilot, whose estimates are recorded."""
+    """Whether an aircraft of the flight has an adaptive autopilot."""
     return "effectiveness_uncertainty" in dataset
 
 
 def recorded_estimates(dataset: xr.Dataset) -> list[str]:
-    """Return those names of `ESTIMATES` with a finite estimate in the flight; empty without an adaptive autopilot.
+    """Return the names of `ESTIMATES` that have a finite estimate in the flight.
 
-    The control effectiveness about an axis is relative to that of the model; NaN if the model has no control there.
+    Control effectiveness is relative to the model's effectiveness; NaN about an axis without control in the model.
     """
     if not has_estimates(dataset):
         return []
@@ -46,19 +48,13 @@ def recorded_estimates(dataset: xr.Dataset) -> list[str]:
 
 
 def recorded_changes(dataset: xr.Dataset) -> Deviations:
-    """Return the changes of the aircraft in a flight of one aircraft as (time in s, deviation); empty without changes.
-
-    A deviation is a table of changes relative to the nominal aircraft, with the keys of a scenario's `deviation`.
-    """
+    """Return the changes of the aircraft during a flight of `anser.simulate`; empty if the aircraft did not change."""
     changes = json.loads(dataset.attrs.get("change", "[]"))
     return [(float(change["time_s"]), change) for change in ([changes] if isinstance(changes, dict) else changes)]
 
 
 def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | None:
-    """Return the deviations of the aircraft `name` from the nominal aircraft, as (time in s, deviation).
-
-    The first is that at the start (time 0), the further ones are those of events. None if the scenario lacks the name.
-    """
+    """Return the deviations of the aircraft `name`: at the start (time 0), then by events; None for an unknown name."""
     tables = [table for table in scenario.get("aircraft", []) if table.get("name") == name]
     if not tables:
         return None
@@ -67,12 +63,11 @@ def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | 
 
 
 def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
-    """Return the ratio of true to modelled control effectiveness at each time (s), for a name of `EFFECTIVENESS`.
+    """Return the ratio of true to modelled control effectiveness at each time, for a `name` of `EFFECTIVENESS`.
 
-    Effectiveness means the surface's moment, as the estimator infers it with the model's moments of inertia.
-    `deviations` are those of the aircraft. The ratio is NaN after a change of the axis' moment of inertia and, in pitch
-    and yaw, after a shift of the centre of gravity: the effect depends on data of the aircraft that the record does not
-    contain.
+    Effectiveness is the surface's moment, which the estimator infers with the model's moments of inertia. The ratio is
+    NaN after a change of the axis' moment of inertia and, in pitch and yaw, after a shift of the centre of gravity: the
+    record lacks the aircraft data for these effects.
     """
     surface, factors = _SURFACES[name]
     truth = np.ones(time.size)

@@ -36,8 +36,8 @@ _STEPS_MAX = 2**29  # second differences are four times as large and must fit 32
 def quantization_step(values: np.ndarray, unit: str) -> float:
     """Return the step, in the unit `unit`, to which values are rounded on the page.
 
-    The step is usual for the unit. Values of small spread get a finer step, 1e-5 times the power of ten at or below the
-    spread; values too large for 32 bits get a coarser step.
+    Each unit has a default step. Values of small spread get a finer step, at most 1e-5 times the spread; values too
+    large for 32 bits get a coarser step.
     """
     finite = values[np.isfinite(values)]
     step = _STEP_BY_UNIT.get(unit, _DEFAULT_STEP)
@@ -52,13 +52,11 @@ def quantization_step(values: np.ndarray, unit: str) -> float:
 
 
 def pack(columns: Sequence[tuple[np.ndarray, float]]) -> tuple[str, list[list[list[int]]]]:
-    """Compress arrays (time, aircraft), each with its quantization step, into one text for the report page.
+    """Compress arrays (time, aircraft), each with a quantization step, into text that `assets/store.js` decodes.
 
-    Values are rounded to multiples of the step, differenced twice in time (small numbers for a smooth record), split
-    into bytes by significance, deflated and encoded in base64. `assets/store.js` decodes the text in the browser.
-
-    Also returns the gaps of each array, entries [aircraft, first index, last index]: runs of values that are not
-    finite. In a gap the compressed values repeat the preceding value; they are 0 in a gap at the start.
+    Values are rounded to multiples of the step, differenced twice in time, split into bytes by significance, deflated
+    and encoded in base64. Also returns the gaps of each array, which are runs of non-finite values: [aircraft, first
+    index, last index]. In a gap the text repeats the preceding value, or 0 at the start.
     """
     planes, gaps = [], []
     for values, step in columns:
@@ -108,10 +106,7 @@ GOAL_FORM_TEXTS = {
 
 
 def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
-    """Return for each aircraft the form of its goal on the page, a key of `GOAL_FORM_TEXTS`.
-
-    The form follows from the kind of the goal in the scenario and from its speed.
-    """
+    """Return the symbol of each aircraft's goal, a key of `GOAL_FORM_TEXTS`, from the goal's kind and speed."""
     kinds = {str(goal["name"]): str(goal.get("kind", "")) for goal in scenario.get("goal") or []}
     goal_of = {str(table["name"]): str(table.get("goal", "")) for table in scenario.get("aircraft") or []}
     time = dataset["time"].values
@@ -122,7 +117,7 @@ def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
 
 
 def goal_form_legend(forms: Collection[str]) -> "Markup":
-    """Return the legend of the goals' forms, keys of `GOAL_FORM_TEXTS`, as HTML; further forms are left out."""
+    """Return the legend of the goal symbols in `forms`, keys of `GOAL_FORM_TEXTS`, as HTML."""
     entries = [(_ICON_PATHS[form], text) for form, text in GOAL_FORM_TEXTS.items() if form in forms]
     return render("goal_forms.html", forms=entries)
 
@@ -136,7 +131,7 @@ def _form(kind: str, speed_m_s: float) -> str:
 
 
 def _speed_m_s(aircraft: xr.Dataset, time: np.ndarray) -> float:
-    """Return the median speed of an aircraft's goal, m/s; 0 with fewer than two recorded positions."""
+    """Return the median speed of an aircraft's goal, m/s; 0 if fewer than two positions are recorded."""
     position = np.stack([aircraft[f"goal_{axis}_m"].values for axis in ("north", "east", "altitude")])
     is_recorded = np.isfinite(position).all(axis=0)
     if is_recorded.sum() < 2:
@@ -146,20 +141,14 @@ def _speed_m_s(aircraft: xr.Dataset, time: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Panel:
-    """A plot of one variable over time: the variable `response` solid, `command` (or plan) dashed.
+    """A plot of one variable over time; left out if the dataset lacks the variable or the band."""
 
-    A limit is a number, or a key of the scenario's table `limits`; a minus sign before the key negates the value. With
-    `includes_limits` the axis always reaches to the limits. With `compass` a direction is drawn without a jump at
-    north, and the axis is labelled from 0 to 360 degrees. `band` names the variables at the edges of a shaded band; if
-    the dataset lacks them, the panel is left out.
-    """
-
-    response: str
-    command: str | None = None
-    limits: tuple[str | float, ...] = ()
-    includes_limits: bool = False
-    compass: bool = False
-    band: tuple[str, str] | None = None
+    response: str  # variable drawn as a solid line
+    command: str | None = None  # variable of the command or plan, dashed
+    limits: tuple[str | float, ...] = ()  # values, or keys of the aircraft's limits; "-" before a key negates the value
+    includes_limits: bool = False  # True: the axis reaches to the limits
+    compass: bool = False  # True: a direction, drawn without a jump at north, with labels from 0 to 360 degrees
+    band: tuple[str, str] | None = None  # variables at the edges of a shaded band
 
 
 def _estimate_panel(name: str, truth: str | None = None) -> Panel:
@@ -321,16 +310,13 @@ def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Return the names of the variables, recorded or derived, whose values the page contains, in their order there."""
+    """Return the names of the variables, recorded or derived, whose values the page contains, in order."""
     names = dict.fromkeys((*_SCENE, *_plotted_variables(surface_names(dataset))))
     return tuple(name for name in names if name in dataset)
 
 
 def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the sections of the page as plain data: heading, caption, and the panels whose variable the dataset has.
-
-    Limits are numbers, the distinct values of all aircraft.
-    """
+    """Return the sections of the page as plain data; the limits of a panel are the distinct values of all aircraft."""
     limits = aircraft_limits(dataset)
     sections = []
     for section in SECTIONS:
@@ -371,7 +357,10 @@ _AIRCRAFT_KEYS = (
 
 
 def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
-    """Raise ValueError if dataset or summary lack data for a report, or differ in aircraft or scenario hash."""
+    """Check that dataset and summary have the data for a report, and belong to the same flight.
+
+    Raises ValueError if data is missing, or if aircraft or scenario hash differ.
+    """
     missing = [name for name in needed_variables(dataset) if name not in dataset.data_vars]
     if missing:
         raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
@@ -394,8 +383,8 @@ def flight_data(
 ) -> dict[str, Any]:
     """Return the data of one flight that the page draws, as plain data for JSON.
 
-    `dataset` contains the derived variables; `scenario` may be empty; `label` is the name of the flight on the page. Of
-    a long record, only every n-th sample and the last one are included; the key `every` has n.
+    `dataset` must contain the derived variables; `scenario` may be empty; `label` is the name of the flight on the
+    page. A long record is reduced to every n-th sample and the last one; the key `every` has n.
     """
     times, aircraft_count = dataset.sizes["time"], dataset.sizes["aircraft"]
     stride = max(1, -(-times * aircraft_count // _SAMPLES_MAX), -(-times // _TIMES_MAX))
@@ -432,14 +421,14 @@ def flight_data(
 
 
 def scene_keep_outs(scenario: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the tables of a scenario's keep-outs, also of events, each with `from_s`, the time of appearance, s."""
+    """Return the tables of a scenario's keep-outs, each with `from_s`: 0, or the time of the event that adds it, s."""
     standing = [(table, 0.0) for table in scenario.get("keep_out") or []]
     appearing = [(event["keep_out"], event["time_s"]) for event in scenario.get("event") or [] if event.get("keep_out")]
     return [{**table, "from_s": from_s} for table, from_s in [*standing, *appearing]]
 
 
 def goals_over_time(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[tuple[str, float]]]:
-    """Return for each aircraft its goals in order of time, as (name of the goal, time of the assignment, s)."""
+    """Return the goals of each aircraft in order of time, as (name of the goal, time of the assignment, s)."""
     assigned = {str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry}
     goals = {
         str(entry["name"]): [(assigned.get(entry["name"], str(entry["goal"])), 0.0)] for entry in summary["aircraft"]

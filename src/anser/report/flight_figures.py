@@ -62,14 +62,10 @@ def _always(_: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class FlightFigure:
-    """A type of figure of a flight.
+    """A type of figure of a flight."""
 
-    `draw` returns the figure of one flight; `unavailable_reason` returns, for the dataset of a flight, the reason why
-    the figure cannot be drawn, or an empty text if it can.
-    """
-
-    draw: Callable[[FlightSheet], "Figure"]
-    unavailable_reason: Callable[[xr.Dataset], str] = _always
+    draw: Callable[[FlightSheet], "Figure"]  # returns the figure of one flight
+    unavailable_reason: Callable[[xr.Dataset], str] = _always  # why a flight has no such figure; empty: it has one
 
 
 def _histories(curves: Sequence[Curve], heading: str, reference_name: str = "") -> FlightFigure:
@@ -130,7 +126,7 @@ def available_figures(dataset: xr.Dataset) -> tuple[str, ...]:
 def select_figures(dataset: xr.Dataset, names: Sequence[str]) -> dict[str, FlightFigure]:
     """Return the figures with the requested names, by name; hyphens and underscores are equivalent.
 
-    Raises ValueError, with the available names, if a name is unknown or its figure cannot be drawn of the flight.
+    Raises ValueError if a name is unknown, or if the figure cannot be drawn of the flight.
     """
     figures = {}
     for requested_name in names:
@@ -153,10 +149,10 @@ def draw_flight(
     selection: Mapping[str, FlightFigure] | None = None,
     figure_format: FigureFormat | None = None,
 ) -> tuple[Path, ...]:
-    """Draw figures of a flight into new files `<name>-<figure><suffix>` in a folder; return the paths of the files.
+    """Draw figures of a flight into new files `<name>-<figure><suffix>` of a folder; return the paths of the files.
 
-    `selection` (see `select_figures`) are the figures, by default every available figure; `figure_format` is their
-    width and title, by default 165 mm and with a title. Raises FileExistsError if one of the files exists.
+    `selection` is a result of `select_figures`; None draws every available figure. `figure_format` sets width and
+    title, by default 165 mm with a title. Raises FileExistsError if one of the files exists.
     """
     sheet = FlightSheet(dataset, figure_format)
     figures = select_figures(dataset, available_figures(dataset)) if selection is None else selection
@@ -182,8 +178,7 @@ def _method(name: str, description: str) -> "Callable[..., Figure]":
 class FlightPlots:
     """Figures of one flight as `matplotlib.figure.Figure`, which a notebook displays and `savefig` writes to a file.
 
-    `flown.plot("guidance")` draws a figure by its name in the command `anser figures`; `flown.plot.names` lists the
-    available names.
+    `flown.plot("guidance")` draws the figure of this name; `flown.plot.names` lists the available names.
     """
 
     def __init__(self, dataset: xr.Dataset) -> None:
@@ -195,7 +190,7 @@ class FlightPlots:
         return available_figures(self._dataset)
 
     def __call__(self, name: str, *, width_mm: float = _WIDTH_MM, title: bool = True) -> "Figure":
-        """Return the figure with a name of `names`, drawn with a width in mm, with or without the flight's title.
+        """Return the figure with a name of `names`; `title` says whether the flight's title is drawn.
 
         Raises ValueError if no figure of this name can be drawn of the flight, or the width is not 60 to 400 mm.
         """

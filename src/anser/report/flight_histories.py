@@ -35,24 +35,20 @@ _SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2, "1": 0.2}
 
 @dataclass(frozen=True)
 class Curve:
-    """A variable to be drawn over time, with the variable of its planned or commanded value (`reference`) and limits.
-
-    `low` and `high` are keys of the tables of `aircraft_limits`; a minus sign before a key negates the value. If
-    `stop_surface` names a control surface, its stops are the limits. `label` replaces the variable's long name.
-    """
+    """A variable to be drawn over time with reference and limits."""
 
     name: str
-    reference: str | None = None
-    low: str | None = None
-    high: str | None = None
-    stop_surface: str | None = None
-    label: str | None = None
+    reference: str | None = None  # variable of the planned or commanded value
+    low: str | None = None  # lower limit: key of the tables of `aircraft_limits`; "-" before the key negates the value
+    high: str | None = None  # upper limit, like `low`
+    stop_surface: str | None = None  # control surface with stops that are the limits, instead of `low` and `high`
+    label: str | None = None  # instead of the variable's long name
 
 
 def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str, reference_name: str = "") -> "Figure":
     """Return a figure with a panel for each curve over time, up to the arrivals; all-NaN curves are left out.
 
-    `label` is the title of the figure, `reference_name` the meaning of the reference variable, such as "commanded".
+    `label` is the title; `reference_name` says what the reference variables are, such as "commanded".
     """
     available = [curve for curve in curves if np.isfinite(sheet.dataset[curve.name].values).any()]
     figure, panels = sheet.panels(len(available))
@@ -67,7 +63,7 @@ def draw_curve(
 ) -> list[str]:
     """Draw one variable up to the arrivals, with reference and limits, for the aircraft of `line_styles` (None: all).
 
-    Returns a list with a note on the limits too far away to be drawn; empty if all are drawn.
+    Returns a list with a note on the limits that are too far away to be drawn; empty if all are drawn.
     """
     values, time = sheet.dataset[curve.name], sheet.time
     line_styles = [
@@ -104,10 +100,9 @@ def draw_curve(
 def _visible_range(
     response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
 ) -> tuple[float, float]:
-    """Return the range of a panel's axis, (low, high), at least `span_min` wide.
+    """Return the range of a panel's axis, (low, high), which contains all responses and is at least `span_min` wide.
 
-    The range contains all responses. The reference lines (planned or commanded values) extend the range on either side
-    by at most `_COMMAND_EXCESS_MAX` times the range of the responses.
+    Reference lines extend the range on either side by at most `_COMMAND_EXCESS_MAX` times the range of the responses.
     """
     responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
     low, high = float(np.nanmin(responses)), float(np.nanmax(responses))
@@ -121,10 +116,7 @@ def _visible_range(
 def _limits(
     sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle], factor: float, unit: str
 ) -> list[Limit]:
-    """Return the distinct limits of a curve, each labelled with its value and the names of the aircraft concerned.
-
-    Values are multiplied by `factor`, which converts them to the unit `unit` of the axis.
-    """
+    """Return the distinct limits of a curve, times `factor`, labelled with the value in `unit` and aircraft names."""
     owners: dict[tuple[float, bool], list[str]] = {}
     limits = aircraft_limits(sheet.dataset)
     for line_style in line_styles:
@@ -147,7 +139,7 @@ def _limits(
 
 
 def insert_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return x and y with a NaN inserted at each jump of y by more than `jump`, to cut the line of a wrapped angle."""
+    """Return x and y with a NaN wherever y jumps by more than `jump`, to cut the line of a wrapped angle."""
     differences = np.abs(np.diff(y))
     indices = np.flatnonzero(np.where(np.isfinite(differences), differences, 0.0) > jump) + 1
     return np.insert(x, indices, x[indices]), np.insert(y, indices, np.nan)
@@ -207,8 +199,8 @@ _DISTANCE_FLOOR_M = 1e-3  # below the accuracy of the simulation; keeps the loga
 def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
     """Compute the zero-effort miss, m, shape (time, aircraft).
 
-    The zero-effort miss is the least future distance to the rendezvous if aircraft and goal keep their velocities;
-    after the closest approach, the present distance.
+    The zero-effort miss is the least future distance to the rendezvous if aircraft and goal keep their velocities.
+    After the closest approach it is the present distance.
     """
     offset = np.stack([(dataset[f"rendezvous_{a}"] - dataset[a]).values for a in _POSITION], axis=-1)
     rate_components = [(dataset[f"goal_velocity_{a}"] - dataset[f"velocity_{a}"]).values for a in _VELOCITY]
@@ -219,7 +211,7 @@ def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
 
 
 def draw_miss(sheet: FlightSheet) -> "Figure":
-    """Return a figure of the zero-effort miss up to the arrivals, on a logarithmic axis, with the required miss."""
+    """Return a figure of zero-effort and required miss up to the arrivals, on a logarithmic axis."""
     figure, (axes,) = sheet.panels(1)
     _draw_lines(axes, sheet, np.maximum(zero_effort_miss_m(sheet.dataset), _DISTANCE_FLOOR_M), sheet.arrival_index)
     axes.set_ylabel("Zero-effort miss (m)")
@@ -303,7 +295,7 @@ _COLUMNS_MAX = 4
 
 
 def draw_knowledge(sheet: FlightSheet) -> "Figure":
-    """Return a figure of the goal estimates: errors and two standard deviations; below, error ellipses of position."""
+    """Return a figure of the goal estimates: errors with two standard deviations and, below, error ellipses."""
     columns = min(sheet.count, _COLUMNS_MAX // 2 if sheet.figure_format.is_narrow else _COLUMNS_MAX)
     tile = min(sheet.figure_format.width / columns, 2.2)
     figure = sheet.figure(1.2 + 1.3 * sheet.panel_height + tile)
@@ -336,7 +328,7 @@ def draw_knowledge(sheet: FlightSheet) -> "Figure":
 
 
 def _ellipses(axes: "Axes", sheet: FlightSheet, k: int) -> None:
-    """Draw ellipses of two standard deviations of aircraft `k`'s goal estimate, relative to the true goal."""
+    """Draw ellipses of two standard deviations of the goal estimate of aircraft `k`, relative to the true goal."""
     from matplotlib.patches import Ellipse
 
     line_style, end = sheet.line_styles[k], sheet.time[sheet.arrival_index[sheet.line_styles[k].index]]

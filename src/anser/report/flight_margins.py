@@ -14,30 +14,26 @@ _Table = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Margin:
-    """Margin of a flight to one requirement (the flight fails if not met) or limit (of the plan and the autopilot).
-
-    `kind` is "requirement" or "limit"; `value` is the worst of the flight in `unit` (None if missing), `aircraft` names
-    the aircraft with this value (empty if unknown), `time_s` the time of the value (None if unknown); `after_arrival`
-    says whether the limit was exceeded in the hold after the arrival only.
-    """
+    """Margin of a flight to a requirement, or to a limit of plan and autopilot; a flight may exceed a limit."""
 
     description: str
-    kind: str
-    unit: str
+    kind: str  # "requirement" or "limit"
+    unit: str  # of `limit` and `value`
     limit: float
-    value: float | None
+    value: float | None  # worst value of the flight; None if missing
     is_upper: bool
     is_met: bool
-    aircraft: str = ""
-    time_s: float | None = None
-    after_arrival: bool = False
+    aircraft: str = ""  # aircraft with the worst value; empty if unknown
+    time_s: float | None = None  # time of the worst value; None if unknown
+    after_arrival: bool = False  # True: the limit was exceeded in the hold after the arrival only
 
     @property
     def utilization(self) -> float | None:
-        """Utilization of the limit: less than 1 within the limit, 1 at the limit; None without a value.
+        """Utilization of the limit: less than 1 within the limit, 1 at the limit; None if the value is missing.
 
-        The utilization is value / limit for a positive upper or a negative lower limit, otherwise limit / value. If
-        value and limit have opposite signs, or one is 0: 0 if the limit is met, otherwise infinite.
+        - Positive upper or negative lower limit: value / limit
+        - Positive lower or negative upper limit: limit / value
+        - Opposite signs, or a 0: 0 if the limit is met; infinite if not
         """
         if self.value is None:
             return None
@@ -84,9 +80,9 @@ _LIMITS = (
 def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
     """Return the margins of a flight to its requirements and to the limits of the aircraft.
 
-    First come those not met up to the arrival, then the rest, both sorted by decreasing utilization. Requirements and
-    their evaluation come from the summary; limits are evaluated over the whole record. Of a limit that differs between
-    aircraft, only the tightest margin is listed. `dataset` contains the derived variables of `add_derived_variables`.
+    Margins that are not met up to the arrival come first, and utilization decreases in both groups. Limits are
+    evaluated over the whole record; if aircraft have different limits, only the tightest margin is listed. `dataset`
+    must contain the variables of `add_derived_variables`.
     """
     is_single = len(summary["aircraft"]) == 1
     flight_margins = [
@@ -114,9 +110,9 @@ def _sort_key(margin: Margin) -> tuple[bool, float]:
 
 
 def closest_pair(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
-    """Return the least recorded distance between two aircraft, m, its time, s, and both names.
+    """Return the least recorded distance between two aircraft, m, the time, s, and the two names.
 
-    Returns None for a single aircraft, or if no distance is finite. `dataset` contains the derived variables.
+    None for a single aircraft, or if no distance is finite. `dataset` must contain the derived variables.
     """
     if "distance_min_m" not in dataset or not np.isfinite(dataset["distance_min_m"].values).any():
         return None
@@ -151,7 +147,7 @@ def _requirement(entry: _Table, fleet: Sequence[_Table], dataset: xr.Dataset) ->
 
 
 def _extreme_value(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[float | None, str, float | None]:
-    """Return the greatest or least of `values` (time, aircraft), its aircraft and time (s); None if none is finite."""
+    """Return the greatest or least of `values` (time, aircraft), aircraft name and time (s); None if none is finite."""
     if not np.isfinite(values).any():
         return None, "", None
     sample, index = np.unravel_index(np.nanargmax(values) if greatest else np.nanargmin(values), values.shape)
@@ -167,10 +163,10 @@ def _limit(
     description: str,
     unit: str,
 ) -> Margin | None:
-    """Return the margin of `values` (time, aircraft; NaN where the limit does not apply) to a limit; None without any.
+    """Return the margin of `values` (time, aircraft; NaN where the limit does not apply); None if no value is finite.
 
-    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at -`limit`, reported as an upper limit on
-    the negated values. `is_before_arrival` is a mask (time, aircraft); `description` and `unit` label the limit.
+    `sign` is 1 for an upper limit, 0 for a lower limit, and -1 for an upper limit on the negated values.
+    `is_before_arrival` is a mask (time, aircraft).
     """
     values = -values if sign == -1 else values
     is_upper = sign != 0

@@ -31,7 +31,7 @@ def verdict_html(
 ) -> "Markup":
     """Return the verdict on a flight as HTML: arrivals, accuracy, failed aircraft, unmet requirements and limits.
 
-    `margins` are those of `find_flight_margins`; `warning` is a text to be added, such as that of `proximity_warning`.
+    `margins` is the result of `find_flight_margins`; `warning` is a text such as the result of `proximity_warning`.
     """
     fleet, spread_s, accuracy = summary["aircraft"], summary["fleet"]["arrival_spread_s"], arrival_accuracy(summary)
     not_arrived = [aircraft for aircraft in fleet if aircraft["status"] != "arrived" and "left_s" not in aircraft]
@@ -105,21 +105,18 @@ def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
 
 
 def cards_html(cards: Sequence[tuple[str, str, str, str]]) -> "Markup":
-    """Return cards as HTML, in one or two rows; each card is (heading, value, unit, note)."""
+    """Return cards as HTML, in one or two rows; a card is (heading, value, unit, note)."""
     columns = len(cards) if len(cards) <= _CARDS_PER_ROW else -(-len(cards) // 2)  # two rows of almost equal length
     return render("cards.html", cards=cards, columns=columns)
 
 
 def margins_list(margins: Sequence[Margin]) -> "Markup":
-    """Return the utilization of each requirement and limit as HTML, a bar for each margin in the order of `margins`."""
+    """Return the utilization of each requirement and limit as HTML, as bars in the order of `margins`."""
     return render("margins.html", margins=[_margin_row(margin) for margin in margins])
 
 
 def aircraft_table(fleet: Sequence[Mapping[str, Any]]) -> "Markup":
-    """Return the aircraft of a fleet (entries `aircraft` of a summary) as an HTML table.
-
-    The column of paths is left out if an entry has no path.
-    """
+    """Return the entries `aircraft` of a summary as an HTML table."""
     has_paths = all(aircraft.get("path") is not None for aircraft in fleet)
     return render("aircraft.html", fleet=fleet, columns=_COLUMNS, has_paths=has_paths)
 
@@ -165,7 +162,7 @@ def _percent(share: float | None) -> str:
 
 
 def _significant(value: float) -> str:
-    """Format a number with three significant digits and at most five decimals; from 1000 on as an integer."""
+    """Format a number with three significant digits and at most five decimals; 1000 or more as an integer."""
     if not np.isfinite(value) or abs(value) >= 1000:
         return format_number(value, 0)
     return format_number(value, max(0, min(5, 2 - int(np.floor(np.log10(max(abs(value), 1e-4)))))))
@@ -193,9 +190,9 @@ _DIFFERENCES_MAX, _VALUE_LENGTH_MAX = 200, 160
 def difference_table(
     labels: Sequence[str], summaries: Sequence[Mapping[str, Any]], scenarios: Sequence[Mapping[str, Any]]
 ) -> "Markup":
-    """Return the differences of two flights as HTML: a table of results, and a table of differing scenario keys.
+    """Return two tables as HTML: results of two flights, and the scenario keys in which the flights differ.
 
-    `labels` are the names of the flights; `summaries` and `scenarios` have an entry for each.
+    `labels` has the names of the flights.
     """
     accuracies = [arrival_accuracy(summary) for summary in summaries]
     figures = []
@@ -220,9 +217,9 @@ def difference_table(
 
 
 def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[float]], float]) -> float | None:
-    """Return the worst value of a key in a summary's entries of the aircraft that stayed in the fleet.
+    """Return the `worst` (`max` or `min`) value of a key over the aircraft that stayed in the fleet.
 
-    `worst` (`max` or `min`) selects it. None if an aircraft lacks the value, or all aircraft have left.
+    None if one of these aircraft has no value, or all aircraft have left.
     """
     values = [aircraft[key] for aircraft in summary["aircraft"] if "left_s" not in aircraft]
     return None if not values or None in values else worst(values)
@@ -231,7 +228,7 @@ def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[flo
 def scenario_differences(first_value: Any, second_value: Any, path: str = "") -> list[tuple[str, Any, Any]]:
     """Return the keys with different values in two scenarios, as (key path, first value, second value).
 
-    A missing value is None. Entries of a list of tables are matched by name. `path` is the key path of the tables.
+    A missing value is None. Entries of a list of tables are matched by name. `path` is the prefix of the key paths.
     """
     first_table, second_table = _entries_by_name(first_value), _entries_by_name(second_value)
     if isinstance(first_table, dict) and isinstance(second_table, dict):
@@ -275,8 +272,8 @@ _Run = tuple[str, xr.Dataset, Mapping[str, Any]]
 def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
     """Write the report of a flight as one HTML page: verdict, animated scene, plots, scenario.
 
-    Raises FileExistsError if `path` exists and `overwrite` is False, and ValueError if dataset or summary lack data, or
-    belong to different flights.
+    Raises FileExistsError if `path` exists and `overwrite` is False. Raises ValueError if dataset or summary lack data,
+    or belong to different flights.
     """
     check_flight(dataset, summary)
     _write([(str(summary["scenario"]["name"]), dataset, summary)], path, overwrite)
@@ -285,8 +282,8 @@ def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *,
 def write_comparison(runs: Sequence[_Run], path: Path, *, overwrite: bool = False) -> None:
     """Write the report of two flights side by side as one HTML page, over a common time, with equal axes.
 
-    `runs` has two entries (name, dataset, summary). Raises FileExistsError if `path` exists and `overwrite` is False,
-    and ValueError if `runs` does not have two entries, or if a dataset or summary lack data or do not belong together.
+    `runs` must have two entries (name, dataset, summary). Raises FileExistsError if `path` exists and `overwrite` is
+    False. Raises ValueError if `runs` does not have two entries, or if a dataset and its summary lack data or differ.
     """
     if len(runs) != 2:
         raise ValueError(f"two runs stand side by side, not {len(runs)}")
@@ -302,7 +299,7 @@ def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
 
 
 def flight_page(runs: Sequence[_Run]) -> str:
-    """Return the HTML of the report page of one flight, or of two side by side; a run is (name, dataset, summary)."""
+    """Return the HTML of the report page of one flight, or of two flights side by side."""
     scenarios = [recorded_table(dataset) for _, dataset, _ in runs]
     datasets = [add_derived_variables(run[1], scenario) for run, scenario in zip(runs, scenarios, strict=True)]
     labels, summaries = [run[0] for run in runs], [run[2] for run in runs]

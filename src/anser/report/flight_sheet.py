@@ -44,8 +44,8 @@ _LINE_HEIGHT = 1.35 / 72.0  # height of a line of text relative to the font size
 class FigureFormat:
     """Format of a figure: width in mm, and whether the figure has a title.
 
-    One column of a journal is 85 to 90 mm wide, two columns 170 to 180 mm. Raises ValueError if the width is not a
-    number from 60 to 400.
+    Raises ValueError if the width is not a number from 60 to 400. A column of a journal is 85 to 90 mm wide, two
+    columns 170 to 180 mm.
     """
 
     width_mm: float = 6.5 * _MM_PER_INCH
@@ -68,7 +68,7 @@ class FigureFormat:
 
     @property
     def is_narrow(self) -> bool:
-        """Whether the figure is too narrow for two panels side by side (below 130 mm)."""
+        """Whether the figure is too narrow (below 130 mm) for two panels side by side."""
         return self.width_mm < 130.0
 
 
@@ -90,7 +90,7 @@ class FlightSheet:
 
     @property
     def has_line_names(self) -> bool:
-        """Whether the aircraft's names stand at the line ends: in a fleet of 8 to 40 aircraft."""
+        """Whether the aircraft's names stand at the line ends, as in a fleet of 8 to 40 aircraft."""
         return not self.has_few_aircraft and self.count <= NAMES_MAX
 
     @functools.cached_property
@@ -110,7 +110,7 @@ class FlightSheet:
 
     @functools.cached_property
     def arrival_index(self) -> np.ndarray:
-        """Index of the last recorded time before each aircraft's hold, shape (aircraft,); without a hold, the last."""
+        """Index of the last sample before the hold, shape (aircraft,); the last sample if an aircraft never holds."""
         is_holding = self.dataset["phase"].values >= HOLD
         return np.where(is_holding.any(axis=0), np.maximum(is_holding.argmax(axis=0), 1), is_holding.shape[0]) - 1
 
@@ -120,7 +120,7 @@ class FlightSheet:
         return self.dataset[name].values[:end, line_style.index].astype(np.float64)
 
     def goal_name(self, line_style: LineStyle) -> str:
-        """Return the name of an aircraft's first goal; without a scenario, "the goal of" the aircraft."""
+        """Return the name of an aircraft's first goal, or "the goal of" the aircraft if the scenario is unknown."""
         aircraft_tables = self.scenario.get("aircraft", [])
         return (
             str(aircraft_tables[line_style.index]["goal"])
@@ -143,42 +143,42 @@ class FlightSheet:
         return line_style.properties
 
     def plot(self, axes: "Axes", line_style: LineStyle, x: np.ndarray, y: np.ndarray) -> None:
-        """Draw an aircraft's line; in a small fleet with markers, at different samples for each aircraft."""
+        """Draw an aircraft's line; in a small fleet, the line has markers at samples that differ between aircraft."""
         step = max(x.size // _MARKERS_PER_LINE, 1)
         markers = (line_style.index * step // self.count, step) if self.has_few_aircraft else None
         properties = self.line_properties(line_style)
         axes.plot(x, y, markevery=markers, label=self.name(line_style.index), **properties)
 
     def reference_properties(self) -> dict[str, Any]:
-        """Return matplotlib properties of planned or commanded lines: dashed; in a large fleet grey, underneath."""
+        """Return matplotlib properties of planned or commanded lines: dashed or, in a large fleet, grey underneath."""
         if self.has_few_aircraft:
             return {"color": INK, "linestyle": DASHED, "linewidth": 0.8, "zorder": 3}
         return {"color": "#c9ced4", "linestyle": "solid", "linewidth": 2.0, "zorder": 1}
 
     @property
     def reference_text(self) -> str:
-        """Look of planned or commanded lines as a word for a note: "dashed", in a large fleet "grey"."""
+        """Word for the look of planned or commanded lines in notes: "dashed" or, in a large fleet, "grey"."""
         return "dashed" if self.has_few_aircraft else "grey"
 
     @functools.cached_property
     def panel_height(self) -> float:
-        """Height of a panel, inches; in a fleet with names at the line ends, enough for all names."""
+        """Height of a panel, inches; sufficient for all names at the line ends, if any."""
         height = float(np.clip(0.26 * self.figure_format.width, _PANEL_HEIGHT_MIN, _PANEL_HEIGHT_MAX))
         return max(height, minimum_panel_height(self.count) + 0.1) if self.has_line_names else height
 
     def figure(self, height: float) -> "Figure":
-        """Return a new figure of the format's width and of a height, inches, without legend, title and note."""
+        """Return a new empty figure with the width of the format and a height in inches."""
         return new_figure((self.figure_format.width, height))[1]
 
     def panels(self, count: int) -> tuple["Figure", list["Axes"]]:
-        """Return a new figure, and its list of `count` panels, one below another with a common time axis."""
+        """Return a new figure and its `count` panels, one below another with a common time axis."""
         figure = self.figure(_TIME_AXIS_HEIGHT + count * (self.panel_height + _PANEL_GAP))
         panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
         panels[-1].set_xlabel("Time $t$ (s)")
         return figure, panels
 
     def label_capacity(self, height: float) -> int:
-        """Return the number of letters of a vertical axis label that fit beside a panel of a height, inches."""
+        """Return the number of letters of a vertical axis label that fit a panel of a height in inches."""
         return int(height * 72.0 / (8.5 * _LETTER_WIDTH))
 
     def finish(self, figure: "Figure", panels: Sequence["Axes"], heading: str, note: str) -> "Figure":
@@ -208,10 +208,7 @@ class FlightSheet:
         return figure
 
     def _lines(self, heading: str, points: float, indentation: float) -> list[str]:
-        """Return the text `heading` as lines that fit the figure.
-
-        The lines are at most as wide as the figure less `indentation`, inches, at the font size `points`.
-        """
+        """Return `heading` as lines that fit the figure's width less `indentation`, inches, at font size `points`."""
         return textwrap.wrap(heading, int((self.figure_format.width - indentation) * 72.0 / (points * _LETTER_WIDTH)))
 
     @property

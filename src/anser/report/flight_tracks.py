@@ -107,8 +107,7 @@ def _has_wind_field(sheet: FlightSheet) -> bool:
 def _draw_wind(axes: "Axes", sheet: FlightSheet, factor: float, period: float) -> float:
     """Draw arrows of the horizontal wind along the tracks, every `period` s; return the greatest wind speed, m/s.
 
-    `factor` converts m to the unit of the map. The wind is the velocity over the ground less the velocity through the
-    air, without gusts.
+    The wind has no gusts. `factor` converts m to the unit of the map.
     """
     through_air = "airspeed_mean_wind_m_s" if "airspeed_mean_wind_m_s" in sheet.dataset else "airspeed_m_s"
     arrows = []
@@ -138,9 +137,9 @@ def _draw_wind(axes: "Axes", sheet: FlightSheet, factor: float, period: float) -
 
 
 def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) -> None:
-    """Write the name of each aircraft's first goal on the map and, in a large fleet, the name of each aircraft.
+    """Write the names of the aircraft's first goals and, in a large fleet, of the aircraft, away from the tracks.
 
-    The names stand on the side away from the tracks. `factor` converts m to the unit of the map; `extent` is its size.
+    `factor` converts m to the unit of the map; `extent` is the size of the map in this unit.
     """
     rendezvous = [_position(sheet, "rendezvous_", line_style, factor, -1) for line_style in sheet.line_styles]
     occupied = [(position, MARKER_SIZE) for position in rendezvous]
@@ -173,9 +172,9 @@ def _last_sample_of_first_goal(sheet: FlightSheet, line_style: LineStyle) -> int
 
 
 def _has_new_goal(sheet: FlightSheet, line_style: LineStyle) -> np.ndarray:
-    """Return for each sample up to the arrival whether the recorded goal has changed to a new goal; shape (samples,).
+    """Return a mask, shape (samples,), of the samples up to the arrival at which the goal is replaced by a new goal.
 
-    A change is a horizontal motion since the previous sample that is faster than `_GOAL_SPEED_MAX_M_S`.
+    A horizontal motion of the goal faster than `_GOAL_SPEED_MAX_M_S` since the previous sample means a new goal.
     """
     goal_track = [sheet.until_arrival(f"goal_{axis}_m", line_style) for axis in _AXES]
     steps = np.hypot(*(np.diff(part, prepend=part[0]) for part in goal_track))

@@ -19,7 +19,7 @@ _COLUMNS = 3
 
 
 def response_figure(dataset: xr.Dataset, prefix: str = "") -> "Figure":
-    """Return a figure of measured and modelled responses; prefix "validation_": those of the validation flight."""
+    """Return a figure of measured and modelled responses; prefix "validation_" selects the validation flight."""
     return draw_for_print(lambda data: _draw_responses(data, prefix), dataset)
 
 
@@ -47,7 +47,7 @@ def _panels(count: int) -> tuple["Figure", list[Any]]:
 
 
 def residual_figure(dataset: xr.Dataset) -> "Figure":
-    """Return a figure of the residuals over time and their autocorrelation, with the 95 % bounds of white noise."""
+    """Return a figure of the residuals over time, and of their autocorrelation with the 95 % bounds of white noise."""
     return draw_for_print(_draw_residuals, dataset)
 
 
@@ -87,17 +87,10 @@ def _draw_correlation(dataset: xr.Dataset) -> "Figure":
 
 
 def write_identification_report(dataset: xr.Dataset, fits: Sequence[Mapping[str, Any]], folder: Path) -> None:
-    """Write the figures (SVG, PNG) and the page `report.html` of an identification into a folder.
+    """Write the figures (SVG, PNG) and the page `report.html` of an identification into an existing folder.
 
-    Parameters
-    ----------
-    dataset
-        Dataset of the identification: parameters, responses, correlation.
-    fits
-        A table for each response: its name, and R^2 and Theil's inequality coefficient in the identified manoeuvre and,
-        if there is a validation, in the validation.
-    folder
-        Existing folder; raises FileExistsError if one of the files exists.
+    `fits` has a table for each response: name, R^2 and Theil's inequality coefficient, and both coefficients of the
+    validation, if any. Raises FileExistsError if one of the files exists.
     """
     figures = {"responses": response_figure(dataset)}
     if "validation_measured" in dataset:

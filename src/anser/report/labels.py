@@ -30,7 +30,7 @@ _KILOMETRES_FROM_M = 10_000.0
 
 
 def printed_unit(unit: str) -> str:
-    """Return a unit as printed, "m/s" for the unit "m s-1" of datasets; empty for the unit "1"."""
+    """Return a unit of datasets as printed, such as "m/s" for "m s-1"; empty for the unit "1"."""
     return _PRINTED_UNITS.get(unit, unit)
 
 
@@ -47,7 +47,7 @@ def html_label(values: xr.DataArray) -> dict[str, str]:
 def axis_label(
     values: xr.DataArray, name: str | None = None, unit: str | None = None, length: int = _LINE_LENGTH
 ) -> str:
-    """Return an axis label, wrapped to `length` characters: name (default: long name), symbol, unit in brackets."""
+    """Return an axis label of lines of `length` characters: `name` (None: long name), symbol, unit in brackets."""
     lines = textwrap.wrap(str(values.attrs["long_name"]) if name is None else name, length)
     printed = display_unit(values) if unit is None else unit
     symbol = math_symbol(values) + (f" ({printed})" if printed else "")
@@ -59,7 +59,7 @@ def axis_label(
 def axis_scale(values: xr.DataArray, magnitude: float) -> tuple[float, str]:
     """Return the factor from a variable's unit to the unit of the axis, and the unit of the axis as printed.
 
-    A variable in m has an axis in km if `magnitude`, the greatest absolute value, is 10,000 m or more.
+    The axis of a variable in m is in km if `magnitude`, the greatest absolute value, is 10,000 m or more.
     """
     if str(values.attrs["units"]) == "m" and magnitude >= _KILOMETRES_FROM_M:
         return 1e-3, "km"
@@ -67,7 +67,7 @@ def axis_scale(values: xr.DataArray, magnitude: float) -> tuple[float, str]:
 
 
 def math_symbol(values: xr.DataArray) -> str:
-    """Return a variable's symbol as mathematical text for matplotlib: V with subscript c for the symbol "V_c"."""
+    """Return a variable's symbol as mathematical text for matplotlib, with the letters after "_" as subscript."""
     base, _, subscript = str(values.attrs["symbol"]).partition("_")
     return f"${base}_{{{subscript}}}$" if subscript else f"${base}$"
 
@@ -96,17 +96,17 @@ _OWNERS_MAX = 3  # greatest number of aircraft that are listed
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of one or more aircraft, to be drawn as a labelled line; `value` is in the unit of the axis."""
+    """A limit of one or more aircraft, to be drawn as a labelled line."""
 
-    value: float
+    value: float  # in the unit of the axis
     is_upper: bool
     label: str
 
 
 def format_owners(names: Sequence[str], fleet_size: int) -> str:
-    """Return a text with the names of the aircraft that a limit concerns; empty if these are all aircraft of the fleet.
+    """Return the names of the aircraft that a limit concerns, as text; empty if the limit concerns the whole fleet.
 
-    `fleet_size` is the number of aircraft. More than `_OWNERS_MAX` names are shortened, as in "a, b and 5 more".
+    More than `_OWNERS_MAX` names are shortened, as in "a, b and 5 more".
     """
     if len(names) == fleet_size:
         return ""
@@ -121,7 +121,7 @@ def draw_limit_line(axes: "Axes", value: float) -> None:
 
 
 def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> None:
-    """Draw a limit line with its label at the left or right, on the side beyond the limit."""
+    """Draw a limit line with a label at the left or right end, on the side beyond the limit."""
     draw_limit_line(axes, limit.value)
     axes.annotate(
         limit.label,
@@ -139,10 +139,9 @@ def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> N
 
 
 def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, float]) -> list[Limit]:
-    """Draw limits, nearest first, and extend the axis to each limit, unless the data would become too small.
+    """Draw limits, nearest first, and extend the axis to each limit; return the limits that are not drawn.
 
-    `data_range` is the least and greatest value of the data, which keep at least the fraction `_DATA_HEIGHT_MIN` of the
-    axis. Returns the limits that are therefore not drawn.
+    A limit is not drawn if `data_range` (least, greatest value) would keep less than `_DATA_HEIGHT_MIN` of the axis.
     """
     hidden: list[Limit] = []
     label_counts = {True: 0, False: 0}
@@ -175,12 +174,14 @@ _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 
 
 def annotate_position(
-    axes: "Axes", label: str, position: np.ndarray, towards: tuple[float, float], color: str, points: float
+    axes: "Axes",
+    label: str,
+    position: np.ndarray,
+    towards: tuple[float, float],
+    color: str,
+    points: float,  # font size
 ) -> None:
-    """Write a label beside a position on a map, on the side of the unit vector `towards` (right, up).
-
-    `points` is the font size, `color` the colour of the text.
-    """
+    """Write a label beside a position on a map, on the side of the unit vector `towards` (right, up)."""
     side, up = towards
     axes.annotate(
         label,
@@ -197,7 +198,7 @@ def annotate_position(
 
 
 def unit_vector(vector: np.ndarray) -> tuple[float, float]:
-    """Return the unit vector in the direction of a vector in the plane; (0, 0) for the zero vector."""
+    """Return the unit vector in the direction of a plane vector; (0, 0) for the zero vector."""
     x, y = vector / max(float(np.hypot(*vector)), 1e-12)
     return float(x), float(y)
 
@@ -207,9 +208,9 @@ def clear_direction(
 ) -> tuple[float, float]:
     """Return the direction, a unit vector (right, up), from a position on a map to its label.
 
-    The direction is the nearest to `towards`, of eight in steps of 45 degrees, in which the label overlaps no area in
-    `occupied`; if every direction overlaps, `towards`. `extent` is the greatest extent of the map in its unit.
-    `occupied` has areas as (centre, size relative to a label); the area of the new label is added.
+    Of eight directions in steps of 45 degrees, the direction is the nearest to `towards` in which the label overlaps no
+    area; `towards` if all directions overlap. `extent` is the greatest extent of the map. `occupied` has areas as
+    (centre, size relative to a label); the area of the new label is added.
     """
     azimuth = np.arctan2(towards[1], towards[0])
     turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
@@ -234,21 +235,17 @@ _APPROACH_DIVISOR = 4  # the last quarter of a line is its approach
 
 @dataclass(frozen=True)
 class LineEnd:
-    """End of a line in a panel, (`x`, `y`) in data coordinates, and the name (`label`) to be written there.
+    """End of a line in a panel, with the name to be written there."""
 
-    `approach_y` is the mean of the line's last quarter: of lines with equal ends, the line with the higher mean has its
-    name above.
-    """
-
-    x: float
+    x: float  # data coordinates
     y: float
-    approach_y: float
-    label: str
+    approach_y: float  # mean of the line's last quarter, which orders the names of lines with equal ends
+    label: str  # name
     line_style: LineStyle
 
 
 def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyle) -> LineEnd:
-    """Return the end of a line at its last finite sample; y is NaN for a line without a finite sample."""
+    """Return the end of a line at its last finite sample; y is NaN if no sample is finite."""
     finite = np.flatnonzero(np.isfinite(y))
     if finite.size == 0:
         return LineEnd(float(x[-1]), np.nan, np.nan, label, line_style)
@@ -257,12 +254,12 @@ def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyl
 
 
 def minimum_panel_height(count: int) -> float:
-    """Return the least height of a panel, inches, that leaves room for `count` names beside the panel."""
+    """Return the least height of a panel, inches, with room for `count` names beside the panel."""
     return count * END_FONT_SIZE * _LINE_PITCH / 72.0
 
 
 def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -> None:
-    """Write the names of lines at the right of a panel, close to the line ends, connected to them, without overlap.
+    """Write the names of lines at the right of a panel, connected to the line ends, without overlap.
 
     The limits of `axes` must be final; `height` is the approximate height of the panel, inches.
     """
@@ -302,7 +299,7 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
 def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
     """Return positions from 0 to 1, at least `gap` apart, nearest to increasing target positions (least squares).
 
-    If the range is too small, the positions exceed 0 and 1 evenly on both sides.
+    If the positions need more room, they exceed 0 and 1 by equal amounts.
     """
     # isotonic regression: less the gaps, positions must not decrease; pool adjacent violators to their mean
     groups: list[list[float]] = []

@@ -31,10 +31,9 @@ def format_number(value: float | None, digits: int) -> str:
 
 
 def render(template: str, *, package: str = "anser.report", **values: Any) -> "Markup":
-    """Return the HTML of a template with `values` inserted, as `Markup`, which templates insert without escaping.
+    """Return the HTML of a template of `package` with `values` inserted, as `Markup`.
 
-    `package` is the package with the template; a template of another package than `anser.report` may extend and include
-    templates of `anser.report`.
+    A template of another package may extend and include templates of `anser.report`.
     """
     from markupsafe import Markup
 
@@ -80,11 +79,10 @@ def render_page(
     package: str = "anser.report",
     **values: Any,
 ) -> str:
-    """Return the HTML of a page from a template, of the package `package`, that extends `page.html`.
+    """Return the HTML of a page from a template that extends `page.html`, with `values` inserted.
 
-    `body_class` is the CSS class of the body; `styles` and `scripts` are names of assets (see `read_asset`), in order;
-    `data` is the identifier and the content (plain data) of the script element with data; `values` are those of the
-    template.
+    `body_class` is a CSS class; `styles` and `scripts` are names of assets, in order (see `read_asset`); `data` is
+    (identifier, plain data) of the script element with data; `package` has the template.
     """
     from markupsafe import Markup
 
@@ -103,20 +101,17 @@ def render_page(
 
 
 def read_asset(name: str) -> str:
-    """Return the text of an asset, a style or script file of `anser.report`.
-
-    The name "package:file" means an asset of another package.
-    """
+    """Return the text of a style or script file of `anser.report`; "package:file" names a file of another package."""
     package, _, path = name.rpartition(":")
     return files(package or "anser.report").joinpath("assets", *path.split("/")).read_text(encoding="utf-8")
 
 
 def script_json(data: Any) -> str:
-    """Return data as JSON in which &, < and > are escaped, so that no text can end the script element around it."""
+    """Return data as JSON in which &, < and > are escaped, so that no text can end the script element."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _script_hash(script: str) -> str:
-    """Return the SHA-256 of a script for the page's content security policy, which lists the scripts that may run."""
+    """Return the SHA-256 that permits a script in the page's content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

@@ -52,19 +52,16 @@ _TIME_LENGTH = 9
 
 
 def marker_period(dataset: xr.Dataset) -> float:
-    """Return the time between two dots on a path, s.
-
-    The period is the shortest of a series of round values that gives at most 8 intervals in the plan.
-    """
+    """Return the shortest round period, s, between dots on a path that gives at most 8 intervals in the plan."""
     times = dataset["time"].values
     return next((step for step in _STEPS_S if (times[-1] - times[0]) / step <= _MARKERS_PER_PATH_MAX), _STEPS_S[-1])
 
 
 def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | None:
-    """Return the names of the two aircraft that come closest in the plan; None if the plan has no pair of aircraft.
+    """Return the names of the two aircraft that come closest in the plan; None for a single aircraft.
 
-    `measure` is "distance" (in space) or, if a separation is required, "separation" (vertical distances scaled by the
-    ratio of horizontal to vertical separation).
+    `measure` is "distance" (in space) or "separation" (vertical distances multiplied by the ratio of horizontal to
+    vertical separation), which the dataset has only if a separation is required.
     """
     pair = dataset[f"least_{measure}_pair"].values
     if pair[0] < 0:
@@ -164,7 +161,7 @@ def _goal_direction(dataset: xr.Dataset, k: int, finite: np.ndarray) -> tuple[fl
 
 
 def _last_position(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.ndarray:
-    """Return the last finite position, m, of aircraft or goal `k`; `names` are the two variables of the coordinates."""
+    """Return the last finite position, m, in column `k` of the two variables `names`."""
     last_sample = np.flatnonzero(np.isfinite(dataset[names[0]].values[:, k]))[-1]
     return np.array([dataset[name].values[last_sample, k] for name in names])
 
@@ -251,9 +248,9 @@ _CEILING_DISTANCE_MAX = 2.0  # in ranges of the altitudes; a higher ceiling is o
 def draw_plan_variable(
     axes: "Axes", dataset: xr.Dataset, styles: list[LineStyle], name: str, limits: tuple[str, ...], both_signs: bool
 ) -> None:
-    """Draw the variable `name` of all aircraft over time, with the `limits` (names without "limit_").
+    """Draw the variable `name` of all aircraft over time, with the limits `limit_...` named in `limits`.
 
-    With `both_signs`, a limit is also drawn at the negated value.
+    If `both_signs` is True, the negated limits are drawn as well.
     """
     _draw_lines(axes, dataset, styles, name)
     signs = (1.0, -1.0) if both_signs else (1.0,)
@@ -266,10 +263,7 @@ def draw_plan_variable(
 
 
 def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw the altitudes over time, with the least and the greatest allowed altitude as lines.
-
-    A greatest altitude far above the paths is only stated as text.
-    """
+    """Draw the altitudes over time, with the least and greatest allowed altitude; a very high limit is only text."""
     _draw_lines(axes, dataset, line_styles, "altitude_m")
     floor, ceiling = (float(dataset[f"limit_altitude_{end}_m"].values[0]) for end in ("min", "max"))
     altitudes = dataset["altitude_m"].values
@@ -326,7 +320,7 @@ def draw_plan_separation(axes: "Axes", dataset: xr.Dataset) -> None:
 
 
 def _format_log_axis(axes: "Axes", values: np.ndarray) -> None:
-    """Format the ticks of a logarithmic axis as plain numbers, and extend it so that text fits above `values`."""
+    """Format the ticks of a logarithmic axis as plain numbers, and extend the axis for text above `values`."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_ylim()
@@ -371,8 +365,8 @@ def _label(values: xr.DataArray) -> str:
 def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     """Draw map, altitudes, airspeeds, bank angles and separation of a plan into new files `plan.svg` and `plan.png`.
 
-    `dataset` is a result of `anser.results.plan_dataset`. Returns the paths of the files. Raises FileExistsError if one
-    of the files exists.
+    `dataset` must be a result of `anser.results.plan_dataset`. Returns the paths of the files. Raises FileExistsError
+    if one of the files exists.
     """
     return save_drawings({"plan": _plan}, dataset, {**PRINT_STYLE, "svg.hashsalt": "anser-plan"}, folder)
 
@@ -429,8 +423,8 @@ _FAMILIES = {
 def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, ...]:
     """Draw a family of paths of the published planner into new files `shape-b4` or `shape-c4`, SVG, PNG and PDF.
 
-    `family` is the shape parameter that bends the paths: "b4" (sideways) or "c4" (vertically). Returns the paths of the
-    files. Raises FileExistsError if one of the files exists.
+    `family` is the parameter that bends the paths sideways ("b4") or vertically ("c4"). Returns the paths of the files.
+    Raises FileExistsError if one of the files exists.
     """
     parameter, ordinate, angle, heading = _FAMILIES[family]
 

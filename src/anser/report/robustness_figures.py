@@ -31,8 +31,8 @@ _CHANGE_RANGE_MIN = 0.1  # least half-width of the axis
 def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     """Draw a robustness study into new files `success`, `errors`, `spread` and `alone`, SVG and PNG; return the paths.
 
-    `dataset` is a result of `anser.analysis.robustness`. Figures of parts of the study that were not flown are left
-    out. Raises FileExistsError if one of the files exists.
+    `dataset` must be a result of `anser.analysis.robustness`. A part of the study that was not flown has no figure.
+    Raises FileExistsError if one of the files exists.
     """
     drawings = {
         "success": ("dispersed", _success_by_condition),
@@ -117,9 +117,9 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
 
 
 def _single_factors(dataset: xr.Dataset) -> "Figure":
-    """Return a figure of the largest change of each factor alone, up and down, with which no flight fails, as bars.
+    """Return a figure of bars: for each factor, the largest change up and down with which no flight fails.
 
-    Factors without any failure are named below the figure.
+    Factors that cause no failure are named below the figure.
     """
     breaks = first_breaks(dataset)
     inversions = [str(name) for name in dataset["inversion"].values]
@@ -179,10 +179,7 @@ def _draw_bar(axes: "Axes", first_break: FirstBreak, middle: float, height: floa
 
 
 def _factor_label(dataset: xr.Dataset, factor: str) -> str:
-    """Return the name of a factor for an axis label.
-
-    For a factor with the nominal value 0, the value that corresponds to a change of 100 % is added.
-    """
+    """Return the name of a factor and, if the nominal value is 0, the value that is a change of 100 %."""
     factor_data = dataset.sel(factor=factor)
     scale, unit = float(factor_data["factor_scale"]), str(factor_data["factor_unit"].item())
     name = factor.replace("_", " ")

@@ -25,12 +25,12 @@ DARK_COLORS = ("#3D97E0", "#F0772B", "#1FBF90", "#DE93BC", "#EFB530", "#9AD6F7",
 
 
 def color_of(index: int) -> str:
-    """Return the colour, as "#rrggbb", of the aircraft or line with an index; from the eighth on, colours repeat."""
+    """Return the colour "#rrggbb" of the aircraft or line with an index; 7 colours repeat."""
     return COLORS[index % len(COLORS)]
 
 
 def page_color_of(index: int) -> str:
-    """Return the colour of the aircraft with an index on a page: a CSS variable for light and dark backgrounds."""
+    """Return the colour of the aircraft with an index on a page, as a CSS variable for light and dark backgrounds."""
     return f"var(--c{index % len(COLORS)})"
 
 
@@ -107,11 +107,9 @@ def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
 
 @functools.cache
 def _figure_class() -> Any:
-    """Return a subclass of matplotlib's figure class that a notebook displays without pyplot."""
+    """Return a figure class of matplotlib that a notebook displays without pyplot."""
 
     class Drawing(_matplotlib().figure.Figure):
-        """A figure without a window, displayed by notebooks as PNG."""
-
         def _repr_png_(self) -> bytes:
             return figure_content(self, ".png", dpi=120)
 
@@ -125,12 +123,12 @@ def draw_for_print(draw: Callable[[xr.Dataset], "Figure"], dataset: xr.Dataset) 
 
 
 def series_style(index: int) -> dict[str, Any]:
-    """Return colour and dashes, for matplotlib, of the line with an index in a panel; dashes differ for 5 lines."""
+    """Return colour and dashes, for matplotlib, of the line with an index in a panel; 5 lines differ in dashes."""
     return {"color": color_of(index), "linestyle": _LINE_DASHES[index % len(_LINE_DASHES)]}
 
 
 def marker_style(index: int) -> dict[str, Any]:
-    """Return colour and marker, for matplotlib, of the aircraft with an index; markers differ for 21 aircraft."""
+    """Return colour and marker, for matplotlib, of the aircraft with an index; 21 aircraft differ in markers."""
     return {
         "color": color_of(index),
         "marker": _MARKERS[index % len(_MARKERS)],
@@ -141,17 +139,19 @@ def marker_style(index: int) -> dict[str, Any]:
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
-    """Write a figure to files, in formats by suffix; raises FileExistsError if a file exists, unless `overwrite`."""
+    """Write a figure to files in the formats of their suffixes.
+
+    Raises FileExistsError if a file exists and `overwrite` is False.
+    """
     for path in paths:  # in memory first: on a full disk, matplotlib would raise misleading errors
         write_file(path, figure_content(figure, path.suffix, dpi=160), overwrite=overwrite)
         figure.set_layout_engine("none")  # the layout is computed only once
 
 
 def figure_content(figure: "Figure", suffix: str, dpi: float | None = None) -> bytes:
-    """Return the content of a file of a figure, in the format of `suffix` (".svg", ".png" or ".pdf").
+    """Return the content of a file of a figure in the format of `suffix`: ".svg", ".png" or ".pdf".
 
-    `dpi` is the resolution in dots per inch; None: the figure's. The content equals that of `figure.savefig`, which
-    takes longer, since it draws a figure twice.
+    `dpi` is the resolution in dots per inch; None: the figure's resolution.
     """
     from matplotlib.backend_bases import get_registered_canvas_class
 
@@ -176,10 +176,10 @@ def save_drawings(
     *,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Draw figures of a dataset into files of a folder, each with its name in `drawings` and each of `suffixes`.
+    """Draw figures into the files `folder`/name + suffix, for each name in `drawings` and each of `suffixes`.
 
-    `drawings` are functions that return a figure of the dataset; `style` are settings of matplotlib. Returns the paths
-    of the files. Raises FileExistsError if a file exists and `overwrite` is False.
+    `drawings` are functions that return a figure of the dataset; `style` are settings of matplotlib. Returns the paths.
+    Raises FileExistsError if a file exists and `overwrite` is False.
     """
     written: list[Path] = []
     with _matplotlib().rc_context(style):
@@ -197,13 +197,13 @@ _PREFIX_MIN = 3
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Line style of one aircraft: index in the dataset, short name, colour, dash pattern, and width in points."""
+    """Line style of one aircraft."""
 
-    index: int
-    label: str
+    index: int  # of the aircraft in the dataset
+    label: str  # name of the aircraft without the fleet's common prefix
     color: str
-    dashes: Any
-    width: float
+    dashes: Any  # dash pattern, for matplotlib
+    width: float  # points
 
     @property
     def properties(self) -> dict[str, Any]:
@@ -212,7 +212,7 @@ class LineStyle:
 
 
 def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
-    """Return the line styles of the aircraft of a flight or plan, without those whose first position is not finite."""
+    """Return the line styles of the aircraft of a flight or plan that have a finite first position."""
     names, prefix = [str(name) for name in dataset["aircraft"].values], shared_prefix(dataset)
     width = 1.5 if len(names) <= _SMALL_FLEET_MAX else 1.0 if len(names) <= 3 * _SMALL_FLEET_MAX else 0.6
     return [
@@ -223,7 +223,7 @@ def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
 
 
 def shared_prefix(dataset: xr.Dataset) -> str:
-    """Return the common start of the aircraft names, which labels omit, in a fleet of 8 or more; otherwise empty."""
+    """Return the common start of the aircraft names, which labels omit; empty in a fleet of fewer than 8."""
     names = [str(name) for name in dataset["aircraft"].values]
     if len(names) <= _SMALL_FLEET_MAX:
         return ""

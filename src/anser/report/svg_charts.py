@@ -71,7 +71,7 @@ def _shortened(name: str, length: int) -> str:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Return the values of an axis' ticks: multiples of a round step that span `low` to `high`, or 1 if both agree."""
+    """Return the ticks of an axis that spans `low` to `high`: multiples of a round step."""
     high = high if high > low else low + 1.0
     reach = max(high - low, 1e-9)
     size = 10.0 ** np.floor(np.log10(reach))
@@ -90,7 +90,10 @@ _RANK_BARS, _SOBOL_BARS = (("rank", 9, 0),), (("total", 15, 5), ("first", 6, 0))
 
 
 def influence_strip(influences: Sequence[Mapping[str, Any]], output: str) -> "Markup | str":
-    """Return an SVG chart of an output's sensitivity to each input, from `Influences.as_dict`; empty without any."""
+    """Return an SVG chart of an output's sensitivity to each input; empty if no sensitivity is known.
+
+    `influences` is the list `entries` of `Influences.as_dict`.
+    """
     by_path: dict[str, dict[str, Mapping[str, Any]]] = {}
     for influence in influences:
         if influence["output"] == output:
@@ -147,19 +150,19 @@ _PAIRS_MAX = 45
 
 
 def pair_links(dataset: xr.Dataset) -> dict[tuple[str, str], np.ndarray]:
-    """Return for each pair of aircraft (names) a mask of the times, (time,), at which the first hears the second."""
+    """Return a mask (time,) for each pair of aircraft names: True while the first aircraft hears the second."""
     names, heard = [str(name) for name in dataset["aircraft"].values], dataset["heard_from"].values
     return {(names[i], names[k]): (heard[:, i] >> k) & 1 == 1 for i, k in combinations(range(len(names)), 2)}
 
 
 def link_spans(time: np.ndarray, is_linked: np.ndarray) -> list[tuple[float, float]]:
-    """Return the spans of time (from, to), s, in which a pair of aircraft is linked, from a mask of the times."""
+    """Return the spans of time (from, to), s, in which `is_linked`, a mask of the times, is True."""
     edges = np.flatnonzero(np.diff(is_linked.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     return [(float(time[start]), float(time[min(stop, len(time) - 1)])) for start, stop in edges]
 
 
 def links_strip(dataset: xr.Dataset) -> "Markup | str":
-    """Return an SVG chart of a network's links and quality of service over time; empty with a central planner."""
+    """Return an SVG chart of a network's links and quality of service over time; empty if the planner is central."""
     if "heard_from" not in dataset:
         return ""
     time, pairs = dataset["time"].values, list(pair_links(dataset).items())
@@ -210,7 +213,7 @@ _SIZE = 1000.0
 _HEIGHT_RANGE = (0.45, 1.0)
 """Least and greatest height of the map, as fractions of its width."""
 _AFTER_S = 2.0
-"""Time after its arrival up to which an aircraft is still drawn, s."""
+"""Time for which an aircraft is still drawn after the arrival, s."""
 
 
 def campaign_map(report: "CampaignReport") -> "Markup | str":
@@ -244,10 +247,9 @@ def campaign_map(report: "CampaignReport") -> "Markup | str":
 
 
 def _tracks(replay: "ReplayedFlight", arrivals: np.ndarray) -> list[np.ndarray]:
-    """Return the tracks of a replayed flight, arrays (points, 2) of east and north, m, for each aircraft with a track.
+    """Return east and north, m, shape (points, 2), of each aircraft's track in a replayed flight.
 
-    A track ends shortly after the aircraft's arrival time in `arrivals`, s (NaN: with the record), and is thinned to
-    at most `_TRACK_POINTS_MAX` points.
+    A track ends `_AFTER_S` after the aircraft's time in `arrivals`, s; NaN: at the end of the record.
     """
     data, lines = replay.tracks, []
     time = data["time"].values

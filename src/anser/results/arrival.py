@@ -23,17 +23,12 @@ _NO_RECORD = "not arrived: no finite position in the record"
 
 @dataclass(frozen=True)
 class Arrival:
-    """Outcome of one aircraft's approach.
+    """Outcome of one aircraft's approach."""
 
-    `time_s` is the time of the arrival, s, and `miss_m` the distance from the rendezvous at that time, m; both NaN
-    without an arrival. `approach_end_s` is the end of the approach, s: the arrival, or else the time at which the
-    aircraft left its plan or the record ended. `status` is "arrived", also if the aircraft left the fleet afterwards;
-    the first and the last failure of the flight, before or after the arrival; or the reason why there is no arrival.
-    """
-
-    time_s: float
-    miss_m: float
-    approach_end_s: float
+    time_s: float  # time of the arrival, s; NaN if the aircraft did not arrive
+    miss_m: float  # distance from the rendezvous at the arrival, m; NaN if the aircraft did not arrive
+    approach_end_s: float  # time of the arrival; if missing, of the departure from the plan or end of the record, s
+    # "arrived" (also if the aircraft left the fleet later), first and last failure, or reason for the missing arrival
     status: str
 
     @property
@@ -46,16 +41,17 @@ def arrival_outcome(
     # time of the closest pass up to the end of the search, s, and distance, m; NaN without a record
     closest_pass: tuple[float, float],
     planned_s: float,  # planned arrival time of the last plan, s
-    off_plan_s: float,  # time of the first sample with an off-plan status, s; infinite without one
+    off_plan_s: float,  # time of the first sample with an off-plan status, s; infinite if always on the plan
     end_s: float,  # end of the record, s
     codes: Sequence[int],  # status over time, or the first and last non-zero status: indices into `STATUS_MESSAGES`
 ) -> Arrival:
     """Decide whether the closest pass of the rendezvous is an arrival, and return the outcome of the approach.
 
-    The pass is an arrival if the aircraft flew its plan at least until the planned arrival, and the distance increased
-    again before the end of the search: the earliest of 10 s after the planned arrival, the end of the record, and the
-    time at which the aircraft left its plan. An aircraft that crashed or broke off before, or was still closing, has
-    not arrived.
+    The pass is an arrival if two conditions are met:
+
+    - The aircraft flew its plan at least until the planned arrival.
+    - The distance increased again before the aircraft left its plan, before the end of the record, and within 10 s of
+      the planned arrival.
     """
     time_s, miss_m = closest_pass
     approach_end_s = min(off_plan_s, end_s)
@@ -85,9 +81,8 @@ def closest_approach(
 ) -> tuple[float, float]:
     """Return the time (s) and distance (m) of the closest pass of a moving rendezvous.
 
-    The offset is interpolated linearly between samples, and its length is minimised exactly. Only the record up to
-    `planned_arrival_s + margin_s` counts: closer passes in the later hold around the goal do not. Time and distance are
-    NaN if no interval between two consecutive finite samples starts by then.
+    The offset is linear between samples. Passes later than `planned_arrival_s + margin_s` do not count, since an
+    aircraft in the hold may come closer. Time and distance are NaN if no two consecutive finite samples exist by then.
 
     Raises ValueError if the shapes do not match, or the record has fewer than two samples.
     """
@@ -113,7 +108,7 @@ def least_distance(
 ) -> np.ndarray:
     """Compute the least distance of each pair of points over time, m, with linear motion between samples.
 
-    Returns shape (pair,); NaN for a pair without two consecutive finite samples.
+    Returns shape (pair,); NaN for a pair that has no two consecutive finite samples.
     """
     _, distance = _segment_minima(offset, np.ones((offset.shape[0] - 1, 1)))
     minimum = np.min(np.where(np.isfinite(distance), distance, np.inf), axis=0)
@@ -121,10 +116,10 @@ def least_distance(
 
 
 def _segment_minima(points: np.ndarray, fraction_max: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the point nearest to the origin on each straight segment between consecutive `points` (time, ..., axis), m.
+    """Find the point nearest to the origin on each segment between consecutive `points` (time, ..., axis), m.
 
-    Returns two arrays (time - 1, ...): the point's position on its segment, a fraction of at most `fraction_max`, and
-    its distance from the origin, m; NaN for a segment with an endpoint that is not finite.
+    Returns two arrays (time - 1, ...): the fraction of the segment at the point, at most `fraction_max`, and the
+    distance from the origin, m; NaN if an endpoint is not finite.
     """
     # A segment with a non-finite value has a non-finite distance.
     points = np.where(np.isfinite(points), points, np.nan)
@@ -139,17 +134,16 @@ _MILLISECONDS_BELOW_S = 0.0995
 
 @dataclass(frozen=True)
 class ArrivalAccuracy:
-    """Accuracy of the arrival times of a fleet in one flight: the worst value of one of three measures, s.
+    """Accuracy of the arrival times of a fleet in one flight: the worst value of one of three measures.
 
-    `kind` "spread" (aircraft that arrive together): time between the first and the last arrival. "spacing" (sequence):
-    largest deviation of the interval between two consecutive arrivals from `required_spacing_s`, s. "error" (single
-    aircraft, individual times or windows): largest deviation of an arrival from its planned time. `value_s` is None if
-    an arrival is missing; `required_spacing_s` is None unless for "spacing".
+    - "spread", for common arrivals: time between the first and the last arrival
+    - "spacing", for a sequence: largest deviation of an interval between two consecutive arrivals from the required one
+    - "error", for a single aircraft or individual times: largest deviation of an arrival from its planned time
     """
 
     kind: Literal["spread", "spacing", "error"]
-    value_s: float | None
-    required_spacing_s: float | None = None
+    value_s: float | None  # None if an arrival is missing
+    required_spacing_s: float | None = None  # None except for "spacing"
 
     def describe(self, aircraft: int) -> str:
         """Return the accuracy as text, for a fleet of `aircraft` aircraft; empty if an arrival is missing."""
@@ -164,7 +158,7 @@ class ArrivalAccuracy:
 
 
 def format_duration(seconds: float) -> str:
-    """Format a duration, s, with its unit: "1.50 s", or below 0.1 s in milliseconds, "15 ms"."""
+    """Format a duration, s, with unit: "1.50 s" or, below 0.1 s, "15 ms"."""
     return f"{1000 * seconds:.2g} ms" if seconds < _MILLISECONDS_BELOW_S else f"{seconds:.2f} s"
 
 
@@ -177,11 +171,10 @@ def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str
 
 
 def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[str, Any]:
-    """Return the entry `arrival` of a summary, from the entries of its aircraft.
+    """Return the entry `arrival` of a summary: arrival rule, whether the arrival time is common, and errors, s.
 
-    Contents: the arrival rule, whether the arrival time is common, and the largest deviation of an arrival from its
-    planned time, s; in a sequence with a required spacing also the spacing and its largest error, s. An error is None
-    if an arrival is missing. Aircraft that left the fleet before their arrival do not count.
+    The errors are the largest deviation of an arrival from its planned time and, in a sequence with a required spacing,
+    from this spacing; None if an arrival is missing. Aircraft that left the fleet before their arrival do not count.
     """
     staying = [entry for entry in aircraft if "left_s" not in entry]
     arrivals = [entry["arrival_s"] for entry in staying]
@@ -203,20 +196,15 @@ def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[s
 
 
 def _spacing_error(earlier: _Entry, later: _Entry, spacing_s: float) -> float:
-    """Return the absolute deviation, s, of the interval between two arrivals from the required spacing.
-
-    If the plan has an interval of several spacings, the deviation is that from the nearest multiple of the spacing.
-    """
+    """Return the absolute deviation, s, of an interval between arrivals from the planned multiple of the spacing."""
     gap_s, planned_s = (later[key] - earlier[key] for key in ("arrival_s", "planned_arrival_s"))
     places = max(1, round(planned_s / spacing_s)) if spacing_s > 0.0 else 1
     return abs(gap_s - places * spacing_s)
 
 
 def arrival_accuracy(summary: Mapping[str, Any]) -> ArrivalAccuracy:
-    """Return the arrival accuracy of a flight from its summary.
-
-    A summary of an older version, without the entry `arrival`, is of a flight with simultaneous arrivals.
-    """
+    """Return the arrival accuracy of a flight from its summary."""
+    # summaries of older versions lack the entry; their arrivals were simultaneous
     requirement = summary.get("arrival") or {"common": True, "error_max_s": None}
     if len(summary["aircraft"]) > 1 and requirement["common"]:
         return ArrivalAccuracy("spread", summary["fleet"]["arrival_spread_s"])

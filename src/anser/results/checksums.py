@@ -1,7 +1,7 @@
 """Checksums (SHA-256) of result files, verified before the content is used.
 
-The checksum of a binary file follows the data of its format: programs for NetCDF (HDF5) and NumPy files ignore the
-trailing bytes. A JSON document has the checksum under the key `sha256`.
+A binary file has the checksum at its end, which programs for NetCDF (HDF5) and NumPy files ignore. A JSON document has
+the checksum under the key `sha256`.
 """
 
 import hashlib
@@ -25,26 +25,24 @@ class DamagedFileError(ValueError):
 
 
 def damaged_file_error(path: Path, arrived: str, expected: str = "the file as anser wrote it") -> DamagedFileError:
-    """Return the error for the damaged file at `path`; its message says what `arrived`, and what is `expected`."""
+    """Return the error for the damaged file at `path`, with a message of what `arrived` and what is `expected`."""
     return DamagedFileError(f"{path}: arrived {arrived}; expected {expected}")
 
 
 def append_checksum(path: Path) -> None:
-    """Append the checksum of a complete binary file to the end of the file."""
+    """Append the checksum of a complete binary file to the file."""
     trailer = checksum_trailer(file_digest(path))
     with path.open("ab") as file:
         file.write(trailer)
 
 
 def checksum_trailer(digest: str) -> bytes:
-    """Return the bytes at the end of a binary file that contain its SHA-256 (`digest`, hexadecimal)."""
+    """Return the bytes at the end of a binary file that contain the SHA-256 `digest`, hexadecimal."""
     return _MARK + digest.encode() + b"\n"
 
 
 def verify_checksum(path: Path) -> bool:
-    """Verify the content of a binary file by the checksum at its end.
-
-    Returns True if the checksum is right, False if the file has no checksum, as in older versions.
+    """Verify a binary file by the checksum at its end; return False if the file has no checksum, as in older versions.
 
     Raises DamagedFileError if the content differs from the checksum.
     """
@@ -79,9 +77,7 @@ def add_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_document(path: Path) -> tuple[dict[str, Any], bool]:
-    """Read a JSON document and verify its checksum.
-
-    Returns the document without its checksum, and whether the file has a checksum; in older versions it has none.
+    """Return a JSON document without its checksum, and whether the file has a checksum; older files have none.
 
     Raises DamagedFileError if the file is not a JSON object, or the content differs from the checksum. Raises OSError
     if the file cannot be read, or is larger than 32 MiB.
@@ -103,6 +99,6 @@ def _reject_constant(name: str) -> None:
 
 
 def _content_digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 (hexadecimal) of a document's content, independent of spacing and order of the keys."""
+    """Return the SHA-256, hexadecimal, of a document's content; spacing and order of the keys have no effect."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

@@ -46,32 +46,32 @@ def to_dataset(
 ) -> xr.Dataset:
     """Convert a flight's history to an xarray dataset over (time, aircraft), with a variable for each key.
 
-    Geodetic position, calibrated and equivalent airspeed, and pressure and density altitude are computed and added.
+    Geodetic position, calibrated and equivalent airspeed, and pressure and density altitude are added.
 
     Parameters
     ----------
     time_s
         Times of the record, s, increasing; shape (time,).
     history
-        One array (time, aircraft) per key of `anser.variables.recorded_keys(surfaces)`, and optionally of
-        `OPTIONAL_KEYS`, SI units and radians; NaN for surfaces that an aircraft does not have.
+        Arrays (time, aircraft), SI units and radians: one for each key of `anser.variables.recorded_keys(surfaces)`,
+        optionally also for `OPTIONAL_KEYS`. NaN for surfaces that an aircraft does not have.
     aircraft_names
         Unique names of the aircraft, in the order of the history's columns.
     attributes
-        Attributes of the dataset, text or numbers, including `reference_latitude_deg` and `reference_longitude_deg`,
-        the geodetic position, at altitude 0, of the origin of the NED axes.
+        Attributes of the dataset, text or numbers. `reference_latitude_deg` and `reference_longitude_deg` must be the
+        geodetic position of the origin of the NED axes, at altitude 0.
     surfaces
         Names of the control surfaces by aircraft; empty: `anser.variables.STANDARD_SURFACES` for every aircraft.
     air_layers
-        Layers of the flight's air, see `anser.environment.air`, for the airspeeds and altitudes to be computed.
+        Layers of the flight's air, see `anser.environment.air`.
 
     Returns
     -------
     xr.Dataset
         Variables with the attributes `units`, `frame`, `long_name` and `symbol`. Angles are in (-180, 180] deg;
-        latitude and longitude are those of the flat Earth of theory section 1. Added attributes: `surfaces`, the names
-        of the control surfaces (see `surface_names`), and `qnh_hpa`, the altimeter setting. A surface that some
-        aircraft do not have is marked by the attribute `comment` of its variables.
+        latitude and longitude refer to the flat Earth of theory section 1. The dataset has the additional attributes
+        `surfaces` (see `surface_names`) and `qnh_hpa`, the altimeter setting. The variables of a surface that some
+        aircraft do not have say so in the attribute `comment`.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def to_dataset(
         If a key is unknown or missing, a shape is wrong, time does not increase, a name is repeated, the geodetic
         reference is missing, or the surfaces do not match the aircraft.
     TypeError
-        If a number type cannot be cast to that of the catalogue, or an attribute is neither text nor number.
+        If a number type cannot be cast to the type of the catalogue, or an attribute is neither text nor number.
     """
     time = np.asarray(time_s, dtype=np.float64)
     if time.ndim != 1 or time.size == 0 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
@@ -113,14 +113,10 @@ def to_dataset(
 
 
 def air_variables(airspeed: np.ndarray, altitude: np.ndarray, layers: Layers) -> dict[str, np.ndarray]:
-    """Compute calibrated and equivalent airspeed (m/s), pressure and density altitude (m), by key of `anser.variables`.
+    """Compute airspeeds (m/s) and altitudes (m) that depend on the air, by key of `anser.variables`.
 
-    Parameters
-    ----------
-    airspeed, altitude
-        True airspeed (m/s) and geometric altitude (m), two arrays of equal shape, which the results have too.
-    layers
-        Layers of the flight's air, see `anser.environment.air`.
+    The results are calibrated and equivalent airspeed, and pressure and density altitude, with the shape of the true
+    airspeed `airspeed` and the geometric altitude `altitude`.
     """
     with np.errstate(all="ignore"):  # the motion of a lost aircraft is not finite
         air = air_in_layers(layers, np.asarray(altitude, dtype=float))
@@ -139,16 +135,15 @@ def qnh_attributes(layers: Layers) -> dict[str, float]:
 
 
 def surface_names(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Return the names of the control surfaces in a dataset, from its attribute `surfaces`.
+    """Return the names of the control surfaces in a dataset, from the attribute `surfaces` (separated by blanks).
 
-    The attribute contains the names separated by blanks, as usual in CF. A dataset of an older version, without the
-    attribute, has the standard surfaces elevator, aileron and rudder.
+    A dataset of an older version, without the attribute, has the standard surfaces elevator, aileron and rudder.
     """
     return tuple(str(dataset.attrs.get("surfaces", " ".join(STANDARD_SURFACES))).split())
 
 
 def value_range(values: xr.DataArray) -> tuple[float, float, float, float]:
-    """Return first, last, least and greatest value of a variable over time, in its unit; NaN values are not skipped."""
+    """Return first, last, least and greatest value of a variable over time; NaN values are not skipped."""
     numbers = values.values
     return float(numbers[0]), float(numbers[-1]), float(numbers.min()), float(numbers.max())
 

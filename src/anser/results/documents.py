@@ -14,7 +14,7 @@ from anser.version import source_version
 
 
 def finite_or_none(value: Any) -> float | None:
-    """Return a value as a float for JSON; None if the value is None, NaN or infinite."""
+    """Return a value as a float for JSON; None for None, NaN and infinity."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
@@ -26,8 +26,8 @@ def plain_attributes(attributes: Any) -> dict[str, Any]:
 def write_json(document: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
     """Write a document to a JSON file, without a checksum.
 
-    Raises FileExistsError if `path` exists and `overwrite` is False, ValueError if the document contains a number
-    without JSON representation (NaN, infinity), OSError if the file cannot be written.
+    Raises FileExistsError if `path` exists and `overwrite` is False. Raises ValueError if a number is NaN or infinite.
+    Raises OSError if the file cannot be written.
     """
     write_file(path, json.dumps(document, indent=1, allow_nan=False) + "\n", overwrite=overwrite)
 
@@ -50,14 +50,14 @@ def version_attributes() -> dict[str, str]:
 
 
 def install_hint(library: str, extra: str) -> str:
-    """Return the message that a library is not installed, with the pip commands for anser's `extra` that brings it."""
+    """Return the message that a library is not installed, with the pip commands for anser's `extra`."""
     return f'{library} is not installed: pip install "anser[{extra}]" (in a clone: pip install -e ".[{extra}]")'
 
 
 def notebook_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str] = ()) -> str:
-    """Return an HTML table with a title above and notes below; all texts are escaped.
+    """Return an HTML table of `entries`, with a title above and notes below; all texts are escaped.
 
-    Each entry is a row: its cells by column name, in every entry the same columns. Without entries, no table appears.
+    Each entry is a row: texts by column name. The entries must have the same columns; no entries give no table.
     """
     heads = "".join(f"<th>{escape(name)}</th>" for name in (entries[0] if entries else ()))
     lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in entry.values())}</tr>" for entry in entries)
@@ -69,5 +69,5 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def escape_spreadsheet_text(text: str) -> str:
-    """Return text for a cell of a CSV file, with an apostrophe in front if a spreadsheet would read it as a formula."""
+    """Return text for a CSV cell; an apostrophe precedes text that a spreadsheet would read as a formula."""
     return f"'{text}" if text.startswith(_FORMULA_STARTS) else text

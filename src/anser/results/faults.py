@@ -21,12 +21,7 @@ _SURFACE_UNIT = "of the effectiveness lost"
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of an aircraft that its adaptive autopilot detected.
-
-    `name` is "centre of gravity", "ice", "engine" or the name of the faulty control surface; `time_s` the time from the
-    start of the flight at which the fault was confirmed, s; `size` the last estimated size, a fraction of the quantity
-    that `unit` names, such as "of the thrust lost".
-    """
+    """A fault of an aircraft that its adaptive autopilot detected."""
 
     name: str  #: Name of the fault: "centre of gravity", "ice", "engine", or the name of the faulty control surface.
     time_s: float  #: Time from the start of the flight at which the fault was confirmed, s.
@@ -39,20 +34,16 @@ class Fault:
 
 
 def fault_time(time_s: np.ndarray, codes: np.ndarray) -> float | None:
-    """Return the first time (s) at which `codes`, the variable `fault`, has a fault; None if never."""
+    """Return the first time (s) with a fault in `codes`, the variable `fault`; None if no code is a fault."""
     reported = np.flatnonzero(codes != NO_FAULT)
     return float(time_s[reported[0]]) if reported.size else None
 
 
 def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surfaces: Sequence[str]) -> Fault | None:
-    """Return the fault in the record of one aircraft; None if its autopilot reported no fault.
+    """Return the fault in the record of one aircraft; None if the autopilot reported no fault.
 
-    Parameters
-    ----------
-    time_s, codes, sizes
-        Times of the record, s, the codes in the variable `fault`, and the sizes in `fault_size`; shape (time,).
-    surfaces
-        Names of the aircraft's control surfaces, in the order of the airframe.
+    `time_s` (s), `codes` and `sizes` (variables `fault` and `fault_size`) have the shape (time,). `surfaces` are the
+    aircraft's control surfaces in the order of the airframe.
     """
     found_s = fault_time(time_s, codes)
     if found_s is None:
@@ -67,7 +58,7 @@ def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surface
 
 
 def dataset_fault(dataset: xr.Dataset) -> Fault | None:
-    """Return the fault in the dataset of one aircraft's flight; None if none was detected or none is recorded."""
+    """Return the fault in the dataset of one aircraft's flight; None if no fault was detected or recorded."""
     if "fault" not in dataset:
         return None
     time_s, codes, sizes = (dataset[name].values for name in ("time", "fault", "fault_size"))
@@ -75,7 +66,7 @@ def dataset_fault(dataset: xr.Dataset) -> Fault | None:
 
 
 def format_fault(fault: Mapping[str, Any]) -> str:
-    """Return name, size and time of a fault as text, from the data of `Fault.as_dict` or a summary's entry `fault`."""
+    """Return name, size and time of a fault as text; `fault` is a result of `Fault.as_dict`, as in a summary."""
     if fault["name"] == _NAMES[ICE]:
         drag, lift = 100.0 * ICE_DRAG * fault["size"], 100.0 * ICE_LIFT * fault["size"]
         size_text = f"drag up by {drag:.0f} %, lift down by {lift:.0f} %"

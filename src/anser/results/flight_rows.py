@@ -1,4 +1,4 @@
-"""Results of the flights of a batch or campaign: a row of results per flight, and labelled arrays over the flights."""
+"""Results of the flights of a batch or campaign: a record per flight, and labelled arrays over the flights."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,31 +23,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightRow:
-    """Results of one flight of a batch or campaign.
+    """Results of one flight of a batch or campaign."""
 
-    `aircraft`, `fleet` and `requirements` are the entries of these names in `summary.json`, empty for a flight that
-    could not start; `reason` is then the reason. `met` says whether every aircraft arrived (with events: every aircraft
-    that stayed) and all requirements are met. `series` has the recorded time series by key of
-    `anser.variables.CATALOGUE`, shape (aircraft, time), in dataset units; `outputs` the outputs that a study defines by
-    name, None for a missing value.
-    """
-
+    # entries of the same names in `summary.json`; empty if the flight could not start
     aircraft: list[dict[str, Any]]
     fleet: dict[str, Any]
     requirements: list[dict[str, Any]]
-    met: bool
-    reason: str = ""
+    met: bool  # True: all requirements are met, and every aircraft arrived or left the fleet by an event
+    reason: str = ""  # why the flight could not start
+    # recorded time series by key of `anser.variables.CATALOGUE`, in dataset units; shape (aircraft, time)
     series: Mapping[str, np.ndarray] = field(default_factory=dict, compare=False)
-    outputs: Mapping[str, float | None] = field(default_factory=dict)
+    outputs: Mapping[str, float | None] = field(default_factory=dict)  # outputs that a study defines, by name
 
     @classmethod
     def failed_start(cls, reason: str) -> "FlightRow":
-        """Return the row of a flight that could not start: empty results, `met` False, and the reason."""
+        """Return the results of a flight that could not start for a `reason`: empty, with `met` False."""
         return cls([], {}, [], met=False, reason=reason)
 
 
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
-"""Least distance required from a goal, m, by kind of goal: fixed by the product's scope, not set by a scenario."""
+"""Least distance required from a goal, m, by kind of goal; the same in every scenario."""
 
 
 def build_flight_row(
@@ -57,10 +52,7 @@ def build_flight_row(
     end_s: float | None = None,  # end of the record, s; None: the scenario's duration
     goals: Sequence[str] = (),  # name of the final goal by aircraft, if goals were reassigned
 ) -> FlightRow:
-    """Compute the results of one flight from its summary, without time series and outputs of a study.
-
-    `met` requires an arrival of every aircraft that stayed in the fleet.
-    """
+    """Compute the results of one flight from its summary; time series and outputs of a study are empty."""
     end_s = scenario.timing.duration_s if end_s is None else end_s
     aircraft = [_aircraft_entry(summary, k, float(planned_s[k]), scenario, end_s) for k in range(len(planned_s))]
     for entry, goal in zip(aircraft, goals, strict=bool(goals)):
@@ -115,10 +107,9 @@ def _aircraft_entry(
 
 
 def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return for each aircraft the kind of its goal, a key of `CLEARANCE_MIN_M`, which sets the required distance.
+    """Return the kind of each aircraft's goal, a key of `CLEARANCE_MIN_M`, which sets the required distance.
 
-    Of an aircraft with a reassigned goal, the first and the last goal count; the kind with the greater distance is
-    returned.
+    If the goal was reassigned, the kind is that of the first or last goal with the greater required distance.
     """
     kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
     return [
@@ -156,7 +147,7 @@ def tabulate_flights(
     aircraft: int,  # number of aircraft
     outputs: Mapping[str, tuple[str, str]] = MappingProxyType({}),  # unit and description of further outputs by name
 ) -> dict[str, FlightColumn]:
-    """Arrange the results of many flights as one column per quantity, by name: dimensions, values, attributes.
+    """Arrange the results of many flights as one column per quantity, by name.
 
     A flight that could not start has NaN, the status "no flight" for each aircraft, and the reason as text.
     """
@@ -194,7 +185,7 @@ def tabulate_flights(
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
     """Return the `names` that a dataset of flights has, in order.
 
-    For a single aircraft, quantities of the fleet (`FLEET_QUANTITIES`: arrival spread, separation) are left out.
+    Quantities of the fleet (`FLEET_QUANTITIES`: arrival spread, separation) are left out for a single aircraft.
     """
     given = [name for name in names if name in dataset]
     return tuple(name for name in given if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
@@ -206,15 +197,14 @@ def worst_of_fleet(
     columns: "xr.Dataset | Mapping[str, np.ndarray]",
     name: str,  # name of a quantity with dimensions (flight) or (flight, aircraft); NaN for missing values
     *,
-    upper: bool = True,  # whether larger values are worse
+    upper: bool = True,  # True: larger values are worse
 ) -> np.ndarray:
-    """Return the worst value of each flight: the maximum over the aircraft, or the minimum if `upper` is False.
+    """Return the worst value of each flight over the aircraft, shape (flights,): maximum, or minimum if not `upper`.
 
-    Returns shape (flights,). If a flight missed a requirement, and an aircraft has no arrival or no value, the result
-    is infinite (minus infinite if `upper` is False): a crash far from the goal must not improve the least distance. In
-    a flight that met every requirement, missing values are ignored, as of an aircraft that left the fleet; if all are
-    missing, the infinity has the opposite sign.
+    - Flight that missed a requirement: inf (-inf if not `upper`) if an aircraft has no arrival or no value
+    - Flight that met every requirement: missing values are ignored; -inf (inf if not `upper`) if all are missing
     """
+    # a crash far from the goal must not improve the least distance: a missing value of a failed flight is the worst
     values, is_met = np.asarray(columns[name]), np.asarray(columns["met"])
     has_arrived = is_met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)
     badness = (values if upper else -values).reshape(values.shape[0], math.prod(values.shape[1:]))

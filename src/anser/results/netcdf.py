@@ -18,15 +18,14 @@ _EXPECTED = "a file as anser wrote it"
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset to a losslessly compressed NetCDF-4 file, with a checksum.
+    """Write a dataset to a new, losslessly compressed NetCDF-4 file, with a checksum.
 
-    Booleans are stored as int8 with flag attributes, aircraft names as text. An interrupted call leaves no file at
-    `path`.
+    Booleans are stored as int8 with flag attributes, aircraft names as text. An interrupted call leaves no file.
 
     Raises
     ------
     FileExistsError
-        If `path` exists: a recorded flight is never overwritten.
+        If `path` exists.
     OSError
         If the file cannot be written.
     """
@@ -45,9 +44,9 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
-    """Read a dataset that `write_netcdf` wrote, into memory; times are plain seconds, not dates.
+    """Read a dataset that `write_netcdf` wrote, into memory; times are in seconds, not dates.
 
-    A file of an older version, without checksum and format version, is read as well.
+    A file of an older version has neither a checksum nor a format version; such a file is read as well.
 
     Raises
     ------
@@ -80,10 +79,9 @@ _POSITION = "north_m", "east_m", "altitude_m"
 
 
 def flight_problem(dataset: xr.Dataset) -> str | None:
-    """Return a message on the first defect in a flight's times, aircraft names or positions; None without a defect.
+    """Return a message on the first defect in a flight's times, aircraft names or positions; None if valid.
 
-    The message says what arrived and what was expected. Every position must be finite, also of a crashed or diverged
-    aircraft, whose recorded state stays at its last finite value.
+    Every position must be finite. The recorded state of a crashed or diverged aircraft stays at its last finite value.
     """
     for name in ("time", "aircraft", *_POSITION):
         if name not in dataset.variables:

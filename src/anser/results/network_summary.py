@@ -1,8 +1,7 @@
 """Summary of a decentralised fleet's network: links, clock differences, and their guaranteed rate of convergence.
 
-Each aircraft flies its path by a clock of its own, which it adjusts to the clocks of the aircraft that it hears. By the
-theorem of time coordination, the clocks converge at a guaranteed rate if the fleet is connected within every time
-window.
+Each aircraft flies its path by its own clock. The clock is adjusted to the clocks of the aircraft that are heard. The
+clocks converge at a guaranteed rate if the fleet is connected within every time window.
 """
 
 from collections.abc import Mapping
@@ -31,13 +30,17 @@ def summarize_network(
 ) -> dict[str, Any]:
     """Return the entry `network` of a flight's summary, as plain data: links, clocks, guaranteed convergence, paths.
 
-    Links and clocks count until the first path is frozen shortly before its arrival, and of an aircraft until it
-    leaves its plan or crashes. `links_up` is the mean fraction of the pairs of aircraft with a link;
-    `quality_of_service_min` and `_mean` are over time windows of `window_s`; `promised_rate_per_s` is the guaranteed
-    rate at which the differences of the clocks decay, at the least quality of service; `condition_met` says whether
-    the quality was positive in every window; `offers` is the number of new paths that aircraft offered to the fleet.
-    `outdated_paths` lists the aircraft whose last path ends farther than `tube_m` from the rendezvous (see
-    `_outdated_paths`), `message` states the results as text, and `series` are samples at intervals of about 1 s.
+    Links and clocks count until the first path is frozen shortly before its arrival. An aircraft that leaves its plan
+    or crashes does not count any more. Entries that their names do not explain:
+
+    - `links_up`: mean fraction of the pairs of aircraft with a link
+    - `quality_of_service_min`, `quality_of_service_mean`: over time windows of `window_s`
+    - `promised_rate_per_s`: guaranteed rate of decay of clock differences, at the least quality of service
+    - `offers`: number of new paths that aircraft offered to the fleet
+    - `condition_met`: whether the quality of service was positive in every window
+    - `outdated_paths`: aircraft with last paths that end too far from the rendezvous, see `_outdated_paths`
+    - `message`: the results as text
+    - `series`: samples at intervals of about 1 s
     """
     network, names = scenario.network or Network(), [aircraft.name for aircraft in scenario.aircraft]
     stride = round(network.period_s / scenario.timing.step_s)
@@ -93,8 +96,8 @@ def _coordination_of_participants(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the quality of service in each complete window, and the coordination error (s) at each time.
 
-    The coordination error is the norm of the clocks' deviations from their mean. Only participating aircraft count (in
-    a window, those that participate at its last sample); with fewer than two, the quality is 1 and the error 0.
+    The coordination error is the norm of the clocks' deviations from their mean. Only aircraft that take part count
+    (for a window, at its last sample); if fewer than two take part, the quality is 1 and the error 0.
     """
     count = quality_of_service(links, network.period_s, network.window_s).size
     quality, clock_error = np.ones(count), np.zeros(len(clocks))
@@ -111,10 +114,10 @@ def _coordination_of_participants(
 def _outdated_paths(
     time_s: np.ndarray, history: Mapping[str, np.ndarray], names: list[str], network: Network
 ) -> list[dict[str, Any]]:
-    """List the aircraft whose last path ends farther than `network.tube_m` from the rendezvous at the planned arrival.
+    """List the aircraft with a last path that ends farther than `network.tube_m` from the rendezvous at arrival.
 
-    Entries: `aircraft` (name), `from_s` (time since which the path was neither corrected nor replaced, s) and
-    `distance_m` (between the end of the path and the rendezvous). Planned arrivals after the record are left out.
+    An entry has `aircraft` (name), `from_s` (time since which the path was not renewed, s) and `distance_m` (between
+    end of the path and rendezvous). Planned arrivals after the end of the record are left out.
     """
     outdated = []
     for k, name in enumerate(names):
@@ -135,7 +138,7 @@ def _outdated_paths(
 def decode_links(heard_from: np.ndarray, count: int) -> np.ndarray:
     """Return whether each receiver heard each sender, shape (time, receiver, sender), in a fleet of `count` aircraft.
 
-    Bit k of `heard_from` (time, receiver) states that a message from aircraft k arrived.
+    Bit k of `heard_from` (time, receiver) is set if a message from aircraft k arrived.
     """
     return (heard_from[:, :, None] >> np.arange(count)) & 1 == 1
 

@@ -17,19 +17,10 @@ _PLANNED = "planned"
 
 
 def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the summary of a plan as plain data, the content of `plan.json`.
+    """Return the summary of a plan, a result of `plan_dataset`, as plain data: the content of `plan.json`.
 
-    Parameters
-    ----------
-    dataset
-        Dataset from `anser.results.plan_record.plan_dataset`.
-
-    Returns
-    -------
-    dict
-        Plain numbers, text, lists and dicts (write with `anser.results.write_summary`); missing numbers are None.
-        Margins are positive within the limit. `bounds` is "proven" if the planner proves limits between the samples
-        as well, otherwise "sampled".
+    Missing numbers are None. Margins are positive within the limit. `bounds` is "proven" if the planner proves limits
+    between the samples, and "sampled" if the planner does not. `anser.results.write_summary` writes the file.
     """
     attrs = dataset.attrs
     arrivals = dataset["arrival_time_s"].values
@@ -61,8 +52,8 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
 def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Compute the margin of each aircraft's path to each limit, in the limit's unit: shape (aircraft,), by limit name.
 
-    A margin is negative if the limit is exceeded, infinite or NaN without a limit. It is computed from the extreme
-    that the planner proves between the samples, if the dataset has it, otherwise from the sampled extreme.
+    The margin is negative if the limit is exceeded, and infinite or NaN if the aircraft has no limit. The path's
+    extreme is the proven bound, if the dataset has the bound, or the sampled extreme.
     """
     margins = {}
     for limit in LIMITS:
@@ -109,11 +100,7 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
 
 
 def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
-    """Return the entry of `plan.json` on the closest pair of aircraft.
-
-    `quantity` is "distance" or "separation"; the entry has its least value (m), the two names (None without a pair),
-    the time (s), and the horizontal and vertical distance (m).
-    """
+    """Return the entry of `plan.json` on the closest pair of aircraft; `quantity` is "distance" or "separation"."""
     pair = dataset[f"least_{quantity}_pair"].values
     value_m, time_s, horizontal_m, vertical_m = (
         finite_or_none(dataset[f"least_{quantity}_{suffix}"].item()) for suffix in ("m", "at_s", "level_m", "height_m")
@@ -130,8 +117,7 @@ def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict
 def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
     """Return the entry on the least separation in the plan; None if no separation is required.
 
-    The margin is the least separation minus the required horizontal separation, m. Separations are horizontal metres: a
-    vertical distance counts multiplied by the ratio of required horizontal to vertical separation.
+    In a separation, vertical distances are multiplied by the ratio of required horizontal to vertical separation.
     """
     attrs = dataset.attrs
     if "separation_horizontal_m" not in attrs:
@@ -150,7 +136,7 @@ def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] |
 
 
 def _keep_out_entries(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
-    """Return an entry for each keep-out: name, nearest aircraft, its distance outside (m, negative inside) and time."""
+    """Return an entry for each keep-out: name, nearest aircraft, distance outside (m, negative inside) and time."""
     entries = []
     for k in range(dataset.sizes.get("keep_out", 0)):
         margins = dataset["keep_out_room_m"].values[:, k]
@@ -191,8 +177,8 @@ _DIGITS = 6
 def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
     """Write the paths of a plan to a new CSV file (RFC 4180): one row per aircraft and time.
 
-    Rows are sorted by aircraft, then by time: the regular sample times before the arrival, and the arrival. Samples
-    that are not finite are left out. Raises FileExistsError if `path` exists.
+    Rows are sorted by aircraft, then by time. An aircraft's times are the regular sample times before its arrival, and
+    the arrival. Samples that are not finite are left out. Raises FileExistsError if `path` exists.
     """
     times, is_regular = dataset["time"].values, dataset["even"].values
     columns = [dataset[name].values for name in TRAJECTORY_COLUMNS]

@@ -17,57 +17,44 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """Closest pair of aircraft in a plan, at each sample time and over the whole plan.
+    """Closest pair of aircraft in a plan, at each sample time and over the whole plan."""
 
-    `distance_m` is the least distance at each time, shape (time,), NaN with fewer than two aircraft under way; `pair`
-    has the indices of the two aircraft, shape (time, 2), -1 without a pair. `minimum_m`, `minimum_pair` and
-    `minimum_time_s` are the least distance over the plan, m, its pair and its time, s (NaN and -1 for a single
-    aircraft); `horizontal_m` and `vertical_m` are the distances of this pair at this time, m.
-    """
-
-    distance_m: np.ndarray
-    pair: np.ndarray
-    minimum_m: float
-    minimum_pair: tuple[int, int]
+    distance_m: np.ndarray  # least distance at each time, shape (time,); NaN if fewer than two aircraft are under way
+    pair: np.ndarray  # indices of the two aircraft, shape (time, 2); -1 if there is no pair
+    minimum_m: float  # least distance over the plan, m; NaN for a single aircraft
+    minimum_pair: tuple[int, int]  # pair with the least distance; -1 for a single aircraft
     minimum_time_s: float
-    horizontal_m: float
+    horizontal_m: float  # horizontal distance of this pair at this time
     vertical_m: float
 
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Length through the air (m), mean airspeed (m/s) and extremes of each path, over closely spaced times.
+    """Length, mean airspeed and extremes of each path over closely spaced times; arrays of shape (aircraft,).
 
-    Arrays of shape (aircraft,). `values` has the extremes, SI units and radians, by key of
-    `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ... Extremes between the times are not proven.
+    Extremes between the times are not proven.
     """
 
-    length: np.ndarray
-    speed_mean: np.ndarray
+    length: np.ndarray  # length through the air, m
+    speed_mean: np.ndarray  # mean airspeed, m/s
+    # extremes in SI units and radians, by key of `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ...
     values: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class PlanSamples:
-    """Samples of a fleet's planned paths over time, with closest approaches and distances from keep-outs.
+    """Samples of a fleet's planned paths over time; values of an aircraft after its arrival are NaN."""
 
-    `time_s` are the sample times, shape (time,): regular times (mask `is_regular`) and the arrival times. `history` has
-    arrays (time, aircraft) by key of `anser.variables`, SI units and radians; `goal_positions_n` has the shape (time,
-    aircraft, NED axis), m. Values of an aircraft after its arrival are NaN. `extremes` are those of the paths;
-    `closest_by_separation` is None without a required separation. `keep_out_margin_m` is the least distance outside
-    each keep-out, shape (aircraft, keep-out), m, negative inside, and `keep_out_margin_time_s` its time, s.
-    """
-
-    time_s: np.ndarray
-    is_regular: np.ndarray
+    time_s: np.ndarray  # sample times, shape (time,): regular times and the arrival times
+    is_regular: np.ndarray  # mask of the regular times
     arrival_times_s: np.ndarray
-    history: Mapping[str, np.ndarray]
-    goal_positions_n: np.ndarray
+    history: Mapping[str, np.ndarray]  # arrays (time, aircraft) by key of `anser.variables`, SI units and radians
+    goal_positions_n: np.ndarray  # positions in NED axes, m; shape (time, aircraft, axis)
     extremes: PlanExtremes
     find_closest_by_distance: Callable[[], ClosestApproach]  # function that computes `closest_by_distance`
-    closest_by_separation: ClosestApproach | None
-    keep_out_margin_m: np.ndarray
-    keep_out_margin_time_s: np.ndarray
+    closest_by_separation: ClosestApproach | None  # None if no separation is required
+    keep_out_margin_m: np.ndarray  # least distance outside, negative inside; shape (aircraft, keep-out)
+    keep_out_margin_time_s: np.ndarray  # time of the least distance
 
     @functools.cached_property
     def closest_by_distance(self) -> ClosestApproach:
@@ -77,12 +64,7 @@ class PlanSamples:
 
 @dataclass(frozen=True)
 class PlanDetails:
-    """Scenario of a plan, and the planner's data on the paths: limits, proven bounds, lengths, holds, problems.
-
-    Arrays and tuples have one entry per aircraft, except `problems` (reasons for a plan that cannot be flown) and
-    `notes` (differences from the scenario). Lengths, radii and heights are in m, limits and bounds in SI units and
-    radians. An optional field is None if the planner does not report or prove the quantity.
-    """
+    """Scenario of a plan, and the planner's data on the paths; arrays and tuples have an entry per aircraft."""
 
     scenario: Scenario  # scenario that was planned
     paths: tuple[str, ...]  # short description of each path
@@ -106,8 +88,8 @@ class PlanDetails:
     hold_heights_m: np.ndarray | None = None  # heights of the holds above the goals, m; None if not planned
     # proven least ratio of distance to separation, from the first arrival of a pair to the end of the flight
     hold_separation_bound: float | None = None
-    problems: tuple[str, ...] = ()  # reasons for a plan that cannot be flown, one sentence each
-    notes: tuple[str, ...] = ()  # differences of the plan from the scenario, one sentence each
+    problems: tuple[str, ...] = ()  # reasons why the plan cannot be flown, one sentence each; not per aircraft
+    notes: tuple[str, ...] = ()  # differences of the plan from the scenario, one sentence each; not per aircraft
 
 
 _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
@@ -120,11 +102,13 @@ def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
     Returns
     -------
     xr.Dataset
-        Over (time, aircraft): the history under the names of `anser.variables`, and the goal positions. Over (time,):
-        the least distance between two aircraft and, if required, the least separation, each with the closest pair. Over
-        (aircraft,): arrival, length, mean airspeed, holds, and of each limit the planned extreme, the limit and the
-        proven bound. Over (keep_out,): the cylinders. Over (aircraft, keep_out): the least distance outside. Missing
-        values are NaN; variables that the planner does not report are left out.
+        Missing values are NaN; variables that the planner does not report are left out. By dimensions:
+
+        - (time, aircraft): history under the names of `anser.variables`, goal positions
+        - (time,): least distance between two aircraft and, if required, least separation, with the closest pair
+        - (aircraft,): arrival, length, mean airspeed, hold; planned extreme, value and proven bound of each limit
+        - (keep_out,): cylinders
+        - (aircraft, keep_out): least distance outside
 
     Raises
     ------
@@ -172,7 +156,7 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
 
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
-    """Add the variables of the closest pair, at each time and over the plan, to `data`; `name` is their prefix."""
+    """Add the variables of the closest pair to `data`, at each time and over the plan; `name` is the prefix."""
     for key, dims, value, unit, long_name in (
         (f"{name}_pair", ("time", "end"), closest.pair, "1", "Indices of the two aircraft; -1: none"),
         (f"least_{name}_pair", "end", closest.minimum_pair, "1", "Indices of the closest pair; -1: none"),
@@ -185,7 +169,7 @@ def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> N
 
 
 def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
-    """Add the variables that describe whole paths, with the dimension `aircraft`, to `data`."""
+    """Add the variables that describe whole paths to `data`, with the dimension `aircraft`."""
     fleet = details.scenario.aircraft
     arrival, extremes = _VARIABLES["arrival_time"], samples.extremes
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), catalogue_attributes(arrival))
@@ -219,10 +203,10 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
 
 
 def limit_columns(samples: PlanSamples, details: PlanDetails) -> Iterator[tuple[Limit, dict[str, np.ndarray]]]:
-    """Yield each limit of `LIMITS` with a table of its values in dataset units, arrays (aircraft,).
+    """Yield each limit of `LIMITS` with a table of arrays (aircraft,) in dataset units.
 
-    The keys of the table are prefixes of variable names: "" for the planned extreme, "limit_" for the limit (NaN: none)
-    and, if the planner proves the limit, "bound_" for the proven extreme.
+    The table has "" for the planned extreme, "limit_" for the limit (NaN: no limit) and, if the planner proves the
+    limit, "bound_" for the proven extreme. The keys are prefixes of variable names.
     """
     planned = {
         **samples.extremes.values,

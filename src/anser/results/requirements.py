@@ -41,7 +41,7 @@ _AT_LEAST = {
 }
 
 _OF_PAIRS = frozenset({"separation_ratio_min", "separation_min_m"})
-"""Requirements on pairs of aircraft: a single aircraft meets them; aircraft that left the fleet count as well."""
+"""Requirements on pairs of aircraft, which a single aircraft meets; aircraft that left the fleet count as well."""
 
 REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
 """Names of the requirements; `max` in a name marks an upper limit, `min` a lower limit."""
@@ -49,15 +49,14 @@ REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
 
 @dataclass(frozen=True)
 class Requirement:
-    """A limit that values of a flight must not exceed (`max` in the name) or fall below (`min`).
+    """An upper limit (`max` in the name) or lower limit (`min`) of a value of a flight.
 
-    `name`, one of `REQUIREMENT_NAMES`, ends with the unit of `limit`. `aircraft_limits` has the limit of each aircraft
-    if they differ. Raises ValueError if the name is not in `REQUIREMENT_NAMES`.
+    Raises ValueError if the name is not in `REQUIREMENT_NAMES`.
     """
 
-    name: str
-    limit: float
-    aircraft_limits: tuple[float, ...] | None = None
+    name: str  # one of `REQUIREMENT_NAMES`
+    limit: float  # in the unit at the end of the name
+    aircraft_limits: tuple[float, ...] | None = None  # limit of each aircraft, if the limits differ
 
     def __post_init__(self) -> None:
         if self.name not in REQUIREMENT_NAMES:
@@ -65,7 +64,7 @@ class Requirement:
 
 
 def scenario_requirements(scenario: Scenario) -> tuple[Requirement, ...]:
-    """Return the requirements of a scenario, without the least distances from the goals (see `CLEARANCE_MIN_M`)."""
+    """Return the requirements of a scenario; the least distances from the goals are in `CLEARANCE_MIN_M`."""
     config, limits = scenario.requirements, [scenario.limits_for(item) for item in scenario.aircraft]
     slowest, fastest = tuple(item.speed_min_m_s for item in limits), tuple(item.speed_max_m_s for item in limits)
     limits_by_name = {
@@ -95,9 +94,9 @@ def evaluate_requirements(
 ) -> list[dict[str, Any]]:
     """Evaluate a flight against its requirements, and against the least distances from its goals.
 
-    Returns an entry {name, limit, value, met} for each requirement, and for each kind of goal. `limit` and `value` are
-    those with the least margin in the fleet. A missing value is None, and the requirement is not met; a single aircraft
-    meets every separation.
+    Returns an entry {name, limit, value, met} for each requirement and each kind of goal; limit and value are from the
+    aircraft with the least margin. A requirement with a missing value (None) is not met, except a separation of a
+    single aircraft.
     """
     evaluations = [_evaluate_requirement(requirement, aircraft, fleet) for requirement in requirements]
     for kind in dict.fromkeys(kind for kind, _ in clearances):
@@ -115,8 +114,8 @@ def evaluate_requirements(
 def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Entry], fleet: _Entry) -> dict[str, Any]:
     """Return the entry {name, limit, value, met} of one requirement, for the aircraft with the least margin.
 
-    Aircraft that left the fleet count for the separations only. A missing value (None) does not meet the requirement. A
-    requirement that applies to no value, such as the separation of a single aircraft, is met with the value None.
+    A missing value is None, and does not meet the requirement. A requirement that applies to no aircraft, such as the
+    separation of a single aircraft, is met with the value None.
     """
     name, is_upper = requirement.name, requirement.name in _AT_MOST
     if name in _OF_PAIRS and len(aircraft) == 1:

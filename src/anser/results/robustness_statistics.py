@@ -15,28 +15,22 @@ _NO_STEADY_FLIGHT = "no_steady_flight"
 
 @dataclass(frozen=True)
 class SuccessRate:
-    """Success rate of the autopilot over flights of a study; a successful flight reached the commanded values.
+    """Success rate of the autopilot over flights of a study; a successful flight reached the commanded values."""
 
-    Of `drawn` sampled aircraft, `no_steady_flight` could not be trimmed at the start; of `flown` flights, `reached`
-    succeeded. `share` is the success rate of the flown flights, `low` and `high` are the bounds of its 95 % confidence
-    interval. `reasons` has the number of failed flights by "outcome: reason", most frequent first.
-    """
-
-    drawn: int
-    no_steady_flight: int
-    flown: int
-    reached: int
-    share: float
-    low: float
+    drawn: int  # number of sampled aircraft
+    no_steady_flight: int  # number of sampled aircraft that could not be trimmed at the start
+    flown: int  # number of flights
+    reached: int  # number of successful flights
+    share: float  # reached / flown
+    low: float  # bounds of the 95 % confidence interval of `share`
     high: float
-    reasons: dict[str, int]
+    reasons: dict[str, int]  # number of failed flights by "outcome: reason", most frequent first
 
 
 def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
     """Return the mask, shape (flights,), of the flights in one part of a study.
 
-    `part` is "dispersed" (all factors dispersed, one spread), "spread" (all factors, several spreads) or "alone" (a
-    single factor changed).
+    `part` is "dispersed" (all factors, one spread), "spread" (all factors, several spreads) or "alone" (one factor).
     """
     return _decode_flags(dataset["part"]) == part
 
@@ -44,7 +38,7 @@ def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
 def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> SuccessRate:
     """Return the success rate of one type of dynamic inversion over the flights of a mask `selection` (flights,).
 
-    Without a flown flight, the rate is NaN and its interval 0 to 1.
+    If no flight was flown, the rate is NaN with the interval 0 to 1.
     """
     flights = dataset.sel(inversion=inversion)
     outcome = _decode_flags(flights["outcome"])
@@ -66,15 +60,12 @@ def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> Succe
 
 
 def _decode_flags(flags: xr.DataArray) -> np.ndarray:
-    """Return the meaning of each code in a coded variable as text, from its attribute `flag_meanings`."""
+    """Return the meaning of each code in a coded variable as text, from the attribute `flag_meanings`."""
     return np.array(flags.attrs["flag_meanings"].split())[flags.values]
 
 
 def _failure_reason(flights: xr.Dataset, flight: int) -> str:
-    """Return the reason for the failure of the flight with index `flight`, in a dataset of one type of inversion.
-
-    The reason is the name of the active limit, or else of the channels whose final error exceeds the tolerance.
-    """
+    """Return why flight number `flight` failed: the active limit, or the channels with too large final errors."""
     name = str(_decode_flags(flights["reason"].isel(flight=[flight]))[0])
     if name != "unexplained":
         return name
@@ -89,29 +80,23 @@ def _failure_reason(flights: xr.Dataset, flight: int) -> str:
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest change of one factor, up or down, with which a flight fails to reach the commanded values.
-
-    `factor` and `inversion` are names; `sign` is +1 or -1. `change` is the change of the factor in the first failure, a
-    fraction (the largest change of the study if no flight fails), and `value` the factor's value with this change.
-    `survived` is the greatest change flown up to which no flight fails; 0 if none. `reason` and `condition` are the
-    reason for and the flight condition of the failure; None if no flight fails.
-    """
+    """Smallest change of one factor, up or down, with which a flight fails to reach the commanded values."""
 
     factor: str
     inversion: str
-    sign: int
-    change: float
-    value: float
-    survived: float
-    reason: str | None
-    condition: str | None
+    sign: int  # direction of the change, +1 or -1
+    change: float  # change in the first failure, as a fraction; the largest change of the study if no flight fails
+    value: float  # value of the factor with this change
+    survived: float  # greatest change up to which no flight fails; 0 if none
+    reason: str | None  # reason for the failure; None if no flight fails
+    condition: str | None  # flight condition of the failure; None if no flight fails
 
 
 def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
     """Return the least change of each factor that leads to failure, from the part "alone" of a study.
 
-    The list has an entry for each factor, type of inversion and direction of the change. A changed aircraft without a
-    steady flight at the start counts as a failure too.
+    The list has an entry for each factor, type of inversion and direction. A changed aircraft that cannot be trimmed at
+    the start counts as a failure.
     """
     breaks = []
     factor_index, change = dataset["alone"].values, dataset["spread_percent"].values / 100
@@ -147,22 +132,19 @@ def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
 
 @dataclass(frozen=True)
 class FailureCorrelation:
-    """Pearson's correlation of failure (1: failed, 0: success) with the change of one factor, over flights of a study.
-
-    `measure` is "value" (the signed change) or "amount" (the magnitude of the change), whichever correlates more.
-    """
+    """Pearson's correlation of failure (1: failed, 0: success) with the change of one factor, over flights."""
 
     factor: str
-    measure: str
+    measure: str  # "value" (signed change) or "amount" (magnitude of the change), whichever correlates more
     correlation: float
 
 
 def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> list[FailureCorrelation]:
     """Return the factors whose change correlates with failure, the strongest correlation first.
 
-    The flights are those of the mask `selection` (flights,) with the type of dynamic inversion `inversion`.
-    Correlations below 3 / sqrt(n), three standard deviations of the correlation of n independent values, are omitted.
-    The list is empty if no flight or every flight failed.
+    The flights are given by the mask `selection` (flights,) and the type of dynamic inversion. Correlations below
+    3/sqrt(n), three standard deviations for n independent values, are omitted. The list is empty if no flight failed or
+    every flight failed.
     """
     outcome = _decode_flags(dataset["outcome"].sel(inversion=inversion))
     is_used = selection & (outcome != "not_flown")

@@ -14,15 +14,13 @@ def wilson_interval(
     count: int,
     confidence: float = 0.95,  # nominal coverage, 0..1
 ) -> tuple[float, float]:
-    """Return Wilson's confidence interval of a probability of success, from the successes in independent flights.
+    """Return Wilson's confidence interval (low, high) of a probability of success, from independent flights.
+
+    Raises ValueError if there are more successes than flights.
 
     Source: E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, J. American
     Statistical Association 22(158), 1927; recommended by L. D. Brown, T. T. Cai, A. DasGupta, *Interval estimation for
     a binomial proportion*, Statistical Science 16(2), 2001.
-
-    Returns the lower and the upper bound, 0..1.
-
-    Raises ValueError if there are more successes than flights.
     """
     if not 0 <= successes <= count:
         raise ValueError(f"arrived {successes} successes of {count} flights; expected 0 to {count}")
@@ -42,11 +40,10 @@ def log_interval(
     estimates: np.ndarray,  # two or more positive estimates of similar precision
     confidence: float = 0.95,  # nominal coverage, 0..1
 ) -> tuple[float, float, float]:
-    """Return the geometric mean of independent positive estimates, and the bounds of its confidence interval.
+    """Return geometric mean, lower and upper confidence bound of independent positive estimates.
 
-    The interval is Student's for the mean of the logarithms. Returns the mean, the lower and the upper bound.
-
-    Raises ValueError if there are fewer than two estimates, or an estimate is not positive.
+    The interval is Student's for the mean of the logarithms. Raises ValueError if there are fewer than two estimates,
+    or an estimate is not positive.
     """
     if estimates.size < 2 or not np.all(estimates > 0.0):
         raise ValueError(f"arrived {estimates.tolist()}; expected two positive numbers at least")
@@ -62,14 +59,11 @@ def order_statistic_interval(
     share: float,  # probability of the quantile, 0..1: 0.95 for the value that 95 % of the flights stay below
     confidence: float = 0.95,  # least coverage, 0..1
 ) -> tuple[float, float]:
-    """Return a confidence interval of a quantile, valid for any distribution: two of the sorted values.
+    """Return a confidence interval (low, high) of a quantile, valid for any distribution: two of the sorted values.
 
-    The number of values below the quantile is binomial; the probability that the quantile lies beyond a bound is at
-    most (1 - confidence) / 2. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
-
-    Returns the lower and the upper bound; -inf or inf if there are too few values for a bound.
-
-    Raises ValueError if a value is NaN.
+    The quantile lies beyond a bound with a probability of at most (1 - confidence) / 2. A bound is infinite if the
+    values are too few. Raises ValueError if a value is NaN. Source: H. A. David, H. N. Nagaraja, *Order Statistics*,
+    3rd ed., section 7.1; the number of values below the quantile is binomial.
     """
     ordered = np.sort(np.asarray(values, dtype=float))
     if np.isnan(ordered).any():
@@ -83,10 +77,9 @@ def order_statistic_interval(
 
 @functools.lru_cache(maxsize=1024)
 def _bounding_ranks(count: int, share: float, confidence: float) -> tuple[int, int]:
-    """Return the ranks, from 1, of the two sorted values that bound a quantile's confidence interval.
+    """Return the ranks, from 1, of the two sorted values that bound the confidence interval of the quantile `share`.
 
-    `share` is the probability of the quantile. Rank 0 or `count` + 1 means that no value bounds the interval on this
-    side.
+    Rank 0 or `count` + 1 means that no value bounds the interval on this side.
     """
     count_below, tail = stats.binom(count, share), 0.5 * (1.0 - confidence)
     # the k-th smallest value is above the quantile if fewer than k values are below the quantile
@@ -96,10 +89,7 @@ def _bounding_ranks(count: int, share: float, confidence: float) -> tuple[int, i
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """Return a quantile as one of the values: the least value with a fraction `share` or more at or below this value.
-
-    Values and result may be infinite.
-    """
+    """Return the least value with a fraction `share` or more of the values at or below it; values may be infinite."""
     ordered = np.sort(np.asarray(values, dtype=float))
     rank = math.ceil(round(share * ordered.size, 6))  # 0.55 x 100 is 55.00000000000001
     return float(ordered[max(rank - 1, 0)])
@@ -108,15 +98,11 @@ def quantile(values: np.ndarray, share: float) -> float:
 def mcnemar_exact(first_only: int, second_only: int) -> float:
     """Return the two-sided p-value of McNemar's exact test, over pairs of flights of two variants.
 
-    The hypothesis is that in pairs with exactly one success both variants succeed equally often; without such a pair
-    the p-value is 1. Source: Q. McNemar, *Note on the sampling error of the difference between correlated proportions
-    or percentages*, Psychometrika 12(2), 1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd
-    ed., section 11.1.2.
+    `first_only` and `second_only` are the numbers of pairs in which only the first or only the second variant
+    succeeded. The hypothesis is that both cases are equally likely; p is 1 if both numbers are 0.
 
-    Parameters
-    ----------
-    first_only, second_only
-        Numbers of pairs with success of the first variant only, and of the second variant only.
+    Source: Q. McNemar, *Note on the sampling error of the difference between correlated proportions or percentages*,
+    Psychometrika 12(2), 1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
     """
     if first_only + second_only == 0:
         return 1.0
@@ -128,25 +114,14 @@ _PAIRS_MIN = 4
 
 
 def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Return Spearman's rank correlation of inputs and outputs, and the bounds of its confidence interval.
+    """Return Spearman's rank correlation of inputs and outputs, -1..1, with lower and upper confidence bound.
 
-    Only ranks count: an infinite output is the greatest. The interval is Fisher's, for the correlation r of n pairs
-    with the variance (1 + r²/2) / (n - 3) of D. G. Bonett, T. A. Wright, *Sample size requirements for estimating
-    Pearson, Kendall and Spearman correlations*, Psychometrika 65(1), 2000.
+    Values may be infinite. `confidence` is the coverage of the interval, 0..1. Raises ValueError if there are fewer
+    than four pairs, a number is NaN, or the inputs or outputs are constant.
 
-    Parameters
-    ----------
-    confidence
-        Nominal coverage, 0..1.
-
-    Returns
-    -------
-    Correlation, lower and upper bound, -1..1.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than four pairs, a number is NaN, or the inputs or outputs are constant.
+    The interval is Fisher's, with the variance (1 + r²/2)/(n-3) for the correlation r of n pairs. Source: D. G. Bonett,
+    T. A. Wright, *Sample size requirements for estimating Pearson, Kendall and Spearman correlations*, Psychometrika
+    65(1), 2000.
     """
     if inputs.size < _PAIRS_MIN:
         raise ValueError(f"arrived {inputs.size} pairs; expected {_PAIRS_MIN} at least")
@@ -166,34 +141,21 @@ _RESAMPLING_SEED = 1
 
 
 class SobolIndices(NamedTuple):
-    """Sobol indices of an output: fraction of its variance due to each input; arrays with one entry per input.
+    """Sobol indices of an output, with half widths of the confidence intervals; arrays with one entry per input."""
 
-    `first` is the fraction due to the input alone, `total` includes its interactions with further inputs; the half
-    widths are those of the confidence intervals.
-    """
-
-    first: np.ndarray
+    first: np.ndarray  # fraction of the output's variance due to the input alone
     first_half_width: np.ndarray
-    total: np.ndarray
+    total: np.ndarray  # fraction of the output's variance due to the input and its interactions
     total_half_width: np.ndarray
 
 
 def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
-    """Return the input samples for the estimation of Sobol indices, in the unit cube: blocks of `inputs` + 2 points.
+    """Return the input samples for the estimation of Sobol indices, shape (count * (inputs + 2), inputs), 0..1.
 
-    A block contains a point A, then for each input the point A with the input's value taken from a point B, then B; A
-    and B together form a point of a scrambled Sobol sequence. Computed by SALib. Source: A. Saltelli et al., *Variance
-    based sensitivity analysis of model output*, Computer Physics Communications 181(2), 2010, table 2, without the
-    points for second-order indices.
-
-    Parameters
-    ----------
-    inputs, count
-        Numbers of inputs and of blocks; the number of blocks is a power of 2.
-
-    Returns
-    -------
-    Points of shape (count * (inputs + 2), inputs), 0..1.
+    The points form `count` blocks; `count` must be a power of 2. A block has a point A, for each input the point A with
+    the input's value taken from a point B, and B; (A, B) is a point of a scrambled Sobol sequence. Computed by SALib.
+    Source: A. Saltelli et al., *Variance based sensitivity analysis of model output*, Computer Physics Communications
+    181(2), 2010, table 2.
     """
     from SALib.sample import sobol
 
@@ -206,15 +168,14 @@ def sobol_indices(
     inputs: int,
     confidence: float = 0.95,  # coverage of the intervals, 0..1
 ) -> SobolIndices:
-    """Estimate first-order and total Sobol indices from the outputs at whole blocks of the points of `saltelli_points`.
-
-    First-order indices by the estimator of Saltelli et al. (2010), total indices by Jansen's (ibid., table 2, b and f).
-    Definition of the total index: T. Homma, A. Saltelli, *Importance measures in global sensitivity analysis of
-    nonlinear models*, Reliability Engineering & System Safety 52(1), 1996. Intervals by resampling the blocks. SALib
-    computes indices and intervals.
+    """Estimate first-order and total Sobol indices from the outputs at the points of `saltelli_points`.
 
     Raises ValueError if there are fewer than two blocks or incomplete blocks, an output is not finite, or the outputs
     are constant.
+
+    SALib computes the indices by the estimators (b) and (f, Jansen's) of Saltelli et al. (2010), table 2, and the
+    intervals by resampling of the blocks. Definition of the total index: T. Homma, A. Saltelli, *Importance measures in
+    global sensitivity analysis of nonlinear models*, Reliability Engineering & System Safety 52(1), 1996.
     """
     from SALib.analyze import sobol
 

@@ -18,9 +18,8 @@ _NEAR_SPANS = 3.0
 def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
     """Return the dataset attributes on the separation of a fleet; empty for a single aircraft.
 
-    `separation_required` is 1 if the scenario requires a separation, otherwise 0. `near_distance_m` is the distance
-    below which a pass of two aircraft is a near miss, m: three wing spans of the widest aircraft; omitted if no
-    airframe has a span.
+    - `separation_required`: 1 if the scenario requires a separation, 0 if not
+    - `near_distance_m`: distance of a near miss, three wing spans of the widest aircraft; omitted if no span is known
     """
     if len(scenario.aircraft) == 1:
         return {}
@@ -33,7 +32,7 @@ def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
 
 
 def is_judged_by_separation(summary: Mapping[str, Any]) -> bool:
-    """Whether a summary's requirements include a separation of the aircraft; also true for a single aircraft."""
+    """Whether a summary's requirements include a separation of the aircraft; also True for a single aircraft."""
     names = (entry["name"] for entry in summary["requirements"])
     return len(summary["aircraft"]) == 1 or any(name.startswith("separation") for name in names)
 
@@ -42,7 +41,7 @@ def proximity_warning(
     least_m: Sequence[float | None] | np.ndarray,  # least distance of two aircraft by flight, m; NaN or None if missing
     attributes: Mapping[Any, Any],  # attributes of the dataset, from `separation_attributes`
 ) -> str:
-    """Return a warning as text if two aircraft came closer than three wing spans in any flight; otherwise empty."""
+    """Return a warning if two aircraft came closer than three wing spans in any flight; empty if not."""
     near_m = attributes.get("near_distance_m")
     if near_m is None:
         return ""
@@ -85,10 +84,10 @@ def nearest_aircraft_distance(
 
 
 def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tuple[float, float]) -> float | None:
-    """Return the least ratio of distance to required separation over all samples of a record, holds included.
+    """Return the least ratio of distance to required separation over a record; None for a single aircraft.
 
     `history` has the positions, arrays (time, aircraft) by key; `separation_m` is the required horizontal and vertical
-    separation, m. None for a single aircraft.
+    separation, m.
     """
     positions = np.stack([history[key] for key in ("north", "east", "altitude")], axis=-1)
     minimum = np.nanmin(nearest_aircraft_distance(positions, separation_m), initial=np.inf)
@@ -96,10 +95,10 @@ def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tu
 
 
 def least_keep_out_room(time_s: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> np.ndarray:
-    """Return the least distance of each aircraft outside the keep-outs, m, at the samples of a record; negative inside.
+    """Return the least distance of each aircraft outside the keep-outs, m, shape (aircraft,); negative inside.
 
-    `history` has the positions, arrays (time, aircraft) by key. The keep-out of an event counts from the event on.
-    Returns shape (aircraft,); infinite without keep-outs.
+    Only the samples of the record count. The keep-out of an event counts after the event. `history` has the positions,
+    arrays (time, aircraft) by key. The distance is infinite if the scenario has no keep-outs.
     """
     appearing = [(event.keep_out, event.time_s) for event in scenario.event if event.keep_out is not None]
     least = np.full(history["north"].shape[1], np.inf)

@@ -58,7 +58,7 @@ class _SummaryKeys(_Section):
 
 
 def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
-    """Return, of the first missing or invalid key of a summary, what arrived and what is expected; None if valid."""
+    """Return (what arrived, what is expected) for the first missing or invalid key of a summary; None if valid."""
     try:
         _SummaryKeys.model_validate(summary)
     except ValidationError as error:
@@ -85,13 +85,16 @@ def summarize(
 ) -> dict[str, Any]:
     """Compute the summary of a flight from its complete history.
 
-    Arrivals follow the rule of `arrival_outcome`; without an arrival, time and miss are None. Speeds (without gusts)
-    and position error count up to the arrival or, without an arrival, while the plan is flown (the hold has no planned
-    position). Clearance, separation, the distance outside the keep-outs and the time outside the aerodynamic tables
-    count over the whole record; the keep-out of an event counts from the event on. Path and lateral bend are those of
-    the first plan; `nominal` is true for a path without a bend. Only paths of the published planner have a bend; with
-    another planner `lateral_bend_m` and `nominal` are None. In a flight with an adaptive autopilot each aircraft has
-    `fault`: the detected fault, or None. Missing values are None, never NaN.
+    - `arrival_outcome` decides on arrivals.
+    - Speeds (without gusts) and position error count up to the arrival; if the aircraft does not arrive, while the plan
+      is flown. The position error does not count in the hold.
+    - Clearance, separation, keep-outs and the time outside the aerodynamic tables count over the whole record; the
+      keep-out of an event counts after the event.
+    - `path`, `lateral_bend_m` and `nominal` (path without a bend) describe the first plan. `lateral_bend_m` and
+      `nominal` are None unless the planner is the published planner.
+    - `fault`, in a flight with an adaptive autopilot, is the detected fault of an aircraft.
+
+    Missing values are None, never NaN.
 
     Parameters
     ----------
@@ -104,7 +107,7 @@ def summarize(
     paths
         Description of each aircraft's path in the first plan; empty: unknown.
     events
-        Events of the flight and their effects on the plan, entries of the list `events`; empty: no events.
+        Entries of the list `events`: events of the flight and their effects on the plan.
     goals
         Name of the final goal by aircraft, if goals were reassigned; empty: the scenario's goals.
     surfaces
@@ -165,10 +168,7 @@ def summarize(
 
 
 def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario) -> FleetSummary:
-    """Compute the `FleetSummary` of a flight from its complete record, arrays (time, aircraft) by key.
-
-    The result equals that which `SummaryRecorder` updates step by step during a flight.
-    """
+    """Compute from a complete record, arrays (time, aircraft) by key, what `SummaryRecorder` computes in flight."""
     columns = range(history["north"].shape[1])
     aircraft = [_summarize_aircraft(time, {key: values[:, k] for key, values in history.items()}) for k in columns]
     fleet: dict[str, Any] = jax.tree.map(lambda *values: np.array(values), *aircraft)
@@ -180,10 +180,10 @@ def _summarize_record(time: np.ndarray, history: Mapping[str, np.ndarray], scena
 
 
 def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray) -> float:
-    """Return the planned arrival time of one aircraft's last plan, s, from its status and planned arrival over time.
+    """Return the planned arrival time, s, of one aircraft's last plan, from status and planned arrival over time.
 
-    For an aircraft that left the fleet, the time is the end of the exit path, on which the aircraft leaves; or, if the
-    aircraft had arrived before, the planned arrival at its goal.
+    An aircraft that left the fleet after its arrival has the planned arrival at the goal. An aircraft that left before
+    has the end of the exit path, on which the aircraft leaves.
     """
     is_in_hold = (arrival_s <= time) & (np.cumsum(status == LEFT_FLEET) == 0)
     has_left = (status == LEFT_FLEET).any() and is_in_hold.any()
@@ -191,7 +191,7 @@ def _planned_arrival(time: np.ndarray, status: np.ndarray, arrival_s: np.ndarray
 
 
 def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Compute the fields of a `FleetSummary` that belong to one aircraft, by name, from its record (SI, rad)."""
+    """Compute the fields of a `FleetSummary` that belong to one aircraft, by name, from the record (SI, rad)."""
     status, off_plan = record["status"], np.flatnonzero(is_off_plan(record["status"]))
     end_index = int(off_plan[0]) if off_plan.size else time.size - 1
     searched = slice(0, max(end_index, 1) + 1)  # at least two samples
@@ -219,14 +219,9 @@ def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> d
 
 
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:
-    """Write a summary as JSON, with a checksum.
+    """Write a summary to a new JSON file, with a checksum.
 
-    Raises
-    ------
-    FileExistsError
-        If `path` exists: a summary is never overwritten.
-    ValueError
-        If the summary contains a number without JSON representation (NaN, infinity).
+    Raises FileExistsError if `path` exists. Raises ValueError if a number is NaN or infinite.
     """
     text = json.dumps(add_checksum(summary), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     write_file(path, text)
@@ -235,10 +230,7 @@ def write_summary(summary: Mapping[str, Any], path: Path) -> None:
 def read_summary(path: Path) -> dict[str, Any]:
     """Read and verify a summary that `write_summary` wrote.
 
-    Raises
-    ------
-    DamagedFileError
-        If the file is damaged, has another format version, or lacks a required key.
+    Raises DamagedFileError if the file is damaged, has another format version, or lacks a required key.
     """
     summary, _ = read_document(path)
     version = summary.get("format_version")
@@ -255,10 +247,9 @@ def read_summary(path: Path) -> dict[str, Any]:
 def _gust_entries(
     time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
 ) -> dict[str, float | None]:
-    """Return the entries of a summary on gusts, from the record of one aircraft (arrays (time,) by key), by key.
+    """Return the entries of a summary on gusts, load factor, limited surfaces and surface travel, by key.
 
-    They are the greatest gust speed, the extremes of the load factor, the times with the load factor beyond the
-    scenario's limits and with surfaces limited, s, and the total travel of each surface, deg.
+    `record` has the arrays (time,) of one aircraft, by key.
     """
     load, limits, intervals = record["load_factor"], scenario.limits, np.diff(time)
     is_exceeded = (load < limits.load_factor_min) | (load > limits.load_factor_max)
@@ -279,10 +270,7 @@ def _gust_entries(
 
 
 def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> AirspeedStatistics:
-    """Return the time integral (m), minimum and maximum (m/s) of the airspeed from the start to the time `end`, s.
-
-    All three are NaN if no airspeed up to `end` is finite, or `end` is NaN.
-    """
+    """Return the time integral (m), minimum and maximum (m/s) of the finite airspeeds up to the time `end`, s."""
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
     times, speeds = times[np.isfinite(speeds)], speeds[np.isfinite(speeds)]
@@ -304,6 +292,6 @@ def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
 
 
 def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float:
-    """Return the extreme (by `np.min` or `np.max`) of the finite values; NaN if none is finite."""
+    """Return `extreme` (`np.min` or `np.max`) of the finite values; NaN if no value is finite."""
     finite = values[np.isfinite(values)]
     return float(extreme(finite)) if finite.size else np.nan

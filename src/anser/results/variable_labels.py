@@ -11,7 +11,7 @@ from anser.variables import CATALOGUE, Variable
 def to_dataset_units(variable: Variable, array: Any, xp: Any = np) -> Any:
     """Convert values of a history (SI, rad) to the variable's unit in datasets; angles are wrapped to (-180, 180] deg.
 
-    `xp` is the module of the arrays, `numpy` or `jax.numpy`.
+    `xp` must be the module of the arrays, `numpy` or `jax.numpy`.
     """
     if variable.unit == "degree":
         # Angles inside the interval are unchanged: the remainder would round them.
@@ -44,8 +44,7 @@ def unit_attributes(unit: str, long_name: str) -> dict[str, Any]:
 def flag_attributes(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
     """Return the dataset attributes of a coded variable (int32) with the meanings of the codes 0, 1, 2, ...
 
-    `long_name` describes the variable. `flag_meanings` is one text with the meanings separated by blanks; blanks within
-    a meaning become underscores.
+    In `flag_meanings`, blanks separate the meanings; blanks within a meaning become underscores.
     """
     names = " ".join(meaning.replace(", ", ",").replace(" ", "_") for meaning in meanings)
     return {
@@ -64,9 +63,9 @@ def record_coordinates(time_s: np.ndarray, aircraft_names: Sequence[str]) -> dic
 
 
 def scatter_rows(values: Any, mask: np.ndarray) -> np.ndarray:
-    """Return an array with `values` (n, ...), in order, at the n true entries of `mask`; shape (*mask.shape, ...).
+    """Return an array, shape (*mask.shape, ...), with `values` (n, ...), in order, at the n true entries of `mask`.
 
-    The further entries are NaN, or 0 for integers and booleans.
+    All other entries are NaN, or 0 for integers and booleans.
     """
     array = np.asarray(values)
     scattered = np.full((*mask.shape, *array.shape[1:]), 0 if array.dtype.kind in "ib" else np.nan, array.dtype)
@@ -75,7 +74,7 @@ def scatter_rows(values: Any, mask: np.ndarray) -> np.ndarray:
 
 
 MISSING_CODE = -1
-"""Missing value of discrete variables (codes, booleans), stored as int32; of quantities, NaN is the missing value."""
+"""Missing value of discrete variables (codes, booleans), which are int32; quantities have NaN instead."""
 _BY_KEY = {variable.key: variable for variable in CATALOGUE}
 
 
@@ -85,18 +84,18 @@ def catalogue_variable(key: str) -> Variable:
 
 
 def convert_series(key: str, values: np.ndarray) -> np.ndarray:
-    """Convert values of a history (SI, rad) to the unit in datasets of the variable `key`; discrete values to int32."""
+    """Convert values of the variable `key` from a history (SI, rad) to dataset units; discrete values to int32."""
     variable = catalogue_variable(key)
     return to_dataset_units(variable, values) if is_quantity(variable) else values.astype(np.int32)
 
 
 def missing_series(key: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array, of a shape, of missing values of the variable `key`: NaN, or `MISSING_CODE` if discrete."""
+    """Return an array of missing values of the variable `key`: NaN, or `MISSING_CODE` if discrete."""
     return (
         np.full(shape, np.nan) if is_quantity(catalogue_variable(key)) else np.full(shape, MISSING_CODE, dtype=np.int32)
     )
 
 
 def is_quantity(variable: Variable) -> bool:
-    """Whether the variable is a physical quantity (float64), not a code or a boolean."""
+    """Whether the variable is a physical quantity, not a code or a boolean."""
     return variable.dtype == "float64"

@@ -1,10 +1,10 @@
 """Construction of a flight from a scenario, before it is flown.
 
-The events of the scenario are built in too: thrust losses, sensor losses and departures become times in `Faults`,
-changes of an aircraft become `AirframeChanges`, and stops and turns of a goal become part of the goal's motion. The
-planner's actions at an event are in `anser.missions.event_replanning`.
+The flight contains the events of the scenario: thrust losses, sensor losses and departures are times in `Faults`,
+changes of an aircraft are `AirframeChanges`, and stops and turns of a goal are part of the goal's motion. The planner's
+actions at an event are in `anser.missions.event_replanning`.
 
-Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
+This module and the other modules build_* convert the units of the file (degrees, altitude upwards) to SI units.
 """
 
 import dataclasses
@@ -52,11 +52,11 @@ from anser.units import DEG_RAD
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
     """Return the faults of one aircraft by the events: thrust loss, loss of the goal sensor and leaving the fleet.
 
-    The first event of each kind counts; without an event of a kind, the time of the fault is infinite.
+    The first event of each kind counts. If there is no event of a kind, the time of the fault is infinite.
     """
 
     def first_event(kind: str) -> tuple[float, float]:
-        """Return time (s) and remaining fraction of thrust of the aircraft's first event of a kind; else (inf, 1)."""
+        """Return time (s) and remaining fraction of thrust of the aircraft's first event of a kind, or (inf, 1)."""
         matching_events = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
         if not matching_events:
             return math.inf, 1.0
@@ -105,15 +105,14 @@ def build_flight(
 ) -> Flight:
     """Build the flight (`anser.simulation.flight.Flight`) that a scenario describes, ready to be trimmed and flown.
 
-    Every number of the scenario becomes an array, so another value of the same shape does not compile again. The shape
-    is set by the Earth model and by the numbers of aircraft, waypoints, wind layers and keep-outs; the last three
-    numbers are rounded up to a few bucket sizes.
+    If only numbers of the scenario change, nothing is compiled again. Compiled programs depend on the Earth model, and
+    on the numbers of aircraft, waypoints, wind layers and keep-outs; the last three are rounded up to a few sizes.
 
     Parameters
     ----------
     pad_fleet
-        Whether to pad the fleet to a multiple of four with copies of the last aircraft that never fly; another number
-        of aircraft then seldom compiles again.
+        True: the fleet is padded to a multiple of four with copies of the last aircraft that never fly, so that fewer
+        fleet sizes are compiled.
     flight
         Number of the flight; together with the scenario's seed it determines all random numbers.
     mission_is_flown
@@ -124,7 +123,7 @@ def build_flight(
     ScenarioError
         If a user-defined part is invalid, an excited surface does not exist, or the wind field does not fit the flight.
     ValueError
-        If the mission of a scenario is flown whose mission was not checked.
+        If `mission_is_flown` is True for an `UnplannedScenario`, whose mission was not checked.
     """
     if mission_is_flown and isinstance(scenario, UnplannedScenario):
         raise ValueError(f"scenario: arrived {scenario.name}, whose mission was not checked; expected a checked one")
@@ -134,31 +133,22 @@ def build_flight(
 
 
 def _goals_enter_by_missions_only(scenario: Scenario) -> bool:
-    """Whether moving a goal changes nothing in a built flight but the `Mission` of each aircraft.
-
-    False for a goal sensor that is not exact, a wind field from a file, and user-defined parts.
-    """
+    """Whether moving a goal changes nothing in a built flight but the `Mission` of each aircraft."""
     is_briefed = scenario.goal_sensor.preset != "exact"
     return not (is_briefed or scenario.wind.field is not None or user_parts(scenario))
 
 
 _kept_flights: "deque[tuple[list[Any], Flight]]" = deque(maxlen=2)
-"""Cache of padded flights: pairs of the tables that define a flight, except the goals, and the flight.
-
-The tables are compared, because not all can be hashed. So are the keys written in the file, because limits and gains
-that the file leaves out follow from the aircraft.
-"""
+"""Cache of padded flights: pairs of a flight's definition without the goals, and the flight."""
 
 
 def _build_for_goals(scenario: Scenario, number: int) -> Flight:
-    """Return the padded flight of a scenario, possibly with the goals of an earlier scenario that is otherwise equal.
-
-    `number` is the number of the flight. The last two flights are cached.
-    """
+    """Return the padded flight of a scenario, possibly from a cache and then with the goals of another scenario."""
+    # limits and gains that the file omits follow from the aircraft
     written = scenario.model_dump_json(exclude={"goal"}, exclude_unset=True)
     tables = [number, written, *(getattr(scenario, name) for name in Scenario.model_fields if name != "goal")]
     for kept_tables, flight in list(_kept_flights):
-        if kept_tables == tables:
+        if kept_tables == tables:  # compared, because not all tables can be hashed
             return flight
     flight = _build_flight(scenario, pad_fleet=True, number=number, mission_is_flown=True)
     _kept_flights.append((tables, flight))
@@ -257,7 +247,7 @@ def _controller(table: Adaptation, autopilot: AbstractController, airframe: Abst
 
 
 def _build_changes(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> AirframeChanges | None:
-    """Build the changes of one aircraft during the flight, by the events with a deviation; None without an event."""
+    """Build the changes of one aircraft during the flight, by the events with a deviation; None if there are none."""
     deviations = [
         (event.time_s, event.deviation)
         for event in scenario.event

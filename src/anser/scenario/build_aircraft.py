@@ -1,8 +1,8 @@
 """Construction of airframe, autopilot gains, flight limits and guidance of an aircraft from a table [[aircraft]].
 
-Limits and gains that the scenario leaves out are derived once, before the flight, from the nominal airframe: limits
-from a trim map, gains from actuators, engine and control authority in the trim, both at the start altitude (rounded to
-500 m) and the preferred airspeed. The library's F-16 has published gains and the scenario's default limits.
+Limits and gains that the scenario omits are derived from the nominal airframe before the flight, at the start altitude
+(rounded to 500 m) and the preferred airspeed. Limits follow from a trim map; gains follow from actuators, engine and
+control authority in the trim. The library's F-16 has published gains and the scenario's default limits.
 """
 
 import dataclasses
@@ -70,16 +70,11 @@ class DerivedDefaults(NamedTuple):
 
 @dataclass(frozen=True)
 class ResolvedAircraft:
-    """One aircraft of a scenario, with limits (units of the file) and gains completed by derived values or defaults.
-
-    `correction_max_m_s` is the greatest velocity correction by position feedback, `plan_roll_rate` (rad/s) the mean
-    roll rate that plans assume; `capability` is None for the library's F-16.
-    """
+    """One aircraft of a scenario, with limits and gains completed by derived values or defaults."""
 
     table: Aircraft
     airframe: AbstractAirframe  # nominal airframe, as assumed by autopilot and planner
-    # flight limits (units of the file) and autopilot gains
-    limits: Limits
+    limits: Limits  # in the units of the file
     gains: AutopilotGains
     correction_max_m_s: float  # greatest velocity correction by position feedback, m/s
     plan_roll_rate: float  # mean roll rate that plans assume, rad/s
@@ -105,7 +100,7 @@ def _resolved(key: _ScenarioObject) -> tuple[ResolvedAircraft, ...]:
 
 
 def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraft:
-    """Return one aircraft with its limits, gains and guidance values completed; see `ResolvedAircraft`."""
+    """Return one aircraft with its limits, gains and guidance values completed."""
     airframe, limits = build_airframe_of(aircraft), scenario.limits_for(aircraft)
     gains = _build_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen tables are hashable
     roll_rate = _ROLL_RATE_DEG_S * DEG_RAD
@@ -128,10 +123,7 @@ def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraf
 
 @dataclass(frozen=True)
 class _FlightCase:
-    """Arguments of `compute_defaults` as a cache key.
-
-    Two airframes are equal if their contents (`aircraft_content`) are, two environments if their air is.
-    """
+    """Arguments of `compute_defaults` as a cache key; airframe and environment are compared by content and air."""
 
     aircraft_content: tuple[str, str, float | None, str]  # type, variant, x_cg_over_c, hash of the aircraft file
     airframe: AbstractAirframe = field(compare=False)
@@ -144,10 +136,7 @@ class _FlightCase:
 
 
 def _derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
-    """Return performance limits, bandwidths and gains of an aircraft in the scenario's atmosphere, computed once.
-
-    All are for the start altitude, rounded to `_ALTITUDE_STEP_M`, and the preferred airspeed.
-    """
+    """Return an aircraft's derived values at its start altitude (rounded) and preferred airspeed, computed once."""
     speed, data_range = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
     altitude = round(aircraft.start.altitude_m / _ALTITUDE_STEP_M) * _ALTITUDE_STEP_M
     speeds = (_SPEED_SEARCH_RANGE[0] * speed, _SPEED_SEARCH_RANGE[1] * speed) if data_range is None else data_range
@@ -171,16 +160,12 @@ def _defaults_of(case: _FlightCase) -> DerivedDefaults:
 def compute_defaults(
     airframe: AbstractAirframe,
     altitude_m: float,
-    speed_m_s: float,
-    speeds_m_s: tuple[float, float],
-    step_s: float,
+    speed_m_s: float,  # true airspeed of turns, climbs, bandwidths and gains
+    speeds_m_s: tuple[float, float],  # range of airspeeds in which level flight is searched for
+    step_s: float,  # sampling period of the autopilot
     environment: Environment | None = None,  # None: the standard atmosphere
 ) -> DerivedDefaults:
-    """Compute performance limits, loop bandwidths and autopilot gains of an airframe at one altitude.
-
-    Turns, climbs, bandwidths and gains are those at the true airspeed `speed_m_s`; level flight is searched for between
-    the two airspeeds `speeds_m_s`; `step_s` is the sampling period of the autopilot.
-    """
+    """Compute performance limits, loop bandwidths and autopilot gains of an airframe at one altitude."""
     altitude, speed, step, slow, fast = map(as_array, (altitude_m, speed_m_s, step_s, *speeds_m_s))
     environment = standard_environment() if environment is None else environment
     points, bandwidths = _capability_and_bandwidths(airframe, environment, altitude, speed, step, (slow, fast))
@@ -208,10 +193,7 @@ def _capability_and_bandwidths(
 def _with_derived_gains(
     scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
 ) -> AutopilotGains:
-    """Return the derived gains of `defaults`; loops for which the scenario has a table keep the scenario's gains.
-
-    The bandwidth of the sensor filter is always the scenario's.
-    """
+    """Return the derived gains; loops with a table in the scenario, and the sensor filter, keep their gains."""
     gains = defaults.gains
     for loop in ("rates", "attitude", "velocity"):
         if loop in aircraft.gains.model_fields_set:
@@ -220,17 +202,14 @@ def _with_derived_gains(
 
 
 def _derived_limits(limits: Limits, capability: Capability) -> Limits:
-    """Return the limits in which keys that the file leaves out are tightened to the performance `capability`.
-
-    The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
-    so that the aircraft can still turn with that bank. Without level flight, the limits are unchanged.
-    """
+    """Return the limits; keys that the file omits are tightened to the performance `capability`."""
     if math.isnan(capability.speed_min):
         return limits  # level flight is impossible: the refusal of the trim gives the reason
     bank_deg = min(limits.bank_max_deg, math.degrees(capability.bank_max), _BANK_MAX_DEG)
     if bank_deg > 0.0:
         limits = limits.with_defaults(bank_max_deg=bank_deg)
     bank_deg = min(limits.bank_max_deg, math.degrees(capability.bank_max))
+    # least airspeed at which the aircraft can turn with the greatest bank
     slowest = capability.speed_min / math.sqrt(math.cos(math.radians(bank_deg)))
     fastest = min(capability.speed_max, limits.speed_max_m_s)
     if slowest < fastest:
@@ -242,10 +221,7 @@ def _derived_limits(limits: Limits, capability: Capability) -> Limits:
 
 
 def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
-    """Return a sentence for each limit written in the file that is more than 2 % beyond the aircraft's performance.
-
-    `index` is the index of the aircraft. If level flight is impossible, the result is one sentence to say so.
-    """
+    """Return a sentence for each limit in the file that is more than 2 % beyond the performance of aircraft `index`."""
     aircraft = scenario.aircraft[index]
     subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)
     if math.isnan(capability.speed_min):
@@ -271,11 +247,8 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
 @functools.lru_cache(maxsize=256)
 @jax.ensure_compile_time_eval()  # cached, so the arrays must not belong to the trace of the first caller
 def _build_gains(gains: Gains) -> AutopilotGains:
-    """Build autopilot gains from a table [aircraft.gains], with published values for the keys left out.
-
-    The result is final for the library's F-16; for other aircraft, `resolve_fleet` replaces the gains of the loops that
-    the scenario leaves out.
-    """
+    """Build autopilot gains from a table [aircraft.gains], with published values for omitted keys."""
+    # `resolve_fleet` replaces omitted loops of aircraft other than the library's F-16
     bandwidth = 0.0 if gains.inversion == "model" else gains.sensor_bandwidth_rad_s
     return eqx.tree_at(
         lambda g: (g.rates, g.attitude, g.velocity, g.sensor_bandwidth),
@@ -327,9 +300,9 @@ def resolved_loop_separations(scenario: Scenario, index: int) -> tuple[LoopSepar
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:
-    """Build the guidance settings of a group of aircraft, one or more.
+    """Build the guidance settings of a group of one or more aircraft.
 
-    Of the velocity correction and the climb rate, the smallest limit in the group holds.
+    Velocity correction and climb rate have the smallest limit in the group.
     """
     guidance, hold = scenario.guidance, scenario.hold
     return GuidanceSettings(
@@ -360,7 +333,7 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
 def build_path_limits(scenario: Scenario) -> PathLimits:
     """Build path limits that every aircraft of the scenario can keep: the tightest in the fleet.
 
-    The limits are whole, without the reserve that plans leave to the autopilot (`planned_limits`).
+    The reserve that plans leave to the autopilot (`planned_limits`) is not subtracted.
     """
     fleet_limits = [aircraft.limits for aircraft in resolve_fleet(scenario)]
     slowest = max(limits.speed_min_m_s for limits in fleet_limits)
@@ -380,11 +353,7 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
 
 
 def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fraction: float) -> PathLimits:
-    """Build path limits, SI units and rad, from a fraction of an aircraft's limits and an airspeed range.
-
-    The fraction applies to bank, bank rate, climb rate and the difference of the load factors from 1; the altitudes are
-    those of `limits`, the airspeeds `speed_min_m_s` and `speed_max_m_s`.
-    """
+    """Build path limits; `fraction` reduces bank, bank rate, climb rate, and the differences of load factors from 1."""
     return PathLimits(
         speed_min=as_array(speed_min_m_s),
         speed_max=as_array(speed_max_m_s),
@@ -399,10 +368,7 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fra
 
 
 def push_over_limit(limits: Limits) -> float:
-    """Return the least load factor of a path: the scenario's, but not below 0.5 (`NORMAL_TURNING_G`).
-
-    Neither the autopilot in a turn nor a plan pushes over below 0.5.
-    """
+    """Return the least load factor of a path: the scenario's, but not below 0.5 (`NORMAL_TURNING_G`)."""
     return max(limits.load_factor_min, NORMAL_TURNING_G)
 
 
@@ -415,8 +381,8 @@ def _bank_rate(limits: Limits, fraction: float = 1.0) -> Scalar | None:
 def planned_limits(scenario: Scenario, aircraft: ResolvedAircraft) -> PathLimits:
     """Build one aircraft's path limits, reduced by the reserve (`fleet.reserve`) that plans leave to the autopilot.
 
-    If necessary, the airspeed range is widened to contain the start airspeed. Limits of acceleration and deceleration
-    along the path are infinite if the scenario leaves them out.
+    If necessary, the airspeed range is widened to contain the start airspeed. If the scenario omits the limits of
+    acceleration and deceleration along the path, these limits are infinite.
     """
     limits, speed, reserve = aircraft.limits, scenario.speed_for(aircraft.table), scenario.fleet.reserve
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)

@@ -35,10 +35,7 @@ def build_environment(scenario: Scenario) -> Environment:
 
 
 def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
-    """Build the atmosphere of a table [atmosphere]; None: the standard atmosphere.
-
-    The number of layers is padded, so that few numbers of layers occur.
-    """
+    """Build the atmosphere of a table [atmosphere]; None: the standard atmosphere."""
     if atmosphere is None:
         return StandardAtmosphere()
     layers = atmosphere.layers
@@ -46,10 +43,7 @@ def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
 
 
 def build_wind(scenario: Scenario) -> AbstractWind:
-    """Build the wind of a scenario: uniform, in layers, or the wind field of a file.
-
-    The number of layers is padded to 4, 8, 16, ... with copies of the highest layer above this layer.
-    """
+    """Build the wind of a scenario: uniform, in layers, or the wind field of a file."""
     if scenario.wind.field is not None:
         return build_wind_field(scenario.wind, scenario.earth)
     profile = scenario.wind.profile_m_s
@@ -73,7 +67,7 @@ def ned(position_up_m: Sequence[float]) -> Vector3:
 def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> AbstractGusts:
     """Build the gusts of one aircraft: turbulence, scaled with the wing span, and the scenario's discrete gusts.
 
-    Discrete gusts of other aircraft have zero velocity, so that all aircraft have equal structures.
+    Discrete gusts of other aircraft have zero velocity, so that all aircraft have equal pytree structures.
     """
     parts: list[AbstractGusts] = []
     turbulence = scenario.turbulence

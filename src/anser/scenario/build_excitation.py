@@ -11,20 +11,19 @@ from anser.scenario.schema_aircraft import Aircraft
 
 
 def build_aircraft_excitation(scenario: Scenario, aircraft: Aircraft, surfaces: tuple[str, ...]) -> Excitation | None:
-    """Build the test inputs of one aircraft, whose surfaces have the names `surfaces`; None without test inputs.
+    """Build the test inputs of one aircraft with the control surfaces `surfaces`; None if the aircraft has none.
 
     Raises
     ------
     ScenarioError
-        If an input is neither a surface of the aircraft nor in `EXCITED_INPUTS`. The check is made here because the
-        surfaces of an airframe defined in code are unknown before the airframe is built.
+        If an input is neither a surface of the aircraft nor in `EXCITED_INPUTS`.
     """
     terms, known = [], (*surfaces, *schema_excitation.EXCITED_INPUTS)
     for index, table in enumerate(scenario.excitation):
         if table.aircraft not in (None, aircraft.name):
             continue
         for k, name in enumerate(table.inputs):
-            if name not in known:
+            if name not in known:  # checked here: surfaces of an airframe defined in code are unknown before
                 expected = f"an input of it: {', '.join(known)}"
                 problem = Problem(f"excitation[{index}].inputs[{k}]", f'"{name}"', expected, aircraft.label)
                 raise ScenarioError(scenario.name, [problem])

@@ -51,10 +51,6 @@ def _sides(fleet: Sequence[ResolvedAircraft]) -> Array:
 
 
 def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
-    """Build the certified planner from the arguments of `build_planner`.
-
-    Limits of acceleration and deceleration that the scenario leaves out are infinite.
-    """
     separation, reserve_m = scenario.separation, scenario.separation.reserve_m
     is_separated = separation.horizontal_m > 0.0
     is_stacked = is_separated and separation.vertical_m > 0.0
@@ -83,11 +79,6 @@ def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: 
 def _decentralised(
     scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings
 ) -> DecentralisedPlanner:
-    """Build the decentralised planner from the arguments of `build_planner`.
-
-    The required separation is increased by twice the greatest deviation from a broadcast path (`tube_m`), and by the
-    distance flown in the greatest difference of two clocks (`skew_max_s`).
-    """
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()
     separation = planner.airspace.separation
@@ -95,6 +86,7 @@ def _decentralised(
         float(np.max(np.asarray(limit))) for limit in (planner.limits.speed_max, planner.limits.climb_rate_max)
     )
     fastest += scenario.wind.speed_max_m_s
+    # twice the greatest deviation from a broadcast path, and the flight in the greatest difference of two clocks
     horizontal_margin = 2.0 * settings.tube_m + settings.skew_max_s * fastest
     vertical_margin = 2.0 * settings.tube_m + settings.skew_max_s * climb_rate_max
     widened = Separation(
@@ -130,8 +122,8 @@ def build_network(scenario: Scenario) -> Network:
 def keep_outs_of(*scenarios: Scenario) -> KeepOuts:
     """Return the keep-outs that exist at the start of each scenario, as arrays with axes (scenario, keep-out, ...).
 
-    Shorter lists are padded with cylinders that no aircraft reaches; a keep-out that appears in an event also has such
-    a placeholder.
+    Shorter lists are padded with cylinders that no aircraft reaches. Such a cylinder also stands for a keep-out that
+    appears in an event.
     """
     lists = [_keep_out_rows(scenario) for scenario in scenarios]
     longest = max(map(len, lists))

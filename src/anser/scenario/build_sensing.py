@@ -39,8 +39,8 @@ def build_sensors(scenario: Scenario) -> AbstractSensors:
 def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirframe | None = None) -> AbstractEstimator:
     """Build the estimator of an aircraft whose goal has the motion `goal`, with filters for inexact sensors and gusts.
 
-    The estimator for exact sensors in smooth air has no filter. `model` is the airframe that the estimator assumes;
-    None: the airframe that flies.
+    If sensors are exact and the air is smooth, the estimator has no filter. `model` is the airframe that the estimator
+    assumes; None: the airframe that flies.
     """
     navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
     has_exact_navigation = navigation.sensors == "exact"
@@ -119,14 +119,11 @@ def build_vehicle_sensors(table: Navigation) -> VehicleSensors | None:
 
 
 def _acceleration_density(table: Navigation, step_s: float) -> float:
-    """Return the spectral density, m^2/s^3, of white noise that the filter assumes for errors of the acceleration.
-
-    Bias of the accelerometers and gravity resolved with errors of the attitude are nearly constant, with the variance
-    s^2. With white noise of density q, velocities measured every T seconds with the variance r give a velocity filter
-    of gain K = (q / (r T))^(1/2), whose computed variance is K r T. The actual mean square is K r T / 2 + s^2 / K^2,
-    from the noise of the measurements and the constant error. The density q returned makes both equal, close to the
-    least mean square, plus the noise of the accelerometers at each step (`step_s`).
-    """
+    """Return the spectral density, m^2/s^3, of white noise that the filter assumes for errors of the acceleration."""
+    # Accelerometer bias, and gravity resolved with attitude errors, are nearly constant, with the variance s^2. With
+    # noise of density q, and velocities measured every T seconds with the variance r, the filter has the gain
+    # K = (q / (r T))^(1/2) and computes the variance K r T. The actual mean square is K r T / 2 + s^2 / K^2. The
+    # density makes both equal, close to the least mean square; the noise of the accelerometers is added.
     tilt = (DEG_RAD * max(table.attitude_deg, table.heading_deg) * _GRAVITY_M_S2) ** 2
     steady = (2.0 * (tilt + table.force_bias_m_s2**2)) ** (2 / 3) * (table.velocity_m_s**2 * table.period_s) ** (1 / 3)
     return steady + table.force_noise_m_s2**2 * step_s
@@ -183,11 +180,8 @@ def build_goal_sensor(table: GoalSensorTable) -> NoisyGoalSensor | None:
 
 
 def _motion_history_slots(table: GoalSensorTable, step_s: float) -> int:
-    """Return the number of past samples (period `step_s`) of the aircraft's motion that delayed measurements need.
-
-    The number is a power of two; the oldest measurement is one sample older than the greatest latency. 0 for a sensor
-    without latency.
-    """
+    """Return the number (0 or a power of two) of past samples of the aircraft's motion that late measurements need."""
+    # the oldest measurement is one sample older than the greatest latency
     latest_s = table.number("latency_s")[1]
     return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))
 

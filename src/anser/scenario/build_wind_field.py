@@ -28,8 +28,8 @@ _WAY_MARGIN_M = np.array([1000.0, 1000.0, 100.0])  # around starts and rendezvou
 def build_wind_field(wind: Wind, earth: Earth | None) -> GriddedWind:
     """Build the wind of a file for positions in the chart (local map) around the origin of `earth`.
 
-    Without an Earth (None), only a field with axes in m is possible. Raises ScenarioError if the file is not a wind
-    field, the table's other keys do not fit the file, or a field in latitude and longitude has no Earth.
+    If `earth` is None, the field must have axes in m. Raises ScenarioError if the file is not a wind field, the table's
+    other keys do not fit the file, or a field in latitude and longitude has no Earth.
     """
     field = field_of(wind, earth)
     if field.is_geographic and earth is None:
@@ -111,10 +111,7 @@ def _error(wind: Wind, problem: Problem) -> ScenarioError:
 
 
 def _times_s(wind: Wind, field: WindField) -> np.ndarray:
-    """Return the times of the field, s after the start of the flight.
-
-    Raises ScenarioError if `wind.start_time` is not within the times of the file, or has the wrong form.
-    """
+    """Return the times of the field, s after the start; raises ScenarioError if `wind.start_time` does not fit them."""
     start, epoch = wind.start_time, field.epoch
     if start is None:
         return field.times_s - field.times_s[0]
@@ -139,7 +136,7 @@ def _times_s(wind: Wind, field: WindField) -> np.ndarray:
 def chart_axes(field: WindField, earth: Earth | None) -> tuple[np.ndarray, np.ndarray]:
     """Return the northward and eastward coordinates of the field's nodes: m, or rad from the chart's origin.
 
-    Without an Earth, the coordinates are those of the file (m or deg).
+    If `earth` is None, the coordinates are as in the file: m or deg.
     """
     if not field.is_geographic or earth is None:
         return field.north, field.east
@@ -166,7 +163,7 @@ def _device_columns(path: str, digest: str, longitude_deg: float | None) -> Arra
 def _interval_count(lowest: np.ndarray, highest: np.ndarray) -> int:
     """Return the greatest number of intervals between neighbouring levels in which one altitude can lie.
 
-    The altitude of a level varies over nodes and times; `lowest` and `highest` are each level's bounds, m.
+    `lowest` and `highest` are the bounds of each level's altitude over nodes and times, m.
     """
     altitudes = np.concatenate([lowest[1:-1], highest[1:-1]])
     first = np.sum(altitudes[:, None] >= highest[1:-1], axis=1)
@@ -177,7 +174,7 @@ def _interval_count(lowest: np.ndarray, highest: np.ndarray) -> int:
 def check_wind_field(scenario: ScenarioTables) -> None:
     """Raise ScenarioError if a start or rendezvous point is outside the wind field, or the flight lasts longer.
 
-    With `wind.outside = "hold"` the file is read, but positions and duration are not checked.
+    If `wind.outside` is "hold", the file is read, but positions and duration are not checked.
     """
     wind = scenario.wind
     if wind.field is None:
@@ -214,10 +211,7 @@ def _positions(scenario: ScenarioTables) -> Iterator[tuple[str, str, Vector]]:
 
 
 def _outside(field: WindField, earth: Earth, position_m: Vector) -> tuple[str, str] | None:
-    """Return two texts if a position (north, east, up; m) is beyond the field: its coordinate, and the field's extent.
-
-    None for a position inside.
-    """
+    """Return coordinate and extent of the field as texts if a position (north, east, up; m) is outside, or None."""
     north, east, up = position_m
     axes, unit = chart_axes(field, earth), "m north or east of the origin"
     if field.is_geographic:

@@ -11,10 +11,10 @@ from anser.scenario.unused_keys import unused_key_cautions
 
 
 def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[str, ...]:
-    """Return the cautions about a scenario, one sentence each; empty without any.
+    """Return the cautions about a scenario, one sentence each; empty if there are none.
 
-    `with_trim_maps` compares the limits with the trim map of each aircraft, and gains with those that follow from it,
-    which takes seconds the first time.
+    `with_trim_maps` True: limits and gains are compared with the trim map of each aircraft, which takes seconds the
+    first time.
     """
     limits = _limit_cautions(scenario) if with_trim_maps else []
     return (
@@ -41,10 +41,7 @@ def _format_cautions(scenario: Scenario) -> list[str]:
 
 
 def _seed_cautions(scenario: Scenario) -> list[str]:
-    """Return a caution for a seed other than the default in a scenario without random numbers.
-
-    User-defined parts may draw random numbers.
-    """
+    """Return a caution for a seed other than the default in a scenario without random numbers."""
     is_random = scenario.is_random or scenario.parts is not None
     if scenario.seed == type(scenario).model_fields["seed"].default or is_random:
         return []
@@ -79,10 +76,7 @@ _TRIM_MAP_KEYS = {"speed_min_m_s", "speed_max_m_s", "bank_max_deg", "climb_rate_
 
 
 def _limit_cautions(scenario: Scenario) -> list[str]:
-    """Return cautions for limits written in the file that an aircraft cannot reach according to its trim map.
-
-    Limits that the file leaves out follow from the trim map. The library's F-16 is not checked.
-    """
+    """Return cautions for limits in the file that an aircraft cannot reach; the library's F-16 is not checked."""
     is_derived = not all(aircraft.is_library_f16 for aircraft in scenario.aircraft)
     if not is_derived or not _TRIM_MAP_KEYS & scenario.limits.model_fields_set:
         return []
@@ -95,7 +89,7 @@ _LOOPS = ("rates", "attitude", "velocity")
 
 
 def _gain_cautions(scenario: Scenario, with_trim_maps: bool) -> list[str]:
-    """Return cautions for nested loops whose bandwidths are too close, of aircraft with a loop of gains in the file."""
+    """Return cautions for nested loops with bandwidths too close together, if the file gives the gains of a loop."""
     return [
         f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth of '
         f"{pair.outer_bandwidth:.3g} 1/s and rests on {pair.inner} with {pair.inner_bandwidth:.3g} 1/s, a "
@@ -108,11 +102,7 @@ def _gain_cautions(scenario: Scenario, with_trim_maps: bool) -> list[str]:
 
 
 def _loop_separations(scenario: Scenario, index: int, with_trim_maps: bool) -> tuple[LoopSeparation, ...]:
-    """Return the nested loops of aircraft number `index`; empty if the file has no loop of its gains.
-
-    Loops that the file leaves out, actuators and engine are the published ones of the library's F-16, or else follow
-    from the aircraft; without trim maps the latter have the bandwidth NaN, which is no reason for a caution.
-    """
+    """Return the nested loops of aircraft number `index`; empty if the file gives the gains of no loop."""
     aircraft = scenario.aircraft[index]
     written = aircraft.gains.model_fields_set.intersection(_LOOPS)
     if not written:
@@ -124,7 +114,7 @@ def _loop_separations(scenario: Scenario, index: int, with_trim_maps: bool) -> t
         from anser.scenario.build_aircraft import resolved_loop_separations  # here, because it imports JAX
 
         return resolved_loop_separations(scenario, index)
-    unknown = (math.nan,) * 3
+    unknown = (math.nan,) * 3  # causes no caution
     rates, attitude, velocity = (
         _bandwidths(getattr(aircraft.gains, loop)) if loop in written else unknown for loop in _LOOPS
     )
@@ -132,7 +122,7 @@ def _loop_separations(scenario: Scenario, index: int, with_trim_maps: bool) -> t
 
 
 def _bandwidths(loop: RateGains | AttitudeGains | VelocityGains) -> tuple[float, ...]:
-    """Return the bandwidth of each channel of a loop, 1/s: `bandwidth_rad_s`, or else K_P/(1 + K_D) from the gains."""
+    """Return the bandwidth of each channel of a loop, 1/s: `bandwidth_rad_s`, or K_P / (1 + K_D) if it is None."""
     if loop.bandwidth_rad_s is not None:
         return loop.bandwidth_rad_s
     return tuple(gain / (1.0 + derivative) for gain, derivative in zip(loop.proportional, loop.derivative, strict=True))

@@ -21,8 +21,7 @@ _HEADER = re.compile(r"\[{1,2}\s*([A-Za-z0-9_-]+)[^\]]*\]")
 def load(path: str | os.PathLike[str]) -> Scenario:
     """Read and validate a scenario file (TOML, UTF-8).
 
-    Raises ScenarioError if the file, or a file named in it, cannot be read or is not valid, or if keys have no effect;
-    the message gives key and expected value.
+    Raises ScenarioError if the file, or a file named in it, cannot be read or is not valid, or if keys have no effect.
     """
     return loads(read_text(path), os.fspath(path))
 
@@ -67,10 +66,7 @@ def parse_scenario(text: str, source: str) -> dict[str, Any]:
 
 
 def _duplicate_table_hint(line: str) -> str:
-    """Return a text with the right header, such as [[goal]], for the line of a table that is declared twice.
-
-    The text is empty if no such header exists.
-    """
+    """Return the right header, such as [[goal]], for the line of a table that is declared twice; empty if unknown."""
     header = _HEADER.match(line)
     table = header[1] if header is not None else ""
     for model, introduction in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):
@@ -88,7 +84,7 @@ _FLEET = re.compile(r"^[ \t]*\[[ \t]*fleet[ \t]*\][^\n]*(?:\n|$)", re.MULTILINE)
 def convert(text: str, source: str = "<string>", target_format: int = FORMAT) -> str:
     """Return a scenario's text (TOML) in the file format `target_format`; comments stay, and the flight is the same.
 
-    A planner that the text leaves out is written into the text. Raises ScenarioError if the text is not a valid
+    If the text omits the planner, the planner is written into the text. Raises ScenarioError if the text is not a valid
     scenario, or if its format line or table [fleet] cannot be edited in place.
     """
     scenario = loads(text, source)

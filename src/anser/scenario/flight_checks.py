@@ -18,8 +18,8 @@ from anser.steady.trim_diagnosis import nearest_trims
 def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
     """Raise ScenarioError if an aircraft has no steady flight (no trim) at its start.
 
-    `steady` has a flag for each aircraft of the flight, true for a trim; flags of padding aircraft are ignored. The
-    message names the violated limits and the nearest conditions with a trim.
+    `steady` has a flag for each aircraft of the flight: True if a trim exists. The message names the violated limits
+    and the nearest conditions with a trim.
     """
     problems = []
     for k in np.flatnonzero(~np.asarray(steady)[: len(scenario.aircraft)]):
@@ -50,10 +50,10 @@ _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
 
 
 def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str, Any]]]) -> None:
-    """Raise ScenarioError if a study varies a key path whose value changes none of a few of the study's flights.
+    """Raise ScenarioError if a study varies a key path whose value changes none of the flights `cases`.
 
-    Each of the `cases` is the scenario of a flight, and the flight's values by varied key path; `source` names the
-    study in messages. A key path with equal values in all cases is not checked.
+    A case is the scenario of a flight, and the flight's values by varied key path. `source` names the study in
+    messages. A key path with equal values in all cases is not checked.
     """
     case_list = list(cases)
     problems = []
@@ -93,10 +93,7 @@ def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str)
 
 
 def _direct_values(scenario: Scenario) -> list[Any]:
-    """Return the values that planner, closed loop or check of requirements read from the scenario itself.
-
-    Such values are not part of the built flight, by which two scenarios are compared otherwise.
-    """
+    """Return the values that planner, closed loop or check of requirements read from the scenario itself."""
     aircraft = [[getattr(aircraft_table, key) for key in _DIRECT_AIRCRAFT_KEYS] for aircraft_table in scenario.aircraft]
     return [*(getattr(scenario, name) for name in _DIRECT_TABLES), aircraft]
 

@@ -77,9 +77,9 @@ def _aircraft_file_path(aircraft: object) -> str | None:
 def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
     """Return a scenario's unvalidated values with the contents of a sounding in place of the sounding's path.
 
-    Measured levels replace the path; measured winds, if any, become the table [wind]. `source` is the path of the
-    scenario file (relative paths start from its folder), or a name for messages. Raises ScenarioError if the sounding
-    is missing or invalid, or if the scenario has a wind beside a sounding with winds.
+    Measured winds, if any, become the table [wind]. `source` is the path of the scenario file (relative paths start
+    from its folder), or a name for messages. Raises ScenarioError if the sounding is missing or invalid, or if the
+    scenario has a wind beside a sounding with winds.
     """
     atmosphere = values.get("atmosphere")
     if not isinstance(atmosphere, dict) or not isinstance(atmosphere.get("sounding"), str):
@@ -144,9 +144,7 @@ _CHECKS_OF_AIRCRAFT = (
 class Scenario(ScenarioTables):
     """A validated scenario file; :func:`anser.load` reads one and reports errors in plain sentences.
 
-    The attributes are the tables of the file. `goal_of`, `limits_for` and `speed_for` return an aircraft's goal, limits
-    and preferred airspeed; `is_random`, `is_gusty` and `requires_separation` tell whether the flight depends on the
-    seed, the air is turbulent, and a flight must keep its aircraft separated.
+    The attributes are the tables of the file.
     """
 
     _attached_parts: Any = PrivateAttr(None)  # objects of `anser.scenario.user_parts.attach_parts`
@@ -162,11 +160,7 @@ class Scenario(ScenarioTables):
         return scenario
 
     def _with_true_airspeeds(self) -> Self:
-        """Return the scenario with calibrated and equivalent airspeeds and Mach numbers converted to true airspeeds.
-
-        Airspeeds of a start and of a single aircraft are converted at the aircraft's start altitude, the airspeed of
-        the fleet at the mean of the start altitudes, in the scenario's atmosphere.
-        """
+        """Return the scenario with calibrated and equivalent airspeeds and Mach numbers converted to true airspeeds."""
         altitudes_m = [aircraft.start.altitude_m for aircraft in self.aircraft]
         layers = STANDARD_LAYERS if self.atmosphere is None else self.atmosphere.layers
         members = tuple(
@@ -179,7 +173,7 @@ class Scenario(ScenarioTables):
         return self._with_values(aircraft=members, fleet=fleet)
 
     def consistency_problems(self) -> list[Problem]:
-        """List the contradictions between tables; a check is skipped if problems found before make it meaningless."""
+        """List the contradictions between tables; a check is skipped if earlier problems make it meaningless."""
         # unsupported keys and crossed limits make further checks meaningless
         if problems := checks.planner_problems(self) or checks.order_problems(self):
             return problems
@@ -191,10 +185,9 @@ class Scenario(ScenarioTables):
         return reach_problems(self) or [*arrival_time_problems(self)]
 
     def __eq__(self, other: object) -> bool:
-        """Whether another scenario has the same values, and leaves out the same limits and gains.
+        """Whether another scenario has the same values, and omits the same limits and gains.
 
-        A default value written in the file counts as different from a limit or gain that is left out, which follows
-        from the aircraft; Pydantic's comparison does not make this difference.
+        Limits and gains that a file omits follow from the aircraft: a file that writes a default value is different.
         """
         if not isinstance(other, Scenario):
             return NotImplemented
@@ -213,9 +206,9 @@ class Scenario(ScenarioTables):
         Parameters
         ----------
         path
-            Key path as in messages: keys joined by dots, list items in brackets by number from 0 or by name (a name
-            that is a number in quotes): "wind.speed_m_s", "aircraft[1].start.speed_m_s", "goal[boat-north].course_deg",
-            "keep_out".
+            Key path as in messages: keys joined by dots, list items in brackets by number from 0 or by name. Examples:
+            "wind.speed_m_s", "aircraft[1].start.speed_m_s", "goal[boat-north].course_deg", "keep_out". A name that is a
+            number must be in quotes.
         value
             New value as a file would give it: a number, text, list, or a dictionary (or table of a scenario), which
             replaces the whole table. None leaves out an optional key.
@@ -258,10 +251,9 @@ def validate(
 ) -> Scenario:
     """Validate a scenario given as nested dictionaries and lists.
 
-    `source` names the scenario in messages; if it is a file's path, relative paths of aircraft files, soundings and
-    wind fields start from the file's folder. `kind` is the class of the result. Contradictions between keys are
-    accepted in the scenario of stored results (`is_stored`). Raises ScenarioError if the scenario or a file named in it
-    is invalid.
+    `source` names the scenario in messages; if it is a file's path, relative paths of other files start from the file's
+    folder. `kind` is the class of the result. If `is_stored` is True (stored results), contradictions between keys are
+    accepted. Raises ScenarioError if the scenario or a file named in it is invalid.
     """
     check_file_kind("scenario", values, source)
     version = values.get("format")
@@ -287,10 +279,7 @@ _DERIVED_GAINS = {"rates", "attitude", "velocity"}
 
 
 def _written_in_place_of_derived(scenario: Scenario) -> list[str]:
-    """Return the sorted key paths of limits and gains that the file writes although they may follow from the aircraft.
-
-    Empty for a fleet of the library's F-16 alone; see `anser.scenario.build_aircraft`.
-    """
+    """Return the sorted key paths of limits and gains in the file that would follow from the aircraft if omitted."""
     derived = {k: aircraft for k, aircraft in enumerate(scenario.aircraft) if not aircraft.is_library_f16}
     limits = scenario.limits.model_fields_set & _DERIVED_LIMITS if derived else ()
     gains = [
@@ -304,10 +293,10 @@ def _written_in_place_of_derived(scenario: Scenario) -> list[str]:
 def scenario_hash(scenario: Scenario) -> str:
     """Compute a scenario's hash, which comments, the order of keys and written-out defaults do not change.
 
-    The hash is the SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Limits and
-    gains that a file leaves out follow from the aircraft, except for the library's F-16; for other aircraft the hash
-    depends on which of them the file writes. An airframe from an entry point enters with the name and version of its
-    distribution, a wind field with the checksum of its file.
+    The hash is the SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. For aircraft
+    other than the library's F-16, the hash also depends on which limits and gains the file writes, because omitted ones
+    follow from the aircraft. The hash contains name and version of the distribution of an airframe from an entry point,
+    and the checksum of a wind field's file.
     """
     offered = {
         aircraft.type: entry_point_origin(aircraft.type) for aircraft in scenario.aircraft if aircraft.airframe is None

@@ -252,10 +252,7 @@ class Gains(Table):
 
 
 def _validated_file(value: object, info: ValidationInfo) -> object:
-    """Return the validated contents of an aircraft file; None and validated contents are returned unchanged.
-
-    Raises ScenarioError if the contents are invalid, or the value is no dictionary (a path is replaced before).
-    """
+    """Validate the contents of an aircraft file; None and validated contents are returned unchanged."""
     if value is None or is_aircraft_file(value):
         return value
     if isinstance(value, dict):
@@ -311,11 +308,7 @@ class Adaptation(Table):
         return default if self.learning_s is None else self.learning_s
 
     def consistency_problems(self) -> list[Problem]:
-        """List a time of learning without test inputs and, without known aerodynamics, keys that prevent learning.
-
-        Learning is prevented by a time below `LEARNING_MIN_S`, and by the gradient method, which needs a model at the
-        start.
-        """
+        """List a learning time without test inputs, and keys that prevent the learning of unknown aerodynamics."""
         problems = []
         if not self.aerodynamics_known and self.learning < LEARNING_MIN_S:
             expected = f"{LEARNING_MIN_S:g} or more without known aerodynamics"
@@ -411,10 +404,7 @@ class Aircraft(AirspeedTable):
         return [*problems, *self._start_problems(), *self._deviation_problems()]
 
     def change_problems(self, deviation: Deviation) -> list[Problem]:
-        """List keys of a deviation for a surface or an engine that the aircraft does not have.
-
-        Empty for an airframe without a file: the F-16 has all, and an entry point is checked when it is built.
-        """
+        """List keys of a deviation for a surface or an engine that the aircraft does not have."""
         file, problems = self.file, []
         if file is None:  # the F-16 has all; an airframe in code is checked when it is built
             return []
@@ -445,10 +435,7 @@ class Aircraft(AirspeedTable):
         return problems
 
     def _deviation_problems(self) -> list[Problem]:
-        """List deviations of coefficients, surfaces or an engine that the airframe does not have.
-
-        Of an airframe from an entry point, no coefficients are known, and every deviation is a problem.
-        """
+        """List deviations of coefficients, surfaces or an engine that the airframe does not have."""
         file, factors = self.file, self.deviation.coefficients
         if file is None and self.type != "f16":
             if self.deviation == Deviation():

@@ -113,15 +113,15 @@ class KeepOut(Table):
         return velocity_on_course(self.speed_m_s, self.course_deg)
 
     def contains(self, position_m: Vector) -> bool:
-        """Whether a position (north, east, up), m, is inside the cylinder at time 0; points on its surface are not."""
+        """Whether a position (north, east, up), m, is inside the cylinder, not on its surface, at time 0."""
         distance_m = math.dist(position_m[:2], (self.north_m, self.east_m))
         return distance_m < self.radius_m and self.bottom_m < position_m[2] < self.top_m
 
 
 GOAL_EVENTS = ("goal-sensor-lost", "goal-stops", "goal-turns")
-"""Kinds of event that change a goal's motion or its estimate alone; periodic replanning follows the estimate."""
+"""Kinds of event that change only a goal's motion or estimate; periodic replanning follows the estimate."""
 AIRCRAFT_CHANGES = "aircraft-changes"
-"""Kind of event that changes an aircraft without the knowledge of autopilot and planner: no plan changes."""
+"""Kind of event that changes an aircraft; autopilot and planner do not know the change, and no plan changes."""
 _REQUIRED_KEYS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("aircraft",),
     "goal-sensor-lost": ("aircraft",),
@@ -183,7 +183,7 @@ class Event(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List missing keys, which the kind of event requires, and keys that the kind does not allow."""
+        """List keys that the kind of event requires but the table lacks, and keys that the kind does not allow."""
         problems = []
         required, allowed = _REQUIRED_KEYS[self.kind], (*_REQUIRED_KEYS[self.kind], *_OPTIONAL_KEYS.get(self.kind, ()))
         for key in required:

@@ -37,11 +37,7 @@ def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
 def _coinciding(
     aircraft: Sequence[Aircraft], coincide: Callable[[int, int], bool]
 ) -> Iterator[tuple[int, str, str, str]]:
-    """Yield the parts of a message on each group of two or more aircraft that pairs of coinciding aircraft connect.
-
-    The parts are index and label of the second aircraft, a text that names the first, and a text that names the
-    aircraft after the second (empty for a group of two). `coincide(i, j)` tells whether the aircraft i and j coincide.
-    """
+    """Yield index and label of the second aircraft, and texts on the first and the others, of each coinciding group."""
     for reference, duplicate, *further_indices in connected_groups(len(aircraft), coincide):
         addition = f", also that of {_list_aircraft(aircraft, further_indices)}" if further_indices else ""
         yield duplicate, aircraft[duplicate].label, _list_aircraft(aircraft, [reference]), addition
@@ -80,7 +76,7 @@ def same_point_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def separation_problems(scenario: ScenarioTables) -> list[Problem]:
-    """Return a problem for each group of aircraft whose starts violate the separation, about the closest pair."""
+    """Return a problem on the closest pair of each group of aircraft whose starts violate the separation."""
     aircraft, separation = scenario.aircraft, scenario.separation
     if separation.horizontal_m == 0.0:
         return []
@@ -105,10 +101,7 @@ def separation_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _rounded_down_distances(position_m: Vector, neighbour_m: Vector) -> str:
-    """Describe the horizontal distance and the altitude difference of two positions, rounded down to 0.1 m.
-
-    A distance slightly below the requirement is thus not shown as equal to it.
-    """
+    """Describe horizontal distance and altitude difference, rounded down so that they stay below a requirement."""
     lengths_m = math.dist(position_m[:2], neighbour_m[:2]), abs(position_m[2] - neighbour_m[2])
     horizontal, vertical = (f"{math.floor(10.0 * length_m) / 10.0:.1f}" for length_m in lengths_m)
     return f"{horizontal} m in the plane and {vertical} m in altitude"
@@ -117,7 +110,7 @@ def _rounded_down_distances(position_m: Vector, neighbour_m: Vector) -> str:
 def arrival_problems(scenario: ScenarioTables) -> list[Problem]:
     """List missing or unused arrival times, an invalid order, and arrivals not before the end of the flight.
 
-    Requires unique names of the aircraft.
+    The names of the aircraft must be unique.
     """
     aircraft_tables, arrival, timing = scenario.aircraft, scenario.arrival, scenario.timing
     problems = [] if arrival.time_s is None else _end_of_flight_problems("arrival.time_s", arrival.time_s, timing)
@@ -135,10 +128,7 @@ def arrival_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _aircraft_time_problems(path: str, aircraft: Aircraft, arrival: Arrival, timing: Timing) -> list[Problem]:
-    """List arrival times of one aircraft that are missing, not used by the arrival rule, too late, or not in order.
-
-    `path` is the key path of the aircraft.
-    """
+    """List arrival times of one aircraft that are missing, not used by the arrival rule, too late, or not in order."""
     problems = []
     for key, rule in _RULE_OF_KEY.items():
         time_s: float | None = getattr(aircraft, key)
@@ -158,10 +148,7 @@ def _aircraft_time_problems(path: str, aircraft: Aircraft, arrival: Arrival, tim
 
 
 def _end_of_flight_problems(path: str, time_s: float, timing: Timing, subject: str = "") -> list[Problem]:
-    """Return a problem if the arrival time `time_s` at the key `path` is not before the end of the flight.
-
-    `subject` names the aircraft in the message.
-    """
+    """Return a problem if the arrival time `time_s` at the key `path` is not before the end of the flight."""
     expected = f"less than timing.duration_s, which is {format_number(timing.duration_s)} s"
     return [Problem(path, format_number(time_s), expected, subject)] if time_s >= timing.duration_s else []
 
@@ -185,7 +172,7 @@ def _sequence_problems(order: Sequence[str], names: Sequence[str]) -> list[Probl
 def keep_out_problems(scenario: ScenarioTables) -> list[Problem]:
     """List keep-outs with the same name, starts inside a keep-out, and rendezvous points that stay inside a keep-out.
 
-    Requires that the goal of every aircraft exists. Keep-outs of events are checked for their names alone.
+    The goal of every aircraft must exist. For keep-outs in events, only the names are checked.
     """
     problems, path_of = [], {}
     appearing = ((f"event[{k}].keep_out", event.keep_out) for k, event in enumerate(scenario.event) if event.keep_out)
@@ -212,10 +199,7 @@ def keep_out_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _have_equal_motion(goal: Goal, keep_out: KeepOut) -> bool:
-    """Whether goal and keep-out move with the same constant velocity, or are both at rest.
-
-    A goal with waypoints counts as moving unless all its waypoints coincide.
-    """
+    """Whether goal and keep-out move with the same constant velocity, or are both at rest."""
     if goal.waypoints is None:
         return goal.velocity_m_s() == keep_out.velocity_m_s()
     positions = {point.position_m for point in goal.waypoints}

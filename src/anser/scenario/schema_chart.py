@@ -8,14 +8,11 @@ from anser.constants import WGS84_A_M, WGS84_F
 from anser.scenario.schema_tables import ScenarioTables
 
 SCALE_ERROR_MAX = 0.05
-"""Greatest relative error of lengths in the chart (map) of the round Earth: half of the default `fleet.reserve`.
-
-A plan with this reserve in the chart then keeps half of the reserve over the ground."""
+"""Greatest relative error of lengths in the chart (map) of the round Earth: half of the default `fleet.reserve`."""
 
 TURN_MAX_DEG_S = 0.02
-"""Greatest rate at which north turns below an aircraft that flies east, deg/s; plans take the chart's axes as steady.
-Measured with the three-aircraft mission: up to 0.019 deg/s the arrivals differ by 0.001 s, as at 20 deg of latitude; at
-0.026 deg/s the aircraft with the longest path corrects late, and the arrivals differ by 0.065 s."""
+"""Greatest rate at which north turns below an aircraft that flies east, deg/s; plans assume that north is steady. In
+the three-aircraft mission, the arrivals differ by 0.001 s up to 0.019 deg/s, and by 0.065 s at 0.026 deg/s."""
 
 # The ellipsoid's smallest radius of curvature (meridian at the equator), so angles are overestimated, by up to 1 %.
 _RADIUS_M = WGS84_A_M * (1.0 - WGS84_F) ** 2
@@ -31,8 +28,7 @@ class _Position(NamedTuple):
 def chart_problems(scenario: ScenarioTables) -> list[Problem]:
     """Return the problem of an origin whose chart (local map) is too inaccurate or too small for the fleet, if any.
 
-    The result has at most one problem, which suggests a suitable latitude if there is one. The chart of a flat Earth
-    has no scale error, but its positions still need a longitude and a latitude.
+    The result has at most one problem, which suggests a better latitude if there is one.
     """
     positions = _positions(scenario)
     defect = _map_problem(scenario, positions, scenario.earth.latitude_deg)
@@ -53,11 +49,7 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Return two texts for a message if the chart around an origin's latitude is unfit for the flight; otherwise None.
-
-    The texts describe the defect, and a remedy other than a new origin. `positions` are starts, and corners around
-    goals.
-    """
+    """Return texts (defect, remedy other than a new origin) if the chart around a latitude is unfit, or None."""
     fastest, duration_s = max(scenario.aircraft, key=scenario.speed_for), scenario.timing.duration_s
     speed_m_s = scenario.speed_for(fastest)
     if scenario.earth.model == "wgs84":
@@ -90,10 +82,7 @@ def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_
 
 
 def _positions(scenario: ScenarioTables) -> list[_Position]:
-    """List the starts of the aircraft, and the corners of squares around each goal, its rendezvous points and holds.
-
-    The squares stand at the start, the end and the waypoints of a goal's motion.
-    """
+    """List the starts of the aircraft, and corners of squares around goals, rendezvous points and holds."""
     duration_s, radius_m = scenario.timing.duration_s, scenario.hold.radius_m
     positions = []
     for index, aircraft in enumerate(scenario.aircraft):

@@ -38,7 +38,7 @@ def order_problems(scenario: ScenarioTables) -> list[Problem]:
 def range_problems(scenario: ScenarioTables) -> list[Problem]:
     """List limits of airspeed and angle of attack beyond the range of an aircraft's data, once for each limit.
 
-    Altitudes beyond the range are allowed: the results mark the time spent outside.
+    Altitudes beyond the range are allowed; the results mark the time outside the range.
     """
     problems: dict[str, Problem] = {}
     for data_range in dict.fromkeys(aircraft.range for aircraft in scenario.aircraft):
@@ -81,8 +81,8 @@ def name_problems(scenario: ScenarioTables) -> list[Problem]:
 def speed_problems(scenario: ScenarioTables) -> list[Problem]:
     """List preferred airspeeds outside the limits, winds not slower than an aircraft, and too small a hold radius.
 
-    The least radius of the circle after the arrival is the turn radius with `limits.bank_max_deg` at the airspeed plus
-    the greatest horizontal wind. A wind field counts as still air: the file is not read here.
+    The least hold radius is the turn radius with `limits.bank_max_deg` at the airspeed plus the greatest horizontal
+    wind. A wind field counts as still air, because its file is not read.
     """
     problems: dict[str, Problem] = {}
     for index, aircraft in enumerate(scenario.aircraft):
@@ -127,10 +127,7 @@ def _speed_bounds(limits: Limits, conjunction: str) -> str:
 
 
 def _limits_owner(scenario: ScenarioTables, aircraft: Aircraft) -> str:
-    """Return an addition to a message on an airspeed: the aircraft that sets the limits, and a remedy.
-
-    Empty if the data of all aircraft have the same ranges.
-    """
+    """Return an addition to a message on an airspeed: the aircraft that sets the limits, and a remedy."""
     if len({fleet_member.range for fleet_member in scenario.aircraft}) == 1:
         return ""
     remedy = "" if aircraft.airspeed_forms else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"
@@ -159,9 +156,9 @@ def start_problems(scenario: ScenarioTables) -> list[Problem]:
 
 
 def rendezvous_problems(scenario: ScenarioTables) -> list[Problem]:
-    """List stand-offs below the minimum for a goal on the surface or in the air, and arrivals with too fast a climb.
+    """List stand-offs below the minimum for the kind of goal, and arrivals beyond the limit of the climb rate.
 
-    Too fast is a climb or descent beyond the limit of the climb rate. Requires that the goal of every aircraft exists.
+    The goal of every aircraft must exist.
     """
     problems = []
     for index, aircraft in enumerate(scenario.aircraft):
@@ -183,8 +180,8 @@ def rendezvous_problems(scenario: ScenarioTables) -> list[Problem]:
 def margin_problems(scenario: ScenarioTables) -> list[Problem]:
     """List stand-offs that are too small for the uncertainty of the goal's position at the arrival.
 
-    The least stand-off is the minimum for a goal on the surface or in the air, plus `estimator.margin_sigma` standard
-    deviations. Requires that the goal of every aircraft exists.
+    The least stand-off is the minimum for the kind of goal, plus `estimator.margin_sigma` standard deviations. The goal
+    of every aircraft must exist.
     """
     sensor, estimator, navigation = scenario.goal_sensor, scenario.estimator, scenario.navigation
     problems = []
@@ -224,10 +221,7 @@ def goal_problems(scenario: ScenarioTables) -> list[Problem]:
 def _altitude_problems(
     index: int, goal: Goal, duration_s: float, bounds_m: tuple[float, float], expected: str
 ) -> list[Problem]:
-    """List the altitudes of goal number `index` beyond bounds, m: at its waypoints, or else at start and end.
-
-    The end, after `duration_s`, is a problem of the climb rate, and only if the goal starts within the bounds.
-    """
+    """List the altitudes of goal number `index` beyond `bounds_m`: at its waypoints, or at start and end."""
     low_m, high_m = bounds_m
     if goal.waypoints is not None:
         altitudes_m = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints)}
@@ -260,8 +254,8 @@ def _climb_rate_problems(
 def planner_problems(scenario: ScenarioTables) -> list[Problem]:
     """List keys that the planner of the scenario does not support.
 
-    If ``planner = "published"`` is written in the file, unsupported keys with their default values are accepted, so
-    that a scenario recorded with all defaults loads again.
+    If the file contains ``planner = "published"``, unsupported keys with their default values are accepted: a scenario
+    recorded with all defaults loads again.
     """
     fleet = scenario.fleet
     if fleet.is_certified:
@@ -347,8 +341,8 @@ _ONCE = {
 def event_problems(scenario: ScenarioTables) -> list[Problem]:
     """List events without support by the planner, with unknown names, too late, or impossible for their aircraft.
 
-    Impossible is a second event of a kind in `_ONCE`, a loss of thrust or sensor of an aircraft that has left, or a
-    change of a surface or engine that the aircraft does not have.
+    Impossible events are a second event of a kind in `_ONCE`, a loss of thrust or sensor after the aircraft has left,
+    and a change of a surface or engine that the aircraft does not have.
     """
     events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
     if scenario.planned_events and scenario.fleet.planner == "published":
@@ -388,7 +382,7 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
 def excitation_problems(scenario: ScenarioTables) -> list[Problem]:
     """List test inputs of unknown aircraft, to unknown inputs, after the end of the flight, or too fast for the step.
 
-    A command between the loops is also a problem if the controller is user-defined.
+    If the controller is user-defined, commands between the loops are also problems.
     """
     timing, problems = scenario.timing, []
     names = [aircraft.name for aircraft in scenario.aircraft]

@@ -103,7 +103,7 @@ def _field_from_path(value: Any) -> Any:
 
 
 def _field_key(description: str, expected: str, default: Any, **options: Any) -> Any:
-    """Declare a key that belongs to a wind field; the default is left out of a dump, so that hashes stay the same."""
+    """Declare a key of a wind field; a default is left out of a dump, so that hashes stay the same."""
     exclude_if = lambda value: value == default  # noqa: E731
     return Field(
         default, description=description, json_schema_extra=expects(expected), exclude_if=exclude_if, **options
@@ -165,7 +165,7 @@ class Wind(Table):
     def profile_m_s(self) -> tuple[tuple[float, Vector], ...]:
         """Layers of the wind: pairs of altitude (m) and velocity over the ground (north, east, up), m/s.
 
-        A uniform wind has one layer; a wind field has one layer of still air, because its file is not read here.
+        A uniform wind has one layer. A wind field has one layer of still air, because its file is not read here.
         """
         if self.layers is None:
             return ((0.0, _wind_velocity(self)),)
@@ -173,10 +173,7 @@ class Wind(Table):
 
     @property
     def speed_max_m_s(self) -> float:
-        """Greatest speed of the air at any altitude, m/s, vertical part included.
-
-        For a wind field the value is the greatest allowed speed, `FIELD_SPEED_MAX_M_S`.
-        """
+        """Greatest speed of the air, vertical part included, m/s; for a wind field, `FIELD_SPEED_MAX_M_S`."""
         if self.field is not None:
             return FIELD_SPEED_MAX_M_S
         return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)
@@ -184,7 +181,7 @@ class Wind(Table):
     def velocity_m_s(self, altitude_m: float) -> Vector:
         """Return the velocity of the air over the ground (north, east, up), m/s, at an altitude (m).
 
-        For a wind field from a file the result is still air, as in `profile_m_s`.
+        The result is 0 for a wind field.
         """
         return interpolate(self.profile_m_s, altitude_m)
 
@@ -195,7 +192,7 @@ def _wind_velocity(wind: Wind | WindLayer) -> Vector:
 
 _SOUNDING_PATH = 'the path of a sounding (CSV, or a text listing of a radiosonde), such as "sounding.csv"'
 _THICKNESS_ERROR_MAX = 0.1
-"""Greatest relative difference between the fall of the pressure and the fall by the hydrostatic law."""
+"""Greatest relative difference between the measured and the hydrostatic fall of the pressure."""
 _PRESSURE_ROUNDING_HPA = 1.0
 """Rounding of the pressures in a listing of a radiosonde, which matters at great altitudes."""
 
@@ -248,18 +245,15 @@ class Sounding(Table):
         return geopotential_altitude(columns[0]), virtual, pressure
 
     def layers(self, offset_k: float) -> Layers:
-        """Return the air between the levels as layers (layer, 7), temperatures raised by an offset (K).
+        """Return the air between the levels, with temperatures raised by an offset (K), as layers (layer, 7).
 
-        The columns are those of `anser.environment.air`.
+        The columns are described in `anser.environment.air`.
         """
         return measured_layers(*self._measured(offset_k))
 
 
 def _without_path(value: Any) -> Any:
-    """Return a sounding's contents (or None) unchanged; raises ScenarioError for another value, such as a path.
-
-    `anser.scenario.schema.insert_sounding` replaces the path in a scenario file by the contents before.
-    """
+    """Return a sounding's contents or None unchanged; raises ScenarioError for another value, such as a path."""
     if isinstance(value, dict | Sounding | None):
         return value
     raise problem_error("", describe_value(value), _SOUNDING_PATH)

@@ -16,19 +16,14 @@ _HALVINGS = 40  # bisection steps, which resolve the longest flight to less than
 
 @dataclass(frozen=True)
 class ReferenceSpeed:
-    """True airspeed with which the checks decide whether an aircraft can reach its goal, and its key in the scenario.
+    """True airspeed with which the checks decide whether an aircraft can reach its goal."""
 
-    `is_mean`: the airspeed is the mean of the plan, otherwise the maximum. `may_rise`: the published planner may raise
-    the mean. `uses_wind_layers`: the plan uses the wind of all altitudes, otherwise only that at the aircraft's start.
-    """
-
-    # airspeed, m/s, and the key of the scenario that sets it
     speed_m_s: float
-    key: str
-    is_mean: bool  # whether the airspeed is the mean of the plan; otherwise it is the maximum
-    # whether the published planner may raise the mean, because the farthest aircraft cannot descend so slowly
+    key: str  # key of the scenario that sets the airspeed
+    is_mean: bool  # True: mean airspeed of the plan; False: greatest airspeed
+    # True: the published planner may raise the mean, because the farthest aircraft cannot descend so slowly
     may_rise: bool = False
-    # whether the plan uses the wind of all altitudes; otherwise only the wind at the start of the aircraft
+    # True: the plan uses the wind of all altitudes; False: only the wind at the start of the aircraft
     uses_wind_layers: bool = False
 
     def __str__(self) -> str:
@@ -38,8 +33,8 @@ class ReferenceSpeed:
 def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSpeed:
     """Return the true airspeed with which the checks decide whether an aircraft can reach its goal.
 
-    The airspeed is the preferred airspeed; for the certified or decentralised planner with an arrival rule other than
-    "together", the greatest airspeed of the limits.
+    If a certified or decentralised planner has an arrival rule other than "together", the result is the greatest
+    airspeed of the limits; in all other cases, the result is the preferred airspeed.
     """
     fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified
@@ -56,9 +51,9 @@ def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSp
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
     """Compute the least time, s, in which an aircraft on a straight line meets a moving point; None if never.
 
-    `relative_m` (R) is the point's position relative to the aircraft, `velocity_m_s` (W) its velocity relative to the
-    air, both (north, east, up), `speed_m_s` (V) the airspeed. The time is the smallest positive root of
-    ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0`` (theory section 7), without cancellation for nearly equal speeds.
+    `relative_m` (R) is the position of the point relative to the aircraft, `velocity_m_s` (W) is the velocity of the
+    point relative to the air, and `speed_m_s` (V) is the airspeed; vectors are (north, east, up). The time is the
+    smallest positive root of ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0`` (theory section 7).
     """
     squared = _dot(velocity_m_s, velocity_m_s) - speed_m_s**2
     half_linear = _dot(relative_m, velocity_m_s)
@@ -68,6 +63,7 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
     discriminant = half_linear**2 - squared * constant
     if discriminant < 0.0:
         return None
+    # no cancellation for nearly equal speeds
     q = -(half_linear + math.copysign(math.sqrt(discriminant), half_linear))
     roots = [constant / q] if q != 0.0 else []
     if squared != 0.0:
@@ -78,8 +74,8 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[Problem]:
     """List goals that outrun their aircraft, flights that are too short, and rendezvous outside the altitude limits.
 
-    Requires that every aircraft has a goal and that the wind is slower than the fleet. With `unaided`, neither a
-    descent nor a tail wind at altitudes above or below the start counts as a gain in speed.
+    Every aircraft must have a goal, and the wind must be slower than the fleet. If `unaided` is True, neither a descent
+    nor a tail wind at another altitude counts as a gain in speed.
     """
     problems = []
     for index, goal in enumerate(scenario.goal):
@@ -104,19 +100,16 @@ def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[P
 
 @dataclass(frozen=True)
 class EarlyArrival(Problem):
-    """An arrival time that is too early for any flight within the limits.
+    """An arrival time that is too early for any flight within the limits."""
 
-    `given_s` is the arrival time in the scenario, or the end of the arrival window, s.
-    """
-
-    given_s: float = 0.0  #: Arrival time in the scenario, s; of a window, its end.
+    given_s: float = 0.0  #: Arrival time in the scenario, or the end of the arrival window, s.
 
 
 def arrival_time_problems(scenario: ScenarioTables) -> list[EarlyArrival]:
     """List arrival times that are too early even for a straight flight at the greatest airspeed and tail wind.
 
-    For a window the end counts. Requires that `reach_problems` finds no problem, so that every goal can be reached
-    within the flight. Of several aircraft with one common time, the latest to arrive gives the problem.
+    For an arrival window, the end counts. `reach_problems` must find no problem. For a common arrival time of several
+    aircraft, only the aircraft that arrives last is reported.
     """
     worst: dict[str, tuple[float, EarlyArrival]] = {}
     arrival = scenario.arrival
@@ -165,11 +158,7 @@ def _earliest_arrival_s(scenario: ScenarioTables, aircraft: Aircraft) -> float:
 
 
 def _fastest_mean_airspeed_m_s(scenario: ScenarioTables, reference: ReferenceSpeed) -> float:
-    """Return an upper bound of the mean airspeed (m/s) that the planner may choose for the fleet.
-
-    The bound is the reference airspeed, unless the published planner may raise the mean: in a descent without drag,
-    kinetic plus potential energy is constant, which bounds the airspeed. The greatest bound in the fleet counts.
-    """
+    """Return an upper bound of the mean airspeed (m/s) that the planner may choose for the fleet."""
     speeds_m_s = [reference.speed_m_s]
     for aircraft in scenario.aircraft if reference.may_rise else ():
         goal = scenario.goal_of(aircraft)
@@ -177,6 +166,7 @@ def _fastest_mean_airspeed_m_s(scenario: ScenarioTables, reference: ReferenceSpe
             lowest_m = min(goal.altitude_m, goal.position_m(scenario.timing.duration_s)[2])
         else:
             lowest_m = min(point.altitude_m for point in goal.waypoints)
+        # without drag, kinetic plus potential energy is constant
         descent_m = max(0.0, aircraft.start.altitude_m - lowest_m - aircraft.rendezvous.stand_off_up_m)
         speeds_m_s.append(math.sqrt(aircraft.start.airspeed_m_s**2 + 2.0 * STANDARD_GRAVITY_M_S2 * descent_m))
     return max(speeds_m_s)
@@ -214,10 +204,8 @@ def _aircraft_reach_problems(
 ) -> list[Problem]:
     """List the problems of one aircraft's flight to the rendezvous.
 
-    Problems are a goal that outruns the aircraft, a rendezvous out of reach within `timing.duration_s`, a start at the
-    rendezvous, and a rendezvous outside the altitude limits. `path` is the key path of the aircraft's table.
-    `fastest_m_s` is an upper bound of the mean airspeed, m/s, to which this function adds the greatest tail wind; None:
-    the reference airspeed without tail wind.
+    `fastest_m_s` is an upper bound of the mean airspeed, to which the greatest tail wind is added; None: the reference
+    airspeed without tail wind.
     """
     goal, limits, subject = scenario.goal_of(aircraft), scenario.limits_for(aircraft), aircraft.label
     wind, timing = scenario.wind, scenario.timing

@@ -117,7 +117,7 @@ class GoalSensor(Table):
         return problems
 
     def number(self, key: str, default: Any = None) -> Any:
-        """Return the value of a key: from the table, or else from the preset, or else `default`."""
+        """Return the first value of a key that exists: in the table, in the preset, or `default`."""
         value = getattr(self, key, None)
         return goal_sensor_presets()[self.preset].get(key, default) if value is None else value
 
@@ -166,17 +166,17 @@ def goal_sigma_m(
 ) -> float:
     """Compute the standard deviation (m) of the goal's position at the arrival, as predicted when the plan freezes.
 
-    The value is for one axis of a goal in steady motion, and 0 for an exact sensor: the variance recursion of the
-    Kalman filter from the briefed uncertainty, then a prediction over the freeze time. Measurement errors are those at
-    the range in the middle of the freeze time, which the aircraft flies at `speed_m_s`; at its end the range is
-    `distance_m`. Errors that no filter removes are added in quadrature at the end: the biases of a line of sight, or
-    the slow error of satellite navigation for a goal's own report. This slow error also adds to the report's error,
-    because the report is compared with the aircraft's position.
+    The value is for one axis of a goal in steady motion; 0 for an exact sensor. The Kalman filter's variance recursion
+    starts from the briefed uncertainty, and ends with a prediction over the freeze time. Measurement errors are taken
+    at the range in the middle of the freeze time; the freeze time is flown at `speed_m_s` and ends at the range
+    `distance_m`. Errors that no filter removes are added in quadrature: biases of a line of sight, or the slow error of
+    satellite navigation for a goal's own report.
     """
     if sensor.preset == "exact":
         return 0.0
     range_m = distance_m + 0.5 * speed_m_s * timing.freeze_s
     if sensor.number("kind") == "report":
+        # the report is compared with the position of the aircraft, which has the same slow error
         measurement_m = math.hypot(
             sensor.number("position_m"), navigation.position_m if navigation.sensors != "exact" else 0.0
         )

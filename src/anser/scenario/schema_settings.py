@@ -21,10 +21,7 @@ def is_multiple(period_s: float, step_s: float) -> bool:
 
 
 def multiple_message(period_s: float, key: str, step_s: float) -> str:
-    """Return the "expected" part of the message on a time that is no whole number of steps, with the nearest values.
-
-    `key` is the key of the step in the message.
-    """
+    """Return the text after "expected" for a time that is no multiple of a step; `key` is the key of the step."""
     below = math.floor(period_s / step_s)
     nearest = " or ".join(format_number(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
     return f"a whole multiple of {key}, which is {format_number(step_s)} s, such as {nearest}"
@@ -51,8 +48,8 @@ class AirspeedTable(Table):
     def airspeed_m_s(self) -> float:
         """True airspeed, m/s.
 
-        Raises ValueError if the table has no airspeed, or a calibrated airspeed, equivalent airspeed or Mach number
-        outside a scenario: the conversion needs the air of the scenario.
+        Raises ValueError if the table has no airspeed, or if its airspeed has another form and the table is not part of
+        a scenario.
         """
         if self._airspeed_m_s is None:
             value = getattr(self, "speed_m_s", None)
@@ -63,12 +60,12 @@ class AirspeedTable(Table):
 
     @property
     def airspeed_key(self) -> str:
-        """Key of the airspeed that the table has, for messages; "speed_m_s" without one."""
+        """Key of the airspeed that the table has, for messages; "speed_m_s" if the table has no airspeed."""
         return (*self.airspeed_forms, "speed_m_s")[0]
 
     @property
     def airspeed_text(self) -> str:
-        """Airspeed for messages: the value in the table, followed by the true airspeed, m/s, if the form is another."""
+        """Airspeed for messages: the value in the table and, for another form of airspeed, the true airspeed, m/s."""
         value = format_number(getattr(self, self.airspeed_key))
         return value if self.airspeed_key == "speed_m_s" else f"{value} (true airspeed {self.airspeed_m_s:.1f} m/s)"
 
@@ -90,7 +87,7 @@ class AirspeedTable(Table):
         return table
 
     def airspeed_problems(self, *, required: bool) -> list[Problem]:
-        """Return a problem if the table has more than one airspeed, or none although one is `required`."""
+        """Return a problem if the table has more than one airspeed, or if an airspeed is `required` and missing."""
         forms = self.airspeed_forms
         if len(forms) > 1:
             values = " and ".join(f"{form} = {format_number(getattr(self, form))}" for form in forms)
@@ -209,17 +206,14 @@ class Limits(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Return a problem if the minimum altitude is not below the maximum altitude.
-
-        The load factors need no check: the values allowed for minimum and maximum do not overlap.
-        """
+        """Return a problem if the minimum altitude is not below the maximum altitude."""
         return ordering_problems(self, "altitude_min_m", "altitude_max_m", "m")
 
     def within(self, data_range: AirframeRange) -> Self:
         """Return the limits of an aircraft whose data have the ranges `data_range`.
 
-        Limits of airspeed that the scenario leaves out follow from the range in an aircraft file; angles of attack stay
-        within the defaults and the range of the data, if known.
+        If the scenario omits limits of airspeed, the range of the aircraft file replaces them. If the scenario omits
+        limits of the angle of attack, the defaults are reduced to the range of the data.
         """
         speeds, alphas = data_range.airspeed_m_s, data_range.alpha_deg
         values: dict[str, float] = {}
@@ -308,11 +302,11 @@ class Network(Table):
 def greatest_rate_range(reserve: float, speed: float, limits: Limits, wind_m_s: float) -> float:
     """Return the greatest deviation of a clock rate from 1 for which a plan with a reserve keeps an aircraft's limits.
 
-    The clock rate is the rate at which an aircraft runs through its planned path; the velocity over the ground scales
-    with the clock rate, accelerations with its square. The tangent of the bank angle grows at least in proportion to
-    the angle. `reserve` is `fleet.reserve`, `speed` the preferred airspeed (m/s); the wind speed is at most `wind_m_s`
-    (m/s).
+    The clock rate is the rate at which an aircraft runs through its planned path. `reserve` is `fleet.reserve`, `speed`
+    is the preferred airspeed (m/s), and `wind_m_s` is the greatest wind speed (m/s).
     """
+    # Velocities over the ground scale with the clock rate, accelerations with its square. The tangent of the bank angle
+    # grows at least in proportion to the angle.
     turning = math.sqrt(1.0 / (1.0 - reserve)) - 1.0
     slow = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fast = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)

@@ -81,12 +81,12 @@ class ScenarioTables(Table):
 
     @property
     def planned_events(self) -> tuple[Event, ...]:
-        """Events to which the planner responds: all but changes of an aircraft, of which the planner knows nothing."""
+        """Events to which the planner responds: all events except changes of an aircraft, which are unknown to it."""
         return tuple(event for event in self.event if event.kind != AIRCRAFT_CHANGES)
 
     @property
     def is_random(self) -> bool:
-        """Whether the flight depends on the seed: by turbulence, sensors with errors, or losses in the network."""
+        """Whether the flight depends on the seed, by turbulence, sensors with errors, or losses in the network."""
         has_exact_sensors = self.navigation.sensors == "exact" and self.goal_sensor.preset == "exact"
         network = self.network
         has_perfect_network = network is None or not (network.loss or network.outage_share)
@@ -99,7 +99,7 @@ class ScenarioTables(Table):
 
     @property
     def has_keep_outs(self) -> bool:
-        """Whether the flight has keep-outs, from its start or from an event on."""
+        """Whether the flight has keep-outs, at the start or after an event."""
         return bool(self.keep_out) or any(event.keep_out is not None for event in self.event)
 
     @property
@@ -108,15 +108,11 @@ class ScenarioTables(Table):
         return self.turbulence.intensity != "none"
 
     def limits_for(self, aircraft: Aircraft) -> Limits:
-        """Return the limits of one aircraft, in the units of the file.
-
-        Limits of airspeed that the scenario leaves out follow from the range in the aircraft file, if there is a file;
-        limits of angle of attack are the defaults, within the range of the aircraft's data.
-        """
+        """Return the limits of one aircraft, in the units of the file; see `Limits.within`."""
         return self.limits.within(aircraft.range)
 
     def speed_for(self, aircraft: Aircraft) -> float:
-        """Return the preferred true airspeed of one aircraft, m/s: from its table, or else from the fleet."""
+        """Return the preferred true airspeed of one aircraft, m/s; if its table has none, the airspeed of the fleet."""
         return aircraft.airspeed_m_s if aircraft.airspeed_forms else self.fleet.airspeed_m_s
 
     @property
@@ -125,5 +121,5 @@ class ScenarioTables(Table):
         return max(self.limits_for(aircraft).speed_max_m_s for aircraft in self.aircraft)
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
-        """Return the goal of an aircraft; requires that the scenario has a goal of this name."""
+        """Return the goal of an aircraft; the scenario must have a goal of this name."""
         return next(goal for goal in self.goal if goal.name == aircraft.goal)

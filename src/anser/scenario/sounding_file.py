@@ -62,10 +62,10 @@ _WIND_ALTITUDE_MAX_M = 30_000.0
 
 @dataclass(frozen=True)
 class MeasuredAir:
-    """Measured air as tables of a scenario: `AirLevel` in `levels`, `WindLayer` in `winds` (empty without wind)."""
+    """Measured air as values of tables of a scenario."""
 
-    levels: list[dict[str, Any]]
-    winds: list[dict[str, Any]]
+    levels: list[dict[str, Any]]  # values of `AirLevel`
+    winds: list[dict[str, Any]]  # values of `WindLayer`; empty if no wind was measured
 
 
 @dataclass(frozen=True)
@@ -194,11 +194,7 @@ def _level(row: _Row, source: str) -> dict[str, float]:
 
 
 def _wind(row: _Row, altitude_m: float, source: str) -> dict[str, float] | None:
-    """Return the wind of a level as values of a `WindLayer`.
-
-    None if the level has no wind, or is above the greatest altitude allowed for a wind layer. Raises ScenarioError if
-    speed or direction is missing, except the direction of a calm.
-    """
+    """Return the wind of a level as values of a `WindLayer`; None if it has no wind, or is too high for a layer."""
     speed, direction = row.values.get("wind speed"), row.values.get("wind direction")
     if (speed is None) != (direction is None) and speed != 0.0:
         arrived = "a wind without speed" if speed is None else "a wind without direction"

@@ -15,26 +15,19 @@ _GUST_KEYS = ("wind_time_s", "gust_time_s")
 
 @dataclass(frozen=True)
 class UnusedKeys:
-    """Keys of one table that have no effect; a study may vary none of them.
+    """Keys of one table that have no effect; a study may vary none of them."""
 
-    - `path`: key path of the table.
-    - `cause`: why the keys have no effect, a text that follows the value in messages (``with intensity "none"``).
-    - `remedy`: the setting with which the keys have an effect.
-    - `is_whole`: whether the whole table has no effect, so that messages name the first key alone.
-    - `is_refused`: whether a file that sets the keys is invalid. The keys are only cautioned about where speed or
-      aircraft may be set elsewhere: the direction of something at rest, and a goal without aircraft.
-    """
-
-    path: str
+    path: str  # key path of the table
     table: Table
     keys: tuple[str, ...]
-    cause: str
-    remedy: str
-    is_whole: bool = False
+    cause: str  # why the keys have no effect; the text follows the value in messages: `with intensity "none"`
+    remedy: str  # setting with which the keys have an effect
+    is_whole: bool = False  # True: the whole table has no effect, and messages name only the first key
+    # True: a file that sets the keys is invalid. False, if speed or aircraft may be set elsewhere: a caution only.
     is_refused: bool = True
 
     def contains(self, path: str) -> bool:
-        """Whether a key path (list items by index) is one of the keys, or leads into a table or list that is one."""
+        """Whether a key path (list items by index) is one of the keys, or leads into one of the keys."""
         keys = (f"{self.path}.{key}" for key in self.keys)
         return any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in keys)
 
@@ -48,10 +41,7 @@ class UnusedKeys:
 
 
 def unused_key_problems(scenario: Scenario, *, is_refused: bool = True) -> list[Problem]:
-    """List problems for the keys without effect that make a file invalid.
-
-    `is_refused` False: for the keys without effect that only cause cautions.
-    """
+    """List problems for the keys without effect that make a file invalid, or (`is_refused` False) for all others."""
     candidates = [unused_keys for unused_keys in find_unused_keys(scenario) if unused_keys.is_refused == is_refused]
     return [problem for unused_keys in candidates for problem in unused_keys.problems()]
 
@@ -65,7 +55,7 @@ def unused_key_cautions(scenario: Scenario) -> list[str]:
 
 
 def find_unused_keys(scenario: Scenario) -> list[UnusedKeys]:
-    """List the keys without effect, set in the file or left out, as far as the tables of a scenario tell."""
+    """List the keys in the tables of a scenario that have no effect, whether the file sets or omits them."""
     return [
         *_unused_sensing_keys(scenario),
         *_unused_air_keys(scenario),

@@ -83,7 +83,7 @@ class UserParts:
         return UserParts(**resolved)
 
     def part_of(self, kind: str, aircraft: str) -> Any:
-        """Return the user-defined part of a kind ("controller" ...) of an aircraft; None if the scenario's stays."""
+        """Return the user-defined part of a kind ("controller" ...) of an aircraft; None if it has no such part."""
         part = getattr(self, kind)
         return part.get(aircraft) if isinstance(part, Mapping) else part
 
@@ -118,10 +118,9 @@ def differs_in_values(scenario_a: Scenario, scenario_b: Scenario) -> bool:
 
 
 def replaced_parts(planned: Scenario, flown: Scenario) -> list[str]:
-    """Return the kinds of user-defined parts with which a plan was made and that are not those of a flight.
+    """Return the kinds of user-defined parts of a planned scenario that are replaced or missing in the flown scenario.
 
-    They are the parts attached to the planned scenario that are not attached to the flown one, and the planner if it is
-    attached to one of both.
+    The planner also counts if only the flown scenario has a user-defined planner.
     """
     before, after = planned._attached_parts or UserParts(), flown._attached_parts or UserParts()
     return [
@@ -132,7 +131,7 @@ def replaced_parts(planned: Scenario, flown: Scenario) -> list[str]:
 
 
 def user_parts(scenario: Scenario) -> UserParts:
-    """Return the user-defined parts of a scenario: attached objects, or else the names in its file."""
+    """Return the user-defined parts of a scenario; an attached object takes precedence over a name in the file."""
     attached, named = scenario._attached_parts or UserParts(), scenario.parts
     parts = {kind: getattr(named, kind, None) if part is None else part for kind, part in vars(attached).items()}
     return UserParts(**parts)
@@ -180,19 +179,15 @@ def _import(module: str) -> Any:
 def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: UserParts) -> None:
     """Check an aircraft's user-defined parts: trace one sample of the loop with shapes instead of values.
 
-    `own` has the user-defined parts alone, `vehicle` all parts of the aircraft. Raises ScenarioError, with part and
-    method, if a method raises an error, or returns another structure, shape or type than its interface says.
+    `vehicle` has all parts of the aircraft, `own` only the user-defined parts. Raises ScenarioError, with part and
+    method, if a method raises an error, or if structure, shape or type of its result is not as its interface requires.
     """
     kinds = [kind for kind in _VEHICLE_PARTS if own.part_of(kind, aircraft) is not None]
     if not kinds:
         return
 
     def trace(kind: str, method: str, *arguments: Any, returns: str = "") -> Any:
-        """Trace a method of the part `kind`, and return the shapes of its result.
-
-        `returns` is the tuple that the interface requires, as text; its last element is the state, which must have the
-        structure of the first argument.
-        """
+        """Return the shapes of a method's result; `returns` is the required tuple as text, and ends with the state."""
         part, is_own = getattr(vehicle, kind), kind in kinds
         result = trace_method(kind, part, method, *arguments, is_own=is_own)
         if is_own and returns:

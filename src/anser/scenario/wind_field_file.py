@@ -56,12 +56,7 @@ _GLOBE_DEG = 360.0
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WindField:
-    """Wind of a file on a grid with rising coordinates, in float64.
-
-    `columns`, shape (member, time, north, east, level, 4), has the velocity of the air (north, east, down; m/s) and the
-    altitude (m). Nodes are latitudes and longitudes (deg) if `is_geographic`, otherwise distances (m); times (s) count
-    from `epoch` (UTC; None without dates).
-    """
+    """Wind of a file on a grid with rising coordinates, in float64."""
 
     epoch: np.datetime64 | None  #: Date and time (UTC) from which `times_s` count; None for times without a date.
     times_s: np.ndarray  #: Times of the file, s, at least one.
@@ -109,11 +104,7 @@ def file_digest(path: Path) -> str:
 def read_wind_field(path: str, digest: str) -> WindField:
     """Read the wind field of a NetCDF file whose SHA-256 (64 hexadecimal digits) is `digest`.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read, has another SHA-256, or is not a wind field; the message describes the content that
-        arrived, with the variable concerned, and the content that was expected.
+    Raises ScenarioError if the file cannot be read, has another SHA-256, or is not a wind field.
     """
     found_digest = file_digest(Path(path))
     if found_digest != digest:
@@ -139,7 +130,7 @@ def _refusal(path: Path, arrived: str, expected: str) -> ScenarioError:
 
 
 class _Reader:
-    """Reader of one dataset; whatever is missing or irregular in it raises ScenarioError."""
+    """Reader of one dataset; raises ScenarioError if content is missing or irregular."""
 
     def __init__(self, path: Path, dataset: "xr.Dataset") -> None:
         self.path, self.dataset = path, dataset
@@ -199,8 +190,7 @@ class _Reader:
     ) -> WindField:
         """Return the field with rising axes and levels; raises ScenarioError if the order differs between nodes.
 
-        `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role, and
-        `horizontal` the roles of the northward and the eastward axis.
+        `columns` has the axes of `WindField.columns`, in the order of the file; `axes` has the coordinates by role.
         """
         times, epoch = axes.get("time", np.zeros(1)), None
         if np.issubdtype(times.dtype, np.datetime64):
@@ -239,11 +229,10 @@ class _Reader:
         values: Callable[["xr.DataArray", float], np.ndarray],
         shape: tuple[int, ...],
     ) -> tuple[np.ndarray, bool]:
-        """Return the altitude of every node and level, m, as an array `shape`, and whether it is geopotential.
+        """Return the altitude of every node and level, m, and whether it is geopotential.
 
-        `vertical` is "altitude" or "pressure", `name` and `axis` are name and values of this coordinate;
-        `values(variable, factor)` reads a variable in the order of `shape`. Raises ScenarioError for pressures without
-        altitudes.
+        `name` and `axis` are name and values of the vertical coordinate; `values` reads a variable in the order of
+        `shape`. Raises ScenarioError if pressure levels have no altitudes.
         """
         if vertical == "altitude":
             standard = str(self.dataset[name].attrs.get("standard_name", ""))
@@ -268,12 +257,7 @@ class _Reader:
         height: np.ndarray,
         dims: list[str],
     ) -> np.ndarray | None:
-        """Return the vertical velocity of the air at every node and level, m/s, up positive; None if not in the file.
-
-        A pressure velocity omega (Pa/s) is converted by -omega/(rho g) with the density of the hydrostatic balance, rho
-        g = -dp/dz, in which z is the altitude `height` of the pressure levels. The arguments are those of `_heights`;
-        `dims` are the names of the dimensions.
-        """
+        """Return the vertical velocity of the air at nodes and levels, m/s, up positive; None if not in the file."""
         found = self._find("upward", self.dataset.data_vars)
         if found is None:
             return None
@@ -286,6 +270,7 @@ class _Reader:
         level, log_pressure = dims.index(str(name)), np.log(axis)
         if log_pressure.size < 2:
             return np.zeros_like(omega)
+        # -omega / (rho g) with the hydrostatic balance rho g = -dp/dz
         thickness = np.gradient(height, log_pressure, axis=level, edge_order=1)
         pressure = np.expand_dims(axis, tuple(k for k in range(height.ndim) if k != level))
         return omega * thickness / pressure
@@ -321,8 +306,8 @@ class _Reader:
     def _find(self, role: str, variables: Mapping[Any, "xr.DataArray"] | Iterable[Any]) -> str | None:
         """Return the name of the variable or coordinate of a role (key of `_ALIASES`); None if `variables` has none.
 
-        A standard name counts before the name of the variable itself, which counts unless the standard name is that of
-        another role.
+        A standard name has precedence over a variable's name. A variable whose standard name belongs to another role is
+        not returned.
         """
         standard_names = {str(name): str(self.dataset[name].attrs.get("standard_name")) for name in variables}
         by_standard = {standard: name for name, standard in reversed(standard_names.items())}

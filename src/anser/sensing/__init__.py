@@ -17,15 +17,17 @@
 
 `anser.scenario.build_sensing` builds sensors and estimators from a scenario.
 
-A single sensor implements no interface. Only the complete set of an aircraft's sensors does, `AbstractSensors`, whose
-`read` returns a `Reading` of all sensors; the package's set with errors is `NoisySensors`, and `VehicleSensors` and
-`NoisyGoalSensor` are its parts. A new sensor is therefore a further part of `NoisySensors`, with methods `init` and
-`read` and a state as in `VehicleSensors`, or a part of a new set. The sensor also needs: a field of `Reading`
-(`anser.parts.perception`); a part number for its random numbers (`anser.numerics.randomness`); an estimator that uses
-the field; a field of `Belief` if guidance or controller use a new quantity; scenario keys
-(`anser.scenario.schema_sensing`), their construction and the test for exact sensors (`build_sensing`), and the rule for
-keys without effect (`unused_keys`); recorded variables (`anser.simulation.recorders`, `anser.variables`). A new filter
-of the goal also needs its state in `hand_over_goal` (goal_filters).
+The complete set of an aircraft's sensors implements `AbstractSensors`; a single sensor is a part of a set, such as
+`NoisySensors`. A new sensor needs:
+
+- methods `init` and `read` and a state, as in `VehicleSensors`
+- a field of `Reading`, and a field of `Belief` if guidance or controller use a new quantity (`anser.parts.perception`)
+- a part number for its random numbers (`anser.numerics.randomness`)
+- an estimator that uses the field of `Reading`
+- scenario keys (`anser.scenario.schema_sensing`, `build_sensing`, `unused_keys`)
+- recorded variables (`anser.simulation.recorders`, `anser.variables`)
+
+The state of a new goal filter must be handled in `hand_over_goal` (goal_filters).
 """
 
 import lazy_loader

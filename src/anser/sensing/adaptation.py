@@ -1,11 +1,11 @@
 """Adaptation of the onboard model in flight: estimated increments of the aerodynamic coefficients.
 
-The missing coefficients are the measured forces and moments (from accelerometers and gyros) minus those of the onboard
-model, made dimensionless. From the missing coefficients, recursive least squares estimate increments of constants and
-derivatives of CX, CY, CZ, Cl, Cm and Cn. The autopilot's dynamic inversion uses the airframe with these increments.
-Derivations: docs/theory/identification.md. In array shapes, p is the number of regressors: 4 of the motion (1, alpha, q
-c/2V and 0 for CX, CZ, Cm; 1, beta, p b/2V and r b/2V for CY, Cl, Cn; see `anser.aircraft.corrected_airframe`), and one
-for each control surface.
+The missing coefficients are the measured minus the modelled forces and moments, made dimensionless. From the missing
+coefficients, recursive least squares estimate increments of constants and derivatives of CX, CY, CZ, Cl, Cm and Cn.
+Derivations: docs/theory/identification.md.
+
+In array shapes, p is the number of regressors: 4 of the motion, and one for each control surface. The 4 regressors are
+1, alpha, q c/2V and 0 for CX, CZ, Cm; 1, beta, p b/2V and r b/2V for CY, Cl, Cn (`anser.aircraft.corrected_airframe`).
 """
 
 import dataclasses
@@ -40,10 +40,10 @@ Increments = Float[Array, "6 p"]
 Method = Literal["least-squares", "gradient"]
 
 _NOISE_FLOOR = np.array([0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005])
-"""Standard deviations of CX, CY, CZ, Cl, Cm, Cn that no linear increment explains, without sensor noise."""
+"""Standard deviations of the errors in CX, CY, CZ, Cl, Cm, Cn that no linear increment explains, sensor noise apart."""
 _PRIOR_SHARE = 0.35
 """Standard deviation of an increment before the flight, as a fraction of the model's derivative."""
-# Further standard deviation, for derivatives near 0 in the model. Columns: constant, alpha or beta, qhat or phat, rhat,
+# Added standard deviation, for derivatives near 0 in the model. Columns: constant, alpha or beta, qhat or phat, rhat,
 # any surface.
 _PRIOR_FLOOR = np.array(
     [
@@ -55,7 +55,7 @@ _PRIOR_FLOOR = np.array(
         [0.003, 0.05, 0.05, 0.1, 0.01],
     ]
 )
-# Standard deviations without a model: typical sizes of an aircraft's derivatives.
+# The same if the model has no aerodynamic coefficients: typical magnitudes of an aircraft's derivatives.
 _PRIOR_WITHOUT_MODEL = np.array(
     [
         [0.1, 1.0, 5.0, 0.0, 0.2],
@@ -69,19 +69,19 @@ _PRIOR_WITHOUT_MODEL = np.array(
 _INCREMENT_MAX = 3.0
 """Greatest increment, as a multiple of its standard deviation before the flight."""
 _EFFECTIVENESS_RANGE = (0.3, 2.0)
-"""Least and greatest control effectiveness, as a fraction of the model's."""
+"""Least and greatest control effectiveness, as a fraction of the model's effectiveness."""
 _EFFECTIVENESS_SHARE = 0.1
 """Fraction of an axis' greatest control effectiveness above which the effectiveness of a surface is bounded."""
 _MOMENTS = {"roll": 3, "pitch": 4, "yaw": 5}
-"""Row of each axis' moment coefficient."""
+"""Index of each axis' moment coefficient."""
 _DERIVATIVES = {"cz_alpha": (2, 1), "cm_alpha": (4, 1), "cl_beta": (3, 1), "cn_beta": (5, 1), "cm_q": (4, 2)}
-"""Row and column of the recorded derivatives."""
+"""Indices (coefficient, regressor) of the recorded derivatives."""
 _MANOEUVRE = 60.0
-"""Least excitation of a manoeuvre, in units of `_NOISE_FLOOR` squared; in a manoeuvre, errors are not turbulence."""
+"""Excitation above which flight counts as a manoeuvre, in units of `_NOISE_FLOOR` squared."""
 _ERROR_MAX = 1.5
 """Largest deviation of a prediction error that counts as turbulence, in standard deviations of the noise."""
 _LEARNING_TIME = 15.0
-"""Time of the flight after which, without known aerodynamics, prediction errors count as turbulence, s."""
+"""Time after which prediction errors count as turbulence if the aerodynamics are not known, s."""
 _DISTURBANCE_TIME = 20.0
 """Time constant of the running variance of the turbulence in the coefficients, s."""
 _GRADIENT_STEP = 0.05
@@ -89,25 +89,13 @@ _GRADIENT_STEP = 0.05
 
 
 class AdaptationSettings(eqx.Module):
-    """Settings of the estimation of aerodynamic increments.
+    """Settings of the estimation of aerodynamic increments."""
 
-    Attributes
-    ----------
-    bandwidth
-        Bandwidth of the low-pass filter on responses and regressors, rad/s.
-    forgetting_time
-        Time constant with which recursive least squares forget earlier samples, s.
-    mean_time
-        Time constant of the running mean values of responses and regressors, s. Deviations of the regressors from the
-        mean values are the excitation.
-    excitation_min
-        Least excitation at which an estimate changes: the squared effect of the regressors' deviations on a
-        coefficient, for increments of one standard deviation before the flight, over the variance of the noise.
-    """
-
-    bandwidth: Scalar
-    forgetting_time: Scalar
-    mean_time: Scalar
+    bandwidth: Scalar  #: Bandwidth of the low-pass filter on responses and regressors, rad/s.
+    forgetting_time: Scalar  #: Time constant with which recursive least squares forget earlier samples, s.
+    mean_time: Scalar  #: Time constant of the running mean values of responses and regressors, s.
+    #: Least excitation at which an estimate changes, as a multiple of the noise variance. The excitation is the square
+    #: of a coefficient's change by the regressors' deviations, for increments of one prior standard deviation.
     excitation_min: Scalar
 
 
@@ -117,76 +105,42 @@ def default_settings() -> AdaptationSettings:
 
 
 class AdaptationState(eqx.Module):
-    """State of the adaptation between two samples.
+    """State of the adaptation between two samples."""
 
-    Attributes
-    ----------
-    base
-        State of the estimator of the motion.
-    derivatives, prior_deviation
-        Derivatives of the model's coefficients by the regressors at the start, 0 if the model has none, and standard
-        deviations of the derivatives' increments before the flight, (6, p).
-    increments, covariance
-        Estimated increments of the derivatives of CX, CY, CZ, Cl, Cm, Cn, (6, p), and their covariance, (6, p, p).
-    response, regressors, mean_response, mean
-        Low-pass filtered missing coefficients (6,) and regressors (2, p), and their running mean values.
-    reference
-        Regressors at the start of the flight, (2, p), which are subtracted from the present regressors.
-    mean_error, disturbance
-        Running mean value of the prediction errors, and variance about the mean in flight without manoeuvres, (6,). The
-        variance is ascribed to turbulence, which no increment can express.
-    previous_missing, previous_regressors, rates_b, acceleration_b
-        Missing force coefficients (3,), regressors (2, p), gyro reading (rad/s) and modelled angular acceleration
-        (rad/s^2) of the previous sample.
-    faults
-        State of the fault detection.
-    count
-        Number of samples so far.
-    """
-
-    base: Any
-    derivatives: Increments
-    prior_deviation: Increments
-    increments: Increments
-    covariance: Float[Array, "6 p p"]
-    response: Float[Array, "6"]
-    regressors: Float[Array, "2 p"]
-    mean_response: Float[Array, "6"]
-    mean: Float[Array, "2 p"]
-    reference: Float[Array, "2 p"]
-    mean_error: Float[Array, "6"]
-    disturbance: Float[Array, "6"]
-    previous_missing: Vector3
-    previous_regressors: Float[Array, "2 p"]
-    rates_b: Vector3
-    acceleration_b: Vector3
-    faults: FaultState
-    count: Integer
+    base: Any  #: State of the estimator of the motion.
+    derivatives: Increments  #: Model's derivatives by the regressors at the start; 0 if the model has none.
+    prior_deviation: Increments  #: Standard deviations of the increments before the flight.
+    increments: Increments  #: Estimated increments of the derivatives of CX, CY, CZ, Cl, Cm, Cn.
+    covariance: Float[Array, "6 p p"]  #: Covariance of the increments.
+    response: Float[Array, "6"]  #: Low-pass filtered missing coefficients.
+    regressors: Float[Array, "2 p"]  #: Low-pass filtered regressors minus `reference`: longitudinal, lateral.
+    mean_response: Float[Array, "6"]  #: Running mean of `response`.
+    mean: Float[Array, "2 p"]  #: Running mean of `regressors`.
+    reference: Float[Array, "2 p"]  #: Regressors at the start of the flight.
+    mean_error: Float[Array, "6"]  #: Running mean of the prediction errors.
+    disturbance: Float[Array, "6"]  #: Variance of the prediction errors due to turbulence.
+    previous_missing: Vector3  #: Missing force coefficients of the previous sample.
+    previous_regressors: Float[Array, "2 p"]  #: Unfiltered regressors minus `reference` at the previous sample.
+    rates_b: Vector3  #: Gyro reading of the previous sample, rad/s.
+    acceleration_b: Vector3  #: Modelled angular acceleration of the previous sample, rad/s^2.
+    faults: FaultState  #: State of the fault detection.
+    count: Integer  #: Number of samples so far.
 
 
 class AerodynamicEstimates(AbstractEstimates):
-    """Estimated aerodynamic derivatives and their uncertainty, and the reported fault.
+    """Estimated aerodynamic derivatives with uncertainty, and the reported fault (`anser.sensing.fault_detection`)."""
 
-    Attributes
-    ----------
-    derivatives, increments, covariance
-        Derivatives of the model, their estimated increments, and the covariance of the increments: see
-        `AdaptationState`.
-    fault, fault_size
-        Code and size of the reported fault, see `anser.sensing.fault_detection`.
-    """
-
-    derivatives: Increments
-    increments: Increments
-    covariance: Float[Array, "6 p p"]
-    fault: Integer
-    fault_size: Scalar
+    derivatives: Increments  #: Derivatives of the model.
+    increments: Increments  #: Estimated increments of the derivatives.
+    covariance: Float[Array, "6 p p"]  #: Covariance of the increments.
+    fault: Integer  #: Code of the reported fault.
+    fault_size: Scalar  #: Size of the reported fault.
 
     @property
     def effectiveness_uncertainty(self) -> Scalar:
         """Greatest relative standard deviation of the control effectiveness among roll, pitch and yaw.
 
-        The control effectiveness of an axis is the estimated derivative of its moment by its most effective surface.
+        The control effectiveness is the estimated derivative of the moment coefficient by the most effective surface.
         """
         moments, deviations = self._total[3:, STATE_REGRESSORS:], self._sigma[3:, STATE_REGRESSORS:]
         surface = jnp.argmax(jnp.abs(moments), axis=1)
@@ -197,7 +151,7 @@ class AerodynamicEstimates(AbstractEstimates):
     def variables(self) -> dict[str, Array]:
         """Return the recorded variables: derivatives and control effectiveness with standard deviations, and the fault.
 
-        The control effectiveness of an axis is relative to the model's; NaN if the model has none.
+        The control effectiveness is a ratio to the model's effectiveness; NaN if the model's is 0.
         """
         total, sigma = self._total, self._sigma
         values = {"effectiveness_uncertainty": self.effectiveness_uncertainty}
@@ -225,29 +179,17 @@ class AerodynamicEstimates(AbstractEstimates):
 class AdaptiveEstimator(AbstractEstimator):
     """Estimator that corrects the onboard model by increments of CX, CY, CZ, Cl, Cm and Cn, a regression for each.
 
-    The estimates of a coefficient are constant while the excitation of its regressors is below `excitation_min`, as in
-    calm flight.
-
-    Attributes
-    ----------
-    base
-        Estimator of the motion, whose belief contains the onboard model.
-    model
-        Onboard model, without increments.
-    settings, faults
-        Settings of the estimation, and of the detection of faults.
-    method
-        Recursive least squares with directional forgetting, or the normalised gradient method, which estimates the
-        control effectiveness alone.
-    aerodynamics_known
-        False: the model has no aerodynamic coefficients, and the increments are the whole coefficients.
+    The estimates of a coefficient remain constant while the excitation is below `AdaptationSettings.excitation_min`.
     """
 
-    base: AbstractEstimator
-    model: AbstractAirframe
-    settings: AdaptationSettings
-    faults: FaultDetection
+    base: AbstractEstimator  #: Estimator of the motion; the airframe of its belief must be the onboard model.
+    model: AbstractAirframe  #: Onboard model, without increments.
+    settings: AdaptationSettings  #: Settings of the estimation.
+    faults: FaultDetection  #: Settings of the fault detection.
+    #: "least-squares": recursive least squares with directional forgetting. "gradient": normalised gradient method,
+    #: which estimates the control effectiveness alone.
     method: Method = eqx.field(static=True, default="least-squares")
+    #: False: the model has no aerodynamic coefficients, and the increments are the whole coefficients.
     aerodynamics_known: bool = eqx.field(static=True, default=True)
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> AdaptationState:
@@ -283,13 +225,13 @@ class AdaptiveEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: AdaptationState, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, AdaptationState]:
-        """Return the belief with the corrected airframe, its forces and the estimates, and the new state."""
+        """Return the belief, with the corrected airframe and its forces, and the new state."""
         belief, base = self.base.estimate(estimator_state.base, reading, airframe, instant)
         state = eqx.tree_at(lambda s: s.base, estimator_state, base, is_leaf=lambda leaf: leaf is None)
         measured = belief
         if not self.aerodynamics_known:
-            # the filter of gusts lags: with its air data the lift slope would be too small. With tables to start from
-            # the filtered air data are better, for the estimates drift where gusts are their only test input
+            # The gust filter lags: with filtered air data the lift slope would be too small. If the aerodynamics are
+            # known, filtered air data are better, because estimates drift if gusts are the only excitation.
             data = reading.air_data(instant.environment)
             condition = modelled_air_data_and_forces(self.model, belief.condition, data, belief.state)
             measured = eqx.tree_at(lambda b: b.condition, belief, condition)
@@ -297,16 +239,15 @@ class AdaptiveEstimator(AbstractEstimator):
         return self.corrected_belief(next_state, belief), next_state
 
     def learn(self, state: AdaptationState, belief: Belief, step: ScalarLike) -> AdaptationState:
-        """Return the state after one sample, with new increments; `step` is the sampling period, s.
+        """Return the state after one sample; `step` is the sampling period, s.
 
-        The missing coefficients follow from specific force, body rates and air data of the belief. The forces and
-        moments in `belief.condition` must be those of the model without increments.
+        The forces and moments in `belief.condition` must come from the model without increments.
         """
         is_first, lengths = state.count == 0, reference_lengths(self.model)
         data, surfaces, rates_b = belief.condition.air_data, belief.state.surfaces, belief.state.rates_b
         missing, acceleration_b = _missing_coefficients(lengths, state, belief, step)
         deviation = regressors(lengths, data, rates_b, surfaces) - state.reference
-        # the measured angular acceleration is a mean over the period before the sample: so are all others
+        # The measured angular acceleration is a mean over the period before the sample, so all other values are too.
         share = _present_share(belief)
         forces = share * missing[:3] + (1.0 - share) * state.previous_missing
         response = jnp.where(is_first, 0.0, jnp.concatenate([forces, missing[3:]]))
@@ -328,7 +269,7 @@ class AdaptiveEstimator(AbstractEstimator):
         )
         effects = fault_effects(belief, lengths, state.derivatives)
         faults = self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step)
-        # what was learnt while the fault began is void: the next manoeuvre starts from the prior's uncertainty
+        # Samples from the beginning of a fault are not valid: the next manoeuvre starts from the prior uncertainty.
         covariance = jnp.where(faults.code != state.faults.code, _prior_covariance(state.prior_deviation), covariance)
         return dataclasses.replace(
             state,
@@ -349,7 +290,7 @@ class AdaptiveEstimator(AbstractEstimator):
         )
 
     def corrected_belief(self, state: AdaptationState, belief: Belief) -> Belief:
-        """Return the belief with the estimated increments in its airframe and its aerodynamic forces and moments."""
+        """Return the belief with the estimated increments in the airframe and in the aerodynamic forces and moments."""
         corrected = corrected_airframe(
             belief.airframe, reference_lengths(self.model), state.reference, state.increments
         )
@@ -364,11 +305,9 @@ class AdaptiveEstimator(AbstractEstimator):
     def _disturbance(
         self, state: AdaptationState, error: Float[Array, "6"], excitation: Float[Array, "6"], step: ScalarLike
     ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Return the running mean of the prediction errors and their variance about the mean, (6,) each.
+        """Return the running mean of the prediction errors and the variance about the mean, (6,) each.
 
-        The variance is updated only in calm flight: without a manoeuvre and, if the aerodynamics are not known, after
-        the first 15 s. The mean is always updated. In calm flight the part of an error that exceeds turbulence enters
-        the mean quickly, with the bandwidth of the low-pass filter.
+        The variance changes only in calm flight.
         """
         is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
         if not self.aerodynamics_known:  # at first the errors are the coefficients themselves
@@ -376,10 +315,10 @@ class AdaptiveEstimator(AbstractEstimator):
         largest = _ERROR_MAX * jnp.sqrt(_NOISE_FLOOR**2 + state.disturbance)
         deviation = error - state.mean_error
         limited = jnp.clip(deviation, -largest, largest)
-        # an error beyond turbulence is a fault's: at once it is part of the mean from which turbulence deviates
+        # The part of an error that exceeds turbulence is due to a fault, and enters the mean quickly in calm flight.
         beyond = jnp.where(is_calm, self.settings.bandwidth, 1.0 / self.settings.mean_time) * (deviation - limited)
         mean_error = state.mean_error + step * (limited / self.settings.mean_time + beyond)
-        # a running mean at first, so that the first seconds count
+        # At first all samples have equal weight.
         share = jnp.maximum(step / _DISTURBANCE_TIME, 1.0 / (state.count + 1.0))
         disturbance = state.disturbance + share * (limited**2 - state.disturbance)
         return mean_error, jnp.where(is_calm, disturbance, state.disturbance)
@@ -399,7 +338,7 @@ class AdaptiveEstimator(AbstractEstimator):
         if self.method == "gradient":
             increments, covariance = _gradient_step(state, moving_response, moving, noise), state.covariance
         else:
-            # the filter correlates the samples of a time of 2 / bandwidth: each counts as a part of one
+            # The filter correlates the samples within 2 / bandwidth, so each sample has only a part of the information.
             weight = 0.5 * self.settings.bandwidth * step / noise
             increments, covariance = least_squares_step(
                 state.increments, state.covariance, phi, error, weight, step / self.settings.forgetting_time
@@ -416,10 +355,8 @@ def _prior_covariance(prior_deviation: Increments) -> Float[Array, "6 p p"]:
 
 
 def _present_share(belief: Belief) -> float:
-    """Return the weight of the present sample, against the previous, in means over the period between both.
-
-    It is 1 if the surfaces are held: the present deflections acted over the whole period.
-    """
+    """Return the weight of the present sample, against the previous, in means over the sampling period."""
+    # held surfaces: the present deflections acted over the whole period
     return 1.0 if belief.airframe.actuators.is_held else 0.5
 
 
@@ -444,11 +381,11 @@ def _gradient_step(
 ) -> Increments:
     """Return the increments after one step of normalised least mean squares; only derivatives by surfaces change.
 
-    `response` (missing coefficients) and `moving` (regressors of each coefficient) are deviations from running mean
-    values, so that a constant error has no effect. Source: Smeur et al., J. Guidance 39(3), 2016.
+    `response` (missing coefficients) and `moving` (regressors) must be deviations from running mean values. Source:
+    Smeur et al., J. Guidance 39(3), 2016.
     """
     error = response - jnp.sum(state.increments * moving, axis=1)
-    # in units of the prior deviations, so that one step suits all surfaces
+    # in units of the prior deviations: one step size suits all surfaces
     is_surface = np.arange(moving.shape[1]) >= STATE_REGRESSORS
     scaled = jnp.where(is_surface[None, :], state.prior_deviation * moving, 0.0)
     energy = jnp.sum(scaled**2, axis=1) + noise
@@ -456,10 +393,7 @@ def _gradient_step(
 
 
 def _bounded(state: AdaptationState, increments: Increments) -> Increments:
-    """Return the increments (6, p) with magnitudes of at most 3 of their standard deviations before the flight.
-
-    A derivative with a flag in `_is_effective` stays, with its increment, within 0.3 to 2 times the model's derivative.
-    """
+    """Return the increments limited to 3 prior standard deviations, and to 0.3..2 times the model's effectiveness."""
     limit = _INCREMENT_MAX * state.prior_deviation
     bounded = jnp.clip(increments, -limit, limit)
     low, high = (state.derivatives * (factor - 1.0) for factor in _EFFECTIVENESS_RANGE)
@@ -468,10 +402,9 @@ def _bounded(state: AdaptationState, increments: Increments) -> Increments:
 
 
 def _is_effective(derivatives: Increments) -> Any:
-    """Return flags (6, p) of the derivatives of Cl, Cm and Cn by a surface that are not small.
+    """Return flags (6, p) of the derivatives of Cl, Cm and Cn by effective surfaces.
 
-    The flag is true if the magnitude exceeds a tenth of the greatest magnitude among the surfaces for the same moment;
-    it is false for force coefficients and regressors of the motion.
+    A surface is effective if the derivative exceeds a tenth of the greatest derivative of the same moment.
     """
     size = jnp.abs(derivatives)
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)
@@ -485,21 +418,21 @@ def least_squares_step(
     phi: Float[Array, "m p"],  # regressors
     error: Float[Array, " m"],  # response minus prediction
     weight: Float[Array, " m"] | ScalarLike,  # reciprocal of the noise variance
-    forgetting: ScalarLike,  # part of the information that a sample replaces
+    forgetting: ScalarLike,  # fraction of the information that a sample replaces
 ) -> tuple[Float[Array, "m p"], Float[Array, "m p p"]]:
     """Advance m regressions by one sample of recursive least squares with directional forgetting.
 
-    Returns the new coefficients (m, p) and their covariance (m, p, p). Information is forgotten only in the direction
-    of the regressors, so that the covariance stays bounded without excitation. Source: R. Kulhavy, M. Karny, "Tracking
-    of slowly varying parameters by directional forgetting", IFAC World Congress 1984; S. Bittanti, P. Bolzern, M.
-    Campi, Automatica 26(3), 1990.
+    Returns the new coefficients (m, p) and the new covariance (m, p, p). Information is forgotten only along the
+    regressors, so the covariance stays bounded without excitation. Sources: R. Kulhavy, M. Karny, "Tracking of slowly
+    varying parameters by directional forgetting", IFAC World Congress 1984; S. Bittanti, P. Bolzern, M. Campi,
+    Automatica 26(3), 1990.
     """
     spread = jnp.sum(covariance * phi[:, None, :], axis=2)  # P phi
     information = weight * jnp.sum(phi * spread, axis=1)
     gain = spread * (weight / (1.0 + information))[:, None]
     memory = 1.0 - forgetting
     tiny = jnp.finfo(information.dtype).tiny
-    # the remaining information along phi; at least 0, so that the covariance never grows beyond the prior's
+    # remaining information along phi; at least 0, or the covariance would grow beyond the prior covariance
     kept = jnp.maximum(memory - forgetting / jnp.maximum(information, tiny), 0.0)
     reduction = weight * kept / (1.0 + kept * information)
     covariance = covariance - reduction[:, None, None] * spread[:, :, None] * spread[:, None, :]
@@ -511,8 +444,7 @@ def model_derivatives(
 ) -> Increments:
     """Return the derivatives of CX, CY, CZ, Cl, Cm, Cn by the regressors, (6, p), in the present flight condition.
 
-    The column of the constant is 0. For the longitudinal coefficients the column of the fourth regressor is 0 too,
-    because only the lateral coefficients have a fourth regressor of the motion (r b/2V).
+    The column of the constant is 0. The fourth column is 0 for CX, CZ and Cm.
     """
     double_V = 2.0 * jnp.maximum(data.V, 1.0)
     scale = double_V / jnp.stack([lengths.span, lengths.mean_chord, lengths.span])
@@ -539,10 +471,7 @@ def adaptive_estimator(
 ) -> AdaptiveEstimator:
     """Build an `AdaptiveEstimator` that corrects `model`, with the default settings.
 
-    Raises
-    ------
-    ValueError
-        The airframe has no reference lengths.
+    Raises ValueError if the airframe has no reference lengths.
     """
     reference_lengths(model)
     faults = fault_detection(len(model.actuators.names))

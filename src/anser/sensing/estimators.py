@@ -34,43 +34,33 @@ from anser.spatial.wind_axes import air_direction_b
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
-    """Return the measured goal motion or, if the goal sensor does not work, the predicted one.
-
-    The prediction moves `previous` on by one sampling period at constant velocity.
-    """
+    """Return the measured goal motion, or `previous` one sampling period later if the goal sensor does not work."""
     predicted = GoalState(previous.position_n + instant.step * previous.velocity_n, previous.velocity_n)
     return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), measured, predicted)
 
 
 def goal_from_sight(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:
-    """Compute a goal's position (m) and velocity (m/s) in the Earth's chart from an aircraft's line of sight.
+    """Return a goal's position (m) and velocity (m/s) in the Earth's chart from an aircraft's line of sight.
 
-    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` is the aircraft's velocity over the
-    ground (3,), NED, m/s.
+    `position_n` is the aircraft's chart position, m; `velocity_n` the aircraft's velocity over the ground, NED, m/s.
     """
     line_n, goal_velocity_n = goal_from_line_of_sight(sight, jnp.zeros_like(velocity_n), velocity_n)
     return GoalState(*earth.motion_on_chart(position_n, line_n, goal_velocity_n))
 
 
 class Briefing(eqx.Module):
-    """Knowledge of the goal's start before the flight: true position and velocity, and the deviations of its errors.
+    """Knowledge of the goal's initial motion before the flight.
 
-    `position_n` and `velocity_n` are the true values, NED, m and m/s. `position_sigma` (m) and `velocity_sigma` (m/s)
-    are the horizontal standard deviations of the errors per axis; the vertical standard deviations are a tenth.
+    The vertical standard deviations are a tenth of the horizontal standard deviations.
     """
 
-    # true values, NED, m and m/s
-    position_n: Vector3
-    velocity_n: Vector3
-    # horizontal standard deviations per axis, m and m/s; the vertical standard deviations are a tenth
-    position_sigma: Scalar
-    velocity_sigma: Scalar
+    position_n: Vector3  #: True position, NED, m.
+    velocity_n: Vector3  #: True velocity, NED, m/s.
+    position_sigma: Scalar  #: Horizontal standard deviation of the briefed position per axis, m.
+    velocity_sigma: Scalar  #: Horizontal standard deviation of the briefed velocity per axis, m/s.
 
     def sample(self, instant: Instant) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Draw the briefed position and velocity (6,), NED, m and m/s; return them with their standard deviations (6,).
-
-        The errors are drawn once per flight.
-        """
+        """Return briefed position and velocity, drawn once per flight, and standard deviations: (6,), NED, m, m/s."""
         axes = jnp.array([1.0, 1.0, _VERTICAL])
         sigmas = jnp.concatenate([self.position_sigma * axes, self.velocity_sigma * axes])
         truth = jnp.concatenate([self.position_n, self.velocity_n])
@@ -81,39 +71,29 @@ _VERTICAL = 0.1  # vertical over horizontal uncertainty of a goal
 
 
 class TrackingState(eqx.Module):
-    """States of the filters of a `TrackingEstimator`.
+    """States of the filters of a `TrackingEstimator`."""
 
-    Without a filter of the aircraft's motion or the air the state is None; without a filter of the goal, `goal` is the
-    last measured or extrapolated goal motion, None for an aircraft without a goal.
-    """
-
-    vehicle: NavigationState | None
-    air: AirMotion | None
-    goal: Any
+    vehicle: NavigationState | None  #: State of the navigation filter; None if there is no such filter.
+    air: AirMotion | None  #: State of the filter of the air; None if there is no such filter.
+    goal: Any  #: State of the goal filter; if there is no filter, the last goal motion. None: there is no goal.
 
 
 class TrackingEstimator(AbstractEstimator):
-    """Estimator of one aircraft with filters of the aircraft's motion, the air and the goal; each filter is optional.
+    """Estimator of one aircraft with optional filters of the aircraft's motion, the air and the goal.
 
-    Without a filter (None) of the motion, position and velocity are those of the reading; without a filter of the goal,
-    the goal's motion follows from the line of sight of the reading (theory section 7). Without a filter of the air, the
-    air data are those of the reading or, with a filter of the motion, follow from the true mean wind. Attitude and body
-    rates are always those of the reading. `briefing` is required with a filter of the goal. `model` is the airframe in
-    the belief; None: the true airframe at the start.
+    Attitude and body rates always come from the readings.
     """
 
-    #: Navigation filter of position and velocity; None: both are taken from the readings. Attitude and body rates are
-    #: always the readings.
-    vehicle: NavigationFilter | None = None
-    air: AirFilter | None = None  #: Filter of wind and gusts; None: air data are taken from the readings.
-    #: Filter of the goal's motion; None: the line of sight is exact and starts at the estimated aircraft position.
+    vehicle: NavigationFilter | None = None  #: Filter of position and velocity; None: both come from the readings.
+    #: Filter of wind and gusts. None: air data come from the readings, or from the true mean wind if `vehicle` is set.
+    air: AirFilter | None = None
+    #: Filter of the goal's motion; None: the motion follows from the reading's line of sight (theory section 7).
     goal: AbstractGoalFilter | None = None
-    #: Knowledge of the goal before the first measurement; required with a goal filter.
-    briefing: Briefing | None = None
-    model: AbstractAirframe | None = None  #: Nominal airframe; None: the true airframe.
+    briefing: Briefing | None = None  #: Knowledge of the goal before the flight; must be set if `goal` is set.
+    model: AbstractAirframe | None = None  #: Airframe of the belief; None: the true airframe at the start.
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> TrackingState:
-        """Return the initial states of the filters, from the first reading, the briefing and the forecast wind."""
+        """Return the initial states of the filters."""
         state, condition, wind = reading.state, reading.condition, instant.environment.wind
         vehicle = goal = None
         if self.vehicle is not None:
@@ -132,7 +112,7 @@ class TrackingEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: TrackingState, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, TrackingState]:
-        """Return the belief at this sample from its reading, and the new states of the filters."""
+        """Return the belief at this sample, and the new states of the filters."""
         state, condition, step = reading.state, reading.condition, instant.step
         airframe = airframe if self.model is None else self.model
         vehicle = estimator_state.vehicle

@@ -1,11 +1,10 @@
 """Detection of the single fault that explains the difference between the aircraft and its onboard model.
 
-The missing coefficients are the measured minus the modelled CX, CY, CZ, Cl, Cm and Cn. Each hypothesis (a surface with
-half its effect, a shifted centre of gravity, ice, a weak engine) predicts them up to a factor, the size of the fault.
-The size is estimated by weighted least squares over an exponential window. The hypothesis with the greatest likelihood
-ratio is reported if it explains most of the missing coefficients, clearly better than the next hypothesis.
-Source of the test: A. S. Willsky, H. L. Jones, "A generalized likelihood ratio approach to the detection and estimation
-of jumps in linear systems", IEEE Trans. Automatic Control 21(1), 1976.
+The missing coefficients are the measured minus the modelled CX, CY, CZ, Cl, Cm and Cn. Each hypothesis about the fault
+predicts the missing coefficients up to a factor, the size of the fault. Weighted least squares over an exponential
+window estimate the size. The reported hypothesis has the greatest likelihood ratio and passes the tests in
+`FaultDetection`. Source: A. S. Willsky, H. L. Jones, "A generalized likelihood ratio approach to the detection and
+estimation of jumps in linear systems", IEEE Trans. Automatic Control 21(1), 1976.
 """
 
 import equinox as eqx
@@ -19,50 +18,39 @@ from anser.parts.perception import Belief
 from anser.shapes import Integer, Scalar, ScalarLike
 
 NO_FAULT, CENTRE_OF_GRAVITY, ICE, ENGINE, SURFACE = range(5)
-"""Codes of faults; `SURFACE` + k is a loss of effectiveness of surface k of the airframe, from 0."""
+"""Codes of faults; `SURFACE` + k is a loss of effectiveness of surface k of the airframe, counted from 0."""
 FAULT_SIZES = (0.05, 1.0, 0.2, 0.5)
-"""Fault that counts as size 1, in the order of the codes: shift of the centre of gravity aft, fraction of the mean
-chord; ice, see `ICE_DRAG`; loss of thrust, fraction; loss of a surface's effectiveness, fraction. A shift of the centre
-of gravity forward is negative; the other faults have no negative size."""
+"""Faults of size 1, in the order of the codes. Only the shift of the centre of gravity can have a negative size.
+
+- shift of the centre of gravity aft, as a fraction of the mean chord
+- ice, see `ICE_DRAG`
+- loss of thrust, as a fraction
+- loss of a surface's effectiveness, as a fraction
+"""
 ICE_DRAG, ICE_LIFT = 0.2, 0.1
-"""Rise of the drag and loss of the lift by ice of size 1, fractions."""
+"""Increase of the drag and loss of the lift by ice of size 1, fractions."""
 
 
 class FaultDetection(eqx.Module):
     """Settings of the fault detection.
 
-    The energy of the missing coefficients is the time integral, over the exponential window, of the squared
-    coefficients over the noise variance, s; a hypothesis explains a part of the energy.
-
-    Attributes
-    ----------
-    window, mean_time
-        Time constants of the exponential window and of the running mean values, s.
-    size_min
-        Least magnitude of the size of a reported fault, as a fraction of `FAULT_SIZES`.
-    ratio_min
-        Least energy, s, that the hypothesis of each fault must explain for a report, (fault,). The bound excludes small
-        deflections with which the loops answer sensor noise, and which correlate with the missing coefficients.
-    share_min, lead_min
-        Least fraction of the energy that a reported hypothesis explains, and least ratio of this energy to the energy
-        that the next best hypothesis explains.
-    confirmation
-        Time for which the conditions must hold without interruption, s.
-    surfaces
-        Number of control surfaces.
+    The energy of the missing coefficients is the integral of (coefficient / noise deviation)^2 over the exponential
+    window, s. A fault is reported if the hypothesis meets all least values below for the time `confirmation`.
     """
 
-    window: Scalar
-    mean_time: Scalar
-    size_min: Scalar
+    window: Scalar  #: Time constant of the exponential window, s.
+    mean_time: Scalar  #: Time constant of the running mean values, s.
+    size_min: Scalar  #: Least magnitude of the size, as a fraction of `FAULT_SIZES`.
+    #: Least energy that the hypothesis of each fault must explain, s. The bound excludes the response of the loops to
+    #: sensor noise: small deflections that correlate with the missing coefficients.
     ratio_min: Float[Array, " fault"]
-    share_min: Scalar
-    lead_min: Scalar
-    confirmation: Scalar
-    surfaces: int = eqx.field(static=True)
+    share_min: Scalar  #: Least fraction of the energy that the hypothesis must explain.
+    lead_min: Scalar  #: Least ratio of the explained energy to the energy that the next best hypothesis explains.
+    confirmation: Scalar  #: Time for which the conditions must hold without interruption, s.
+    surfaces: int = eqx.field(static=True)  #: Number of control surfaces.
 
     def init(self) -> "FaultState":
-        """Return the state before the first sample: no fault, and all integrals 0."""
+        """Return the state before the first sample."""
         count = SURFACE - 1 + self.surfaces
         zero = jnp.zeros(())
         return FaultState(
@@ -84,7 +72,7 @@ class FaultDetection(eqx.Module):
         response: Float[Array, "6"],  # low-pass filtered missing coefficients
         effects: Float[Array, "fault 6"],  # see `fault_effects`
         noise: Float[Array, "6"],  # standard deviations of the missing coefficients of a healthy aircraft
-        fade: ScalarLike,  # part of a new value in the low-pass filter
+        fade: ScalarLike,  # weight of a new value in the low-pass filter
         step: ScalarLike,
     ) -> "FaultState":
         """Return the state after one more sample, `step` seconds later.
@@ -92,7 +80,7 @@ class FaultDetection(eqx.Module):
         The code of the first confirmed fault remains for the rest of the flight; the estimate of its size continues.
         """
         prediction = state.prediction + fade * (effects - state.prediction)
-        # biases of sensors look like a constant lateral coefficient: only changes count there
+        # Sensor biases look like constant lateral coefficients, so only changes of lateral coefficients count.
         fade_mean = step / self.mean_time
         mean_prediction = state.mean_prediction + fade_mean * (prediction - state.mean_prediction)
         mean_response = state.mean_response + fade_mean * (response - state.mean_response)
@@ -138,38 +126,24 @@ class FaultDetection(eqx.Module):
 class FaultState(eqx.Module):
     """State of the fault detection between samples.
 
-    Attributes
-    ----------
-    prediction
-        Low-pass filtered effect of each fault of size 1 on CX, CY, CZ, Cl, Cm, Cn, (fault, 6).
-    mean_prediction, mean_response
-        Running mean values of the predictions (fault, 6), and of the missing coefficients (6,).
-    information, correlation, energy
-        Time integrals with exponential forgetting, s: of squared predictions, of predictions times missing
-        coefficients, and of squared missing coefficients, with every coefficient divided by the standard deviation of
-        the noise. Lateral coefficients count as deviations from the running mean values.
-    duration, candidate
-        Time for which one hypothesis has met the conditions without interruption, s, and the code of this hypothesis;
-        0 and `NO_FAULT` while the conditions are not met.
-    code, size
-        Code of the reported fault, `NO_FAULT` before a report, and the present estimate of the size, in the unit of
-        `FAULT_SIZES`.
+    In the integrals, coefficients are divided by the noise deviations, and lateral coefficients are deviations from the
+    running means. The integrals forget exponentially, with the time constant `FaultDetection.window`.
     """
 
-    prediction: Float[Array, "fault 6"]
-    mean_prediction: Float[Array, "fault 6"]
-    mean_response: Float[Array, "6"]
-    information: Float[Array, " fault"]
-    correlation: Float[Array, " fault"]
-    energy: Scalar
-    duration: Scalar
-    candidate: Integer
-    code: Integer
-    size: Scalar
+    prediction: Float[Array, "fault 6"]  #: Low-pass filtered effect of each fault of size 1 on CX, CY, CZ, Cl, Cm, Cn.
+    mean_prediction: Float[Array, "fault 6"]  #: Running mean of `prediction`.
+    mean_response: Float[Array, "6"]  #: Running mean of the missing coefficients.
+    information: Float[Array, " fault"]  #: Integral of prediction^2, s.
+    correlation: Float[Array, " fault"]  #: Integral of prediction * missing coefficients, s.
+    energy: Scalar  #: Integral of missing coefficients^2, s.
+    duration: Scalar  #: Time for which the candidate has met the conditions without interruption, s.
+    candidate: Integer  #: Code of the hypothesis that meets the conditions; `NO_FAULT` if there is none.
+    code: Integer  #: Code of the reported fault; `NO_FAULT` before a report.
+    size: Scalar  #: Present estimate of the size of the reported fault, in the unit of `FAULT_SIZES`.
 
 
 def fault_detection(surfaces: int) -> FaultDetection:
-    """Return the fault detection with the package's settings, for an airframe with a number of control surfaces."""
+    """Return the fault detection with the package's settings; `surfaces` is the number of control surfaces."""
     return FaultDetection(
         window=jnp.asarray(8.0),
         mean_time=jnp.asarray(5.0),
@@ -187,12 +161,12 @@ def fault_effects(
 ) -> Float[Array, "fault 6"]:
     """Return the changes of CX, CY, CZ, Cl, Cm, Cn by each fault of size 1, (fault, 6), in the order of the codes.
 
-    `derivatives` are those of the model's coefficients by the regressors, (6, p).
+    `derivatives` are the model's derivatives by the p regressors (see `anser.sensing.adaptation`).
     """
     condition, data = belief.condition, belief.condition.air_data
     zero = jnp.zeros_like(data.alpha)
     _, Y, Z = jnp.unstack(condition.wrench.force_b)
-    forward = FAULT_SIZES[0] * lengths.mean_chord  # the former centre of gravity from the new one
+    forward = FAULT_SIZES[0] * lengths.mean_chord  # former centre of gravity minus new centre of gravity
     shift = Wrench(jnp.zeros(3), jnp.stack([zero, -forward * Z, forward * Y]))
     sine, cosine = jnp.sin(data.alpha), jnp.cos(data.alpha)
     air_X, _, air_Z = jnp.unstack(condition.aerodynamic.force_b)

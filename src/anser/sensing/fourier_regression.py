@@ -1,9 +1,11 @@
 """Regression in the frequency domain, in real time: coefficients of linear equations from recursive Fourier transforms.
 
-Source: E. A. Morelli, "Real-time parameter estimation in the frequency domain", J. Guidance 23(5), 2000, with three
-changes that docs/theory/identification.md derives: inputs that are constant over a sampling period enter half a period
-earlier; the transform of a derivative has end terms; the covariance follows from the noise of the measurements, which
-is correlated between neighbouring frequencies in a short record.
+Source: E. A. Morelli, "Real-time parameter estimation in the frequency domain", J. Guidance 23(5), 2000. Three changes
+are derived in docs/theory/identification.md:
+
+- Inputs that are constant over a sampling period enter half a period earlier.
+- The transform of a derivative has end terms.
+- The covariance follows from the measurement noise, which is correlated between neighbouring frequencies.
 """
 
 import equinox as eqx
@@ -14,100 +16,61 @@ from jaxtyping import Array, Complex, Float
 from anser.shapes import Integer, Scalar, ScalarLike, Vector
 
 _END_SAMPLES = 10
-"""Number of samples at each end of a record whose straight line (least squares) gives the end value of a signal."""
+"""Number of samples at each end of a record; the least-squares line through them gives the end value of a signal."""
 _DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
-"""Weights of the third difference: of white noise of variance s^2 its variance is 20 s^2, of a slow signal nearly 0."""
+"""Weights of the third difference, which has variance 20 s^2 for white noise of variance s^2, 0 for a slow signal."""
 
 
 def _line_weights() -> np.ndarray:
-    """Return the weights (10,) of samples 0, 1, ... that give the value at sample 0 of their least-squares line."""
+    """Return the weights (10,) of samples that give the value of the least-squares line at sample 0."""
     distance = np.arange(_END_SAMPLES) - 0.5 * (_END_SAMPLES - 1)
     return 1.0 / _END_SAMPLES + distance[0] * distance / np.sum(distance**2)
 
 
 class FourierSums(eqx.Module):
-    """Running Fourier transforms of the signals and inputs of a record.
+    """Running Fourier transforms of the signals and inputs of a record: weighted sums of samples times exp(-i w t)."""
 
-    Attributes
-    ----------
-    count
-        Number of sampling periods since the first sample; -1 before the first sample.
-    phasor
-        exp(-i w t) at the last sample, for each angular frequency w, shape (frequency,).
-    signals, inputs
-        Transforms: sums of weighted samples times exp(-i w t), shapes (signal, frequency) and (input, frequency).
-    first, last
-        First and last 10 samples of the signals, shape (10, signal); row 0 is the record's first or last sample.
-    noise
-        Sum of the squared third differences of each signal, shape (signal,).
-    """
-
-    count: Integer
-    phasor: Complex[Array, " frequency"]
-    signals: Complex[Array, "signal frequency"]
-    inputs: Complex[Array, "input frequency"]
-    first: Float[Array, "sample signal"]
-    last: Float[Array, "sample signal"]
-    noise: Float[Array, " signal"]
+    count: Integer  #: Number of sampling periods since the first sample; -1 before the first sample.
+    phasor: Complex[Array, " frequency"]  #: exp(-i w t) at the last sample, for each angular frequency w.
+    signals: Complex[Array, "signal frequency"]  #: Transforms of the signals.
+    inputs: Complex[Array, "input frequency"]  #: Transforms of the inputs.
+    first: Float[Array, "sample signal"]  #: First 10 samples of the signals; index 0 is the first sample.
+    last: Float[Array, "sample signal"]  #: Last 10 samples of the signals; index 0 is the last sample.
+    noise: Float[Array, " signal"]  #: Sum of the squared third differences of each signal.
 
 
 class RegressionEstimate(eqx.Module):
-    """Estimated coefficients of each equation with their covariance.
+    """Estimated coefficients of each equation; values and covariance are NaN for a record of fewer than 20 samples."""
 
-    Attributes
-    ----------
-    values
-        Coefficients, shape (equation, regressor); NaN for a record of fewer than 20 samples.
-    covariance
-        Covariance of the coefficients, shape (equation, regressor, regressor); NaN as the values.
-    condition
-        Condition number of the regressors, each scaled to length 1.
-    misfit
-        Energy of the residuals over the energy that the measurement noise explains, shape (equation,). The covariance
-        is multiplied by a misfit above 1.
-    """
-
-    values: Float[Array, "equation regressor"]
-    covariance: Float[Array, "equation regressor regressor"]
-    condition: Scalar
-    misfit: Float[Array, " equation"]
+    values: Float[Array, "equation regressor"]  #: Coefficients.
+    covariance: Float[Array, "equation regressor regressor"]  #: Covariance of the coefficients, times max(misfit, 1).
+    condition: Scalar  #: Condition number of the regressors, each scaled to length 1.
+    misfit: Float[Array, " equation"]  #: Energy of the residuals over the energy that measurement noise explains.
 
     @property
     def standard_errors(self) -> Float[Array, "equation regressor"]:
-        """Standard errors of the coefficients, shape (equation, regressor)."""
+        """Standard errors of the coefficients."""
         return jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))
 
 
 class FourierRegression(eqx.Module):
     """Real-time regression: each response is a linear combination of the regressors, with constant coefficients.
 
-    Biases and trim values drop out, because the frequencies do not include 0.
-
-    Attributes
-    ----------
-    frequencies
-        Angular frequencies of the transforms, all positive, rad/s, shape (frequency,).
-    forgetting_time
-        Time constant of exponential forgetting, s; infinite: all samples have equal weight.
-    responses
-        For each equation, the index of the signal that is its response.
-    regressors
-        Indices of the signals that are regressors of every equation; after them, all inputs are regressors too.
-    differentiate
-        True: the response is the time derivative of the signal, as in a state equation.
-    steady_start
-        True: the signals are deviations from the steady flight in which the record starts, so their first value is 0.
+    Biases and trim values have no effect, because the frequencies do not include 0.
     """
 
-    frequencies: Vector
-    forgetting_time: Scalar
-    responses: tuple[int, ...] = eqx.field(static=True)
+    frequencies: Vector  #: Angular frequencies of the transforms, rad/s; must be positive.
+    forgetting_time: Scalar  #: Time constant of exponential forgetting, s; infinite: all samples have equal weight.
+    responses: tuple[int, ...] = eqx.field(static=True)  #: Index of each equation's response among the signals.
+    #: Indices of the signals that are regressors of every equation. The inputs follow as further regressors.
     regressors: tuple[int, ...] = eqx.field(static=True)
+    #: True: the response is the time derivative of the signal, as in a state equation.
     differentiate: bool = eqx.field(static=True, default=True)
+    #: True: the record starts in steady flight, and the signals are deviations from that flight.
     steady_start: bool = eqx.field(static=True, default=False)
 
     def init(self, signals: int, inputs: int) -> FourierSums:
-        """Return the sums before the first sample, for numbers of signals and of inputs."""
+        """Return the sums before the first sample; `signals` and `inputs` are numbers of signals and inputs."""
         size = self.frequencies.shape[0]
         dtype = jnp.result_type(self.frequencies.dtype, jnp.complex64)
         return FourierSums(
@@ -121,10 +84,10 @@ class FourierRegression(eqx.Module):
         )
 
     def advance(self, sums: FourierSums, signals: Vector, inputs: Vector, step: ScalarLike) -> FourierSums:
-        """Return the sums with a further sample of the signals and the inputs.
+        """Return the sums with a further sample.
 
-        `inputs` are the constant values over the sampling period `step` (s) that ends at this sample; the inputs of the
-        first sample are ignored.
+        `inputs` must be the constant values over the sampling period `step` (s) before this sample. The inputs of the
+        first sample have no effect.
         """
         count = sums.count + 1
         is_first = count == 0
@@ -148,11 +111,7 @@ class FourierRegression(eqx.Module):
         )
 
     def estimate(self, sums: FourierSums, step: ScalarLike) -> RegressionEstimate:
-        """Return the estimated coefficients for the record so far, NaN for fewer than 20 samples.
-
-        The residual of an equation is a linear function of the samples' noise. The covariance of the coefficients is
-        that of this function, with the noise variances from the third differences of the signals.
-        """
+        """Return the estimated coefficients for the record so far; `step` is the sampling period, s."""
         ends = _EndWeights(self, sums, step)
         transforms = sums.signals + ends.sum_correction(sums)
         responses = jnp.stack([transforms[k] for k in self.responses])
@@ -193,18 +152,13 @@ class FourierRegression(eqx.Module):
 
     @property
     def _rate_factor(self) -> Complex[Array, " frequency"]:
-        """Factor i w - 1 / `forgetting_time` at every frequency w, 1/s.
-
-        By integration by parts, the transform of the derivative of a signal is the factor times the transform of the
-        signal, plus the end term.
-        """
+        """Factor i w - 1 / `forgetting_time`, 1/s: transform(dx/dt) = factor * transform(x) + end term."""
         return 1j * self.frequencies - 1.0 / self.forgetting_time
 
     def _sum_factor(self, coefficients: Vector, signal: int, *, is_response: bool) -> Complex[Array, " frequency"]:
-        """Return the factor by which noise of a signal enters the residual of an equation, at each frequency.
+        """Return the factor by which the transform of a signal's noise enters the residual of an equation.
 
-        The factor multiplies the transform of the noise; `coefficients` are those of the equation, and `is_response` is
-        true if the signal is its response.
+        `coefficients` are the equation's coefficients; `is_response` is true if the signal is the equation's response.
         """
         factor = jnp.zeros_like(self._rate_factor)
         if is_response:
@@ -215,11 +169,7 @@ class FourierRegression(eqx.Module):
 
 
 class _Projector(eqx.Module):
-    """Projection of noise in the frequency domain onto the regressors of an equation.
-
-    `regressors` are the transforms of the regressors, each scaled to length 1; `inverse` is the inverse of their normal
-    matrix, so that inverse Re(conj(regressors) n) is the effect of the noise n on the scaled coefficients.
-    """
+    """Projection of noise n onto the regressors: inverse Re(conj(regressors) n) is the error of the coefficients."""
 
     regressors: Complex[Array, "regressor frequency"]  # transforms of the regressors, each scaled to length 1
     inverse: Float[Array, "regressor regressor"]  # inverse of the normal matrix of the scaled regressors
@@ -227,9 +177,9 @@ class _Projector(eqx.Module):
     def noise_covariance(
         self, noise: tuple[Complex[Array, "f f"], Complex[Array, "f f"]]
     ) -> tuple[Float[Array, "regressor regressor"], Scalar]:
-        """Return the covariance of the coefficients, and the expected energy of the residuals, for noise of variance 1.
+        """Return the covariance of the coefficients, and the expected energy of the residuals.
 
-        `noise` holds covariance E[n n*] and pseudo-covariance E[n n'] of the noise n over frequencies.
+        `noise` has the covariance E[n n*] and the pseudo-covariance E[n n'] of the noise n over frequencies.
         """
         hermitian, symmetric = noise
         R, M = self.regressors.conj(), self.inverse
@@ -241,7 +191,7 @@ class _Projector(eqx.Module):
 
 
 class _EndWeights:
-    """Weights of a record's first and last samples in the transforms and in the end terms, and their noise."""
+    """Weights of a record's first and last samples in the transforms and in the end terms."""
 
     def __init__(self, regression: FourierRegression, sums: FourierSums, step: ScalarLike) -> None:
         self.regression, self.step, self.count = regression, step, sums.count
@@ -251,14 +201,13 @@ class _EndWeights:
         self.start_line = jnp.zeros_like(self.line) if regression.steady_start else self.line
 
     def sum_correction(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
-        """Return the term that halves the last sample's weight in every transform, as the trapezoidal rule requires."""
+        """Return the term that halves the weight of the last sample in every transform (trapezoidal rule)."""
         return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor[None, :]
 
     def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
         """Return the end terms x(T) exp(-i w T) - m x(0) of every signal x at every frequency w.
 
-        The factor m is the weight of the first sample after exponential forgetting. x(0) and x(T) are the end values of
-        straight lines through the first and the last samples; with `steady_start` x(0) is 0.
+        m is the weight of the first sample after exponential forgetting. x(0) is 0 if `steady_start` is true.
         """
         start = self.start_weight * (self.start_line @ sums.first)[:, None]
         return (self.line @ sums.last)[:, None] * self.end_phasor[None, :] - start
@@ -268,12 +217,11 @@ class _EndWeights:
     ) -> tuple[Complex[Array, "f f"], Complex[Array, "f f"]]:
         """Return covariance and pseudo-covariance over frequencies of noise in the residual of an equation.
 
-        The noise is `sum_factor` times the transform plus `end_factor` times the end term of a signal that is white
-        noise of variance 1.
+        Noise = `sum_factor` * transform + `end_factor` * end term of a signal of white noise with variance 1.
         """
         w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
         index = jnp.arange(size)
-        # the first and the last ten samples one by one: rows (sample, frequency)
+        # the first and the last ten samples, shape (sample, frequency)
         start_phases = jnp.exp(-1j * w[None, :] * dt * index[:, None])
         start_weights = self.start_weight * self.memory ** (-index.astype(w.dtype))
         trapezoid = jnp.where(index == 0, 0.5, 1.0)
@@ -284,16 +232,13 @@ class _EndWeights:
         end_line = self.line[:, None] * self.end_phasor[None, :]
         last = sum_factor[None, :] * dt * (end_weights[:, None] * end_phases - 0.5 * end_line) + end_factor * end_line
         ends = jnp.concatenate([first, last])
-        inner = self.count - 2 * size + 1  # samples between
+        inner = self.count - 2 * size + 1  # number of samples between the first and the last ten
         products = sum_factor[:, None] * sum_factor.conj()[None, :] * self._inner_sum(w[:, None] - w[None, :], inner)
         pseudo = sum_factor[:, None] * sum_factor[None, :] * self._inner_sum(w[:, None] + w[None, :], inner)
         return products + ends.T @ ends.conj(), pseudo + ends.T @ ends
 
     def _inner_sum(self, w: Float[Array, "f f"], number: Integer) -> Complex[Array, "f f"]:
-        """Return the sum of squared weights times exp(-i w t) over the `number` samples between the ends of the record.
-
-        The sum is a geometric series; `w` holds sums or differences of two angular frequencies, rad/s.
-        """
+        """Return the sum of weight^2 exp(-i w t) over the `number` samples between the first and the last ten."""
         dt, size = self.step, _END_SAMPLES
         # weight^2 = dt^2 memory^(2 (count - n)) for n = size ... count - size
         ratio = jnp.exp(-1j * w * dt) / self.memory**2

@@ -1,7 +1,4 @@
-"""Kalman filters that estimate a goal's motion from its measurements.
-
-A filter has one motion model or several interacting models. `hand_over_goal` passes the estimate to another aircraft.
-"""
+"""Kalman filters that estimate a goal's motion, with one motion model or several interacting models."""
 
 import abc
 import dataclasses
@@ -21,8 +18,8 @@ from anser.sensing.kalman import Measurement, SigmaPoints, extended_update, unsc
 from anser.sensing.motion_models import AbstractMotionModel
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
-_NIS_MEMORY = 20.0  # measurements over which the size of innovations is averaged
-_OUTLIER = 5.0  # times `nis_max`: upper limit of one innovation, so that a single outlier is not a divergence
+_NIS_MEMORY = 20.0  # number of measurements in the running mean of the normalised innovation squared
+_OUTLIER = 5.0  # limit of one innovation as a multiple of `nis_max`: a single outlier is not a divergence
 _ANGLES = np.array([False, True, True, False, False, False])
 _TURN_SIGMA = 0.05  # rad/s, prior standard deviation of the turn rate
 
@@ -35,103 +32,71 @@ class VehicleMotion(eqx.Module):
 
 
 class GoalEstimate(eqx.Module):
-    """Estimated motion of a goal at one sample.
+    """Estimated motion of a goal at one sample."""
 
-    `mean` is position and velocity, NED, m and m/s, with `covariance`. `is_measured` is true if a measurement arrived
-    at this sample. `nis` is the normalised innovation squared of the last measurement, divided by its dimension;
-    `status` is `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
-    """
-
-    # position and velocity, NED, m and m/s
-    mean: Float[Array, "6"]
-    covariance: Float[Array, "6 6"]
+    mean: Float[Array, "6"]  # position and velocity, NED, m and m/s
+    covariance: Float[Array, "6 6"]  # covariance of `mean`
     is_measured: Flag  # whether a measurement arrived at this sample
     nis: Scalar  # normalised innovation squared of the last measurement, divided by its dimension
     status: Integer  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
 
 
 class AbstractGoalFilter(eqx.Module):
-    """Interface of the filter that estimates one goal's motion. Subclass this class directly, not a concrete filter."""
+    """Interface of a filter that estimates one goal's motion. Subclass this class directly, not a concrete filter."""
 
     @abc.abstractmethod
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> Any:
         """Return the filter state before the first measurement.
 
-        `mean` is the prior position and velocity of the goal (NED, m and m/s), `sigmas` their standard deviations.
+        `mean` is the prior position and velocity of the goal (NED, m and m/s); `sigmas` are the standard deviations.
         """
 
     @abc.abstractmethod
     def step(
         self, filter_state: Any, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> tuple[Any, GoalEstimate]:
-        """Return the filter state after the goal reading of a sample, and the estimate at this sample."""
+        """Return filter state and estimate after the goal reading of a sample, which may be empty or delayed."""
 
 
 class GoalTrack(eqx.Module):
-    """State of a `GoalFilter` between two samples.
+    """State of a `GoalFilter` between two samples."""
 
-    Attributes
-    ----------
-    means, covariances
-        Estimate of each motion model at the time of the latest measurement, or at the start.
-    shares
-        Probability of each model; the sum is 1.
-    number, count
-        Sample number of the latest measurement, and number of processed measurements.
-    nis, nis_mean
-        Normalised innovation squared of the last measurement, and its fading mean, divided by the dimension.
-    vehicle_motion
-        Motion of the aircraft at the latest samples, for delayed measurements; sample number k is in row k modulo the
-        number of rows. None if no measurement is delayed.
-    """
-
-    # estimate of each motion model at the time of the latest measurement, or at the start
-    means: Float[Array, "models n"]
-    covariances: Float[Array, "models n n"]
+    means: Float[Array, "models n"]  # mean of each motion model at the latest measurement, or at the start
+    covariances: Float[Array, "models n n"]  # covariance of each motion model, at the same time
     shares: Float[Array, " models"]  # probability of each model; the sum is 1
     number: Integer  # sample number of the latest measurement
     count: Integer  # number of processed measurements
-    # normalised innovation squared of the last measurement and its fading mean, divided by the dimension
-    nis: Scalar
-    nis_mean: Scalar
-    # motion of the aircraft at the latest samples, for delayed measurements; sample number k is stored in row k modulo
-    # the number of rows (slots)
+    nis: Scalar  # normalised innovation squared of the last measurement, divided by the dimension
+    nis_mean: Scalar  # running mean of `nis`
+    # motion of the aircraft at the latest samples, sample number k at index k % slots; None: no measurement is delayed
     vehicle_motion: VehicleMotion | None
 
 
 class GoalFilter(AbstractGoalFilter):
     """Kalman filter of a goal's motion in NED axes, with one motion model or several interacting models (IMM).
 
-    `kind` is "ekf" for an extended filter, or "ukf" for an unscented filter with the sigma points `points`. `sojourn`
-    is the mean time between changes of the goal's model, s. The status of the estimate is `GOAL_DIVERGED` if the
-    running mean of the normalised innovation squared, over the measurement's dimension, exceeds `nis_max`, or the
-    standard deviation of the position exceeds `sigma_max` (m). `slots` is the number of stored samples of the
-    aircraft's motion, greater than the greatest delay of a measurement in samples; 0: no measurement is delayed.
-
-    A delayed measurement is processed at its own time if it is the latest so far. An out-of-sequence measurement is
-    predicted from the estimate propagated back to its time without process noise (Y. Bar-Shalom, IEEE Trans. Aerospace
-    and Electronic Systems 38, 2002, algorithm C), which is exact without noise. The models interact as in H. A. P.
-    Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33, 1988, with variable time between measurements.
+    An out-of-sequence measurement is predicted from the estimate propagated back to the time of the measurement without
+    process noise (Y. Bar-Shalom, IEEE Trans. Aerospace and Electronic Systems 38, 2002, algorithm C). The models
+    interact as in H. A. P. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33, 1988.
     """
 
     models: tuple[AbstractMotionModel, ...]  #: Motion models with equal numbers of states.
     sojourn: Scalar  #: Mean time between changes of the goal's model, s; unused with one model.
-    #: Running mean of the normalised innovation squared (over the measurement's dimension) above which the filter has
-    #: diverged. The mean starts at 1 and has a memory of 20 measurements; each counts with at most 5 `nis_max`.
+    #: Running mean of the normalised innovation squared, divided by the dimension, above which the filter has diverged.
+    #: The mean starts at 1 and has a memory of 20 measurements; one measurement is limited to 5 `nis_max`.
     nis_max: Scalar
     sigma_max: Scalar  #: Standard deviation of the position above which the filter has diverged, m.
     #: "ekf": extended Kalman filter; "ukf": unscented Kalman filter.
     kind: Literal["ekf", "ukf"] = eqx.field(static=True, default="ekf")
     points: SigmaPoints = eqx.field(static=True, default=SigmaPoints())  #: Sigma points of the unscented filter.
-    #: Number of stored samples of the aircraft's motion, greater than the greatest delay of a measurement in samples;
+    #: Number of stored samples of the aircraft's motion; must exceed the greatest delay of a measurement in samples.
     #: 0: no measurement is delayed.
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> GoalTrack:
-        """Return the state before the first measurement.
+        """Return the state before the first measurement (see `AbstractGoalFilter.init`).
 
-        `mean` is the prior position and velocity of the goal (NED, m and m/s), `sigmas` their standard deviations. A
-        turn rate, if the models have one, starts at 0 with a standard deviation of 0.05 rad/s.
+        If the models have a turn rate, the turn rate starts at 0 with a standard deviation of 0.05 rad/s.
         """
         zero, vehicle_motion, models = jnp.asarray(0, dtype=jnp.int32), None, len(self.models)
         if self.slots:
@@ -154,7 +119,7 @@ class GoalFilter(AbstractGoalFilter):
     def step(
         self, filter_state: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> tuple[GoalTrack, GoalEstimate]:
-        """Process the goal reading of a sample, empty or delayed; return the new state and the present estimate."""
+        """Return filter state and estimate after the goal reading of a sample, which may be empty or delayed."""
         motion_at_measurement = vehicle_motion
         if filter_state.vehicle_motion is not None:
             is_current_slot = jnp.arange(self.slots)[:, None] == instant.number % self.slots
@@ -176,7 +141,7 @@ class GoalFilter(AbstractGoalFilter):
     def predict(self, track: GoalTrack, elapsed: ScalarLike) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
         """Return predicted mean and covariance of the goal's position and velocity (NED, m and m/s).
 
-        The prediction reaches `elapsed` seconds beyond the latest measurement.
+        `elapsed` is the time since the latest measurement, s.
         """
         pairs = [
             self._predict_model(model, track.means[k], track.covariances[k], elapsed)
@@ -190,10 +155,7 @@ class GoalFilter(AbstractGoalFilter):
     def update(
         self, track: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> GoalTrack:
-        """Return the state after one measurement: mix the models, predict, update, and renew the model probabilities.
-
-        `vehicle_motion` is the aircraft's motion at the time of the measurement.
-        """
+        """Return the state after one measurement; `vehicle_motion` must be the aircraft's motion at the measurement."""
         elapsed = (reading.number - track.number) * instant.step
         forward, back = jnp.maximum(elapsed, 0.0), jnp.minimum(elapsed, 0.0)
         means, covariances, shares = self._mix_models(track, forward)
@@ -239,7 +201,7 @@ class GoalFilter(AbstractGoalFilter):
         )
 
     def _mix_models(self, track: GoalTrack, span: ScalarLike) -> tuple[Array, Array, Array]:
-        """Return means, covariances and probabilities of the models, mixed (IMM) for changes of model in `span` s."""
+        """Return means, covariances and probabilities after the mixing step (IMM) for `span` seconds."""
         count = len(self.models)
         if count == 1:
             return track.means, track.covariances, track.shares
@@ -262,7 +224,7 @@ class GoalFilter(AbstractGoalFilter):
 
 
 def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Return the mean (n,) and covariance (n, n) of a mixture of models with the probabilities `shares`."""
+    """Return mean and covariance of a mixture of models with the probabilities `shares`."""
     if means.shape[0] == 1:
         return means[0], covariances[0]
     mean = jnp.sum(shares[:, None] * means, axis=0)
@@ -275,10 +237,9 @@ def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[F
 def predicted_measurement(
     reading: GoalReading, state: Float[Array, "6"], vehicle_motion: VehicleMotion, instant: Instant
 ) -> Float[Array, "6"]:
-    """Return the error-free values (6,) that a measurement of the kind of `reading` would have, in its units.
+    """Return the error-free values (6,) of a measurement of the same kind and units as `reading`.
 
-    `state` is the position and velocity of the goal (NED, m and m/s). A line of sight begins at the aircraft with the
-    motion `vehicle_motion`.
+    `state` is the goal's position and velocity (NED, m and m/s); `vehicle_motion` is the aircraft's motion.
     """
     if reading.kind == "report":
         return state
@@ -299,15 +260,9 @@ def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Arra
 def hand_over_goal(receiver_state: Any, giver_state: Any) -> Any:
     """Return the sensor and estimator states of an aircraft that takes over another aircraft's goal.
 
-    The estimate of the goal (`GoalTrack` or `GoalState`) is the giver's, and so is the goal's motion that
-    `DelayedSensors` stores. The receiver's queue of delayed measurements (`MeasurementQueue`) is emptied, because the
-    measurements concern the former goal. All other states remain the receiver's, also the goal's estimate in a state of
-    another type, of a user-defined sensor or filter.
-
-    Parameters
-    ----------
-    receiver_state, giver_state
-        States of equal structure, NumPy or JAX arrays.
+    The result is `receiver_state` with the giver's goal estimates and goal motions (`GoalTrack`, `GoalState`) and with
+    an empty `MeasurementQueue`. States of other types, such as the state of a user-defined filter, do not change.
+    `receiver_state` and `giver_state` must have equal structures of NumPy or JAX arrays.
     """
     return jax.tree.map(_hand_over_node, receiver_state, giver_state, is_leaf=_is_goal_state)
 

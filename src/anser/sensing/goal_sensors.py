@@ -1,7 +1,4 @@
-"""Sensor of a goal with errors, latency, field of view and dropouts.
-
-The sensor adds errors to the true line of sight or to the goal's true motion; no raw signals are modelled.
-"""
+"""Sensor of a goal with errors, latency, field of view and dropouts."""
 
 import math
 from typing import Literal
@@ -26,29 +23,21 @@ _COS_MIN = 0.02  # smallest cosine of the elevation: the azimuth error is bounde
 
 
 class FieldOfView(eqx.Module):
-    """Field of view of a goal sensor: a cone about a body-fixed axis, up to a greatest range.
-
-    `axis_b` is the axis, a unit vector in body axes; `half_angle` the angle from the axis to the edge, rad (pi: all
-    directions); `range_max` the greatest range, m.
-    """
+    """Field of view of a goal sensor: a cone about a body-fixed axis, up to a greatest range."""
 
     axis_b: Vector3  #: Central axis, a unit vector in body axes.
     half_angle: Scalar  #: Angle from the axis to the edge, rad; pi: all directions.
     range_max: Scalar  #: Greatest range, m.
 
     def sees(self, R_bn: Array, line_n: Vector3) -> Flag:
-        """Whether a point is in the field of view; `line_n` is the vector from the aircraft to the point, NED, m."""
+        """Whether a point is in the field of view; `line_n` is the vector from aircraft to point, NED, m."""
         distance = safe_norm(line_n)
         along = jnp.sum(self.axis_b * rotate(R_bn, line_n)) / jnp.maximum(distance, 1e-9)
         return (distance <= self.range_max) & (along >= jnp.cos(jnp.minimum(self.half_angle, jnp.pi)) - 1e-12)
 
 
 class MeasurementQueue(eqx.Module):
-    """Delayed measurements that have not arrived yet, in slots along the leading axis.
-
-    `readings` are the measurements, `arrives` the numbers of the samples at which they arrive, and `waiting` flags of
-    the slots that hold a measurement.
-    """
+    """Delayed measurements that have not arrived yet, in slots along the leading axis."""
 
     readings: GoalReading  # the measurements
     arrives: Int[Array, " slots"]  # number of the sample at which each measurement arrives
@@ -56,68 +45,40 @@ class MeasurementQueue(eqx.Module):
 
 
 class GoalSensorState(eqx.Module):
-    """State of a goal sensor between two samples.
-
-    `biases` are the errors drawn for this flight, in order and units of `GoalReading.values`; `outage` is true in an
-    outage; `queue` holds the delayed measurements, None for a sensor without latency.
-    """
+    """State of a goal sensor between two samples."""
 
     biases: Float[Array, "6"]  # biases of this flight, in order and units of `NoisyGoalSensor.bias_sigmas`
     outage: Flag  # whether the sensor is in an outage
-    queue: MeasurementQueue | None  # delayed measurements; None for a sensor without latency
+    queue: MeasurementQueue | None  # delayed measurements; None: the sensor has no latency
 
 
 def _of_azimuths(errors: Array, sight: LineOfSight) -> Array:
-    """Return the errors (6,) of range, azimuth, elevation and their rates from errors across the line of sight.
-
-    `errors` are the errors of azimuth and azimuth rate as angles across the line of sight, which are divided by the
-    cosine of the elevation (at least 0.02), and the errors of the remaining values, which are returned unchanged.
-    """
+    """Return `errors` (6,) with the errors of azimuth and azimuth rate divided by max(cos(elevation), 0.02)."""
     return jnp.where(_AZIMUTHS, errors / jnp.maximum(jnp.cos(sight.elevation), _COS_MIN), errors)
 
 
 class NoisyGoalSensor(eqx.Module):
-    """Sensor of one goal with noise, biases, latency, dropouts and a field of view; a part of `NoisySensors`.
+    """Sensor of one goal with noise, biases, latency, dropouts and a field of view; a part of `NoisySensors`."""
 
-    Attributes
-    ----------
-    kind
-        "sight": line of sight from the aircraft; "report": the goal's reported position and velocity.
-    sigmas, bias_sigmas
-        Standard deviations of noise and biases of the six values of `GoalReading`, in its order and units; angles of a
-        line of sight across the line. Biases are drawn once per flight.
-    range_share
-        Standard deviation of an additional range error, as a fraction of the range.
-    measures
-        Flags of the measured components.
-    period, latency
-        Time between two measurements, s; least and greatest latency, s, uniformly distributed, so that measurements
-        may arrive out of sequence (see `read`).
-    view, dropouts
-        Field of view, and random losses and outages.
-    slots
-        Capacity of the queue of delayed measurements; 0 without latency.
-    """
-
-    #: Standard deviations of the noise of the six values of `GoalReading`, in its order and units. For a line of sight,
-    #: errors of angles are across the line of sight: the error of the azimuth is greater by 1 / cos(elevation).
+    #: Standard deviations of the noise, in the order and units of `GoalReading.values`. For a line of sight, angles are
+    #: measured across the line: the error of the azimuth is greater by the factor 1 / cos(elevation).
     sigmas: Float[Array, "6"]
     range_share: Scalar  #: Standard deviation of an additional range error, as a fraction of the range.
     #: Standard deviations of the biases, which are drawn once per flight, in the order and units of `sigmas`.
     bias_sigmas: Float[Array, "6"]
     measures: Bool[Array, "6"]  #: Flags of the measured components.
     period: Scalar  #: Time between two measurements, s; a multiple of the sampling period.
-    #: Least and greatest latency of a measurement, s; uniformly distributed, so that measurements may arrive out of
-    #: sequence. If several measurements are due at one sample, all but the first arrive later or are lost (see `read`).
+    #: Least and greatest latency of a measurement, s. The latency is uniformly distributed, so measurements may arrive
+    #: out of sequence (see `read`).
     latency: Float[Array, "2"]
     view: FieldOfView  #: Field of view.
     dropouts: Dropouts  #: Random losses and outages.
     #: "sight": line of sight from the aircraft; "report": the goal's reported position and velocity.
     kind: Literal["sight", "report"] = eqx.field(static=True)
-    slots: int = eqx.field(static=True, default=0)  #: Capacity of the queue of delayed measurements; 0 without latency.
+    slots: int = eqx.field(static=True, default=0)  #: Capacity of the queue (see `queue_slots`); 0: no latency.
 
     def init(self, truth: Truth, instant: Instant) -> GoalSensorState:
-        """Return the state before the first sample: this flight's random biases and outage flag, and an empty queue."""
+        """Return the state before the first sample: random biases, random outage flag, and an empty queue."""
         biases = self.bias_sigmas * instant.normals(GOAL_SENSOR, _NORMALS, once=True)
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=True)
         outage = self.dropouts.initial_outage(uniforms[_NORMALS])
@@ -135,8 +96,8 @@ class NoisyGoalSensor(eqx.Module):
     ) -> tuple[GoalReading, GoalSensorState]:
         """Return the measurement that arrives at this sample, or an empty reading, and the new sensor state.
 
-        At most one delayed measurement arrives per sample. Other measurements that are due arrive at later samples, or
-        are lost where that would be more than one sample after the greatest latency.
+        At most one delayed measurement arrives per sample. Further measurements that are due arrive at later samples;
+        measurements later than the greatest latency by more than one sample are lost.
         """
         is_sampled = is_due(instant, self.period)
         outage, measurement, delay = select_if_any(
@@ -152,7 +113,7 @@ class NoisyGoalSensor(eqx.Module):
     def _sample(
         self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
     ) -> tuple[Flag, GoalReading, Scalar]:
-        """Return outage flag, measurement (empty if lost or the goal is out of view), and its latency, s."""
+        """Return outage flag, measurement and latency (s); the measurement is empty if lost or out of view."""
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[
             _NORMALS:
         ]  # the generator's lanes after those of the normals
@@ -197,9 +158,9 @@ class NoisyGoalSensor(eqx.Module):
     def _exchange(
         self, queue: MeasurementQueue, measurement: GoalReading, instant: Instant, delay: Scalar
     ) -> tuple[GoalReading, MeasurementQueue]:
-        """Put a measurement into the queue; return the earliest measurement due and the new queue.
+        """Put a measurement with latency `delay` (s) into the queue; return the earliest measurement due and the queue.
 
-        The reading is empty if no measurement is due. `delay` is the latency of the new measurement, s.
+        The returned measurement is empty if no measurement is due.
         """
         is_new, never = jnp.any(measurement.measured), jnp.iinfo(jnp.int32).max
         # the filter stores the aircraft's motion up to the greatest age
@@ -226,10 +187,7 @@ class NoisyGoalSensor(eqx.Module):
 
 
 def queue_slots(latency_max_s: float, period_s: float) -> int:
-    """Return the number of slots in the queue of delayed measurements, from greatest latency and period of measuring.
-
-    The number is 0 without latency, otherwise a power of 2, at least 2.
-    """
+    """Return the number of slots in the queue of delayed measurements: a power of 2, at least 2; 0 for latency 0."""
     if latency_max_s <= 0.0:
         return 0
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))

@@ -26,7 +26,7 @@ from anser.spatial.rotations import normalize
 
 
 class IdealSensors(AbstractSensors):
-    """Sensors without error or delay; the line of sight to the goal is a straight line in space (theory section 7)."""
+    """Sensors without error or delay. The line of sight to the goal is straight in space (theory section 7)."""
 
     def read(self, sensor_state: None, truth: Truth, instant: Instant) -> tuple[Reading, None]:
         """Return the reading that equals the truth."""
@@ -46,42 +46,36 @@ def true_line_of_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None
 
 
 def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3, goal: GoalState) -> LineOfSight:
-    """Compute the straight line of sight to a goal, with its rates, in the NED axes at the aircraft's position.
+    """Return the straight line of sight to a goal, with rates, in the NED axes at the aircraft's position.
 
-    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` is the aircraft's velocity over the
-    ground (3,), NED, m/s.
+    `position_n` is the aircraft's chart position, m; `velocity_n` the aircraft's velocity over the ground, NED, m/s.
     """
     line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
     return measure_line_of_sight(jnp.zeros_like(velocity_n), velocity_n, line_n, goal_over_ground_n)
 
 
 def line_of_sight_values(sight: LineOfSight) -> Float[Array, "6"]:
-    """Return range (m), azimuth, elevation (rad) and the three rates (m/s, rad/s), in the order of `GoalReading`."""
+    """Return range (m), azimuth and elevation (rad), and the three rates (m/s, rad/s), as in `GoalReading.values`."""
     rates = sight.range_rate, sight.azimuth_rate, sight.elevation_rate
     return jnp.stack([sight.range, sight.azimuth, sight.elevation, *rates])
 
 
 class SensorSample(eqx.Module):
-    """Values of one sample that `DelayedSensors` stores: state, specific force (body axes, m/s^2), goal's true motion.
-
-    A takeover of the goal replaces the goal's motion (`GoalState`) in all stored samples, see `hand_over_goal`.
-    """
+    """Values of one sample that `DelayedSensors` stores."""
 
     state: AircraftState
-    specific_force_b: Vector3
+    specific_force_b: Vector3  #: Specific force, body axes, m/s^2.
+    #: True motion of the goal; `hand_over_goal` replaces the motion in all stored samples.
     goal: GoalState | None
 
 
 class SampleRing(eqx.Module):
-    """Ring buffer of the latest samples.
+    """Ring buffer of the latest samples."""
 
-    `buffer` is a pytree whose arrays have a leading axis of rows; sample number n is in row n modulo the row count.
-    """
-
-    buffer: Any
+    buffer: Any  #: Pytree of arrays with a leading axis of samples: sample number n is at index n modulo the length.
 
     def with_sample(self, number: Integer, sample: Any) -> "SampleRing":
-        """Return the ring with `sample`, the values of sample number `number`, in place of the oldest sample."""
+        """Return the ring with `sample` as sample number `number`, in place of the oldest sample."""
 
         def put(buffer: Array, value: Array) -> Array:
             return buffer.at[number % buffer.shape[0]].set(value)
@@ -89,9 +83,9 @@ class SampleRing(eqx.Module):
         return SampleRing(jax.tree.map(put, self.buffer, sample))
 
     def delayed_sample(self, number: Integer, periods: ScalarLike) -> Any:
-        """Return the values `periods` sampling periods (0 to rows - 2) before sample `number`, by linear interpolation.
+        """Return the values `periods` sampling periods before sample `number`, by linear interpolation.
 
-        `periods` need not be whole.
+        `periods` must be between 0 and the ring's length minus 2; fractions are allowed.
         """
         whole = jnp.floor(periods)
         fraction = periods - whole
@@ -107,17 +101,16 @@ class SampleRing(eqx.Module):
 class DelayedSensors(AbstractSensors):
     """Ideal sensors with a constant delay of the readings of motion, specific force and goal.
 
-    Wind, gusts and changes of the airframe act without delay: a gust reaches the air data at once. Before time 0 the
-    reading is the state at time 0. Between two samples the state, with the attitude as a quaternion, and the motion of
-    the goal are interpolated linearly; the line of sight is that between the two.
+    Wind, gusts and changes of the airframe act without delay. If the delay reaches back before time 0, the reading is
+    the state at time 0. Between two samples, readings are interpolated linearly.
     """
 
     delay: Scalar  #: Delay, s; 0 to `delay_max`.
-    delay_max: float = eqx.field(static=True)  #: Longest delay of a study, s; sets the length of the ring buffer.
+    delay_max: float = eqx.field(static=True)  #: Longest delay, s, which sets the length of the ring buffer.
     period: float = eqx.field(static=True)  #: Sampling period of the flight, s.
 
     def init(self, truth: Truth, instant: Instant) -> SampleRing:
-        """Return a ring filled with the present sample, as after a long time in the present flight condition."""
+        """Return a ring filled with the present sample."""
         count = math.ceil(self.delay_max / self.period - 1e-9) + 2
         sample = _sample(truth)
         return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *jnp.shape(leaf))), sample))
@@ -128,7 +121,7 @@ class DelayedSensors(AbstractSensors):
         periods = self.delay / instant.step
         delayed = sensor_state.delayed_sample(instant.number, periods)
         quaternion = delayed.state.quaternion
-        # normalized only after interpolation: at whole periods the reading is the sample
+        # At whole periods the reading is exactly the sample, so only interpolated quaternions are normalized.
         quaternion = jnp.where(periods > jnp.floor(periods), normalize(quaternion), quaternion)
         state = eqx.tree_at(lambda s: s.quaternion, delayed.state, quaternion)
         condition = air_data_and_forces(

@@ -14,11 +14,7 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class Measurement(NamedTuple):
-    """Simultaneous measurement of m components with independent errors, the input of a Kalman update.
-
-    `innovation` is a function of a state (n,), which returns measured minus expected values (m,), angles in -pi..pi.
-    `variances` are those of the errors; components that are false in `measured` have no effect.
-    """
+    """Simultaneous measurement of m components with independent errors, the input of a Kalman update."""
 
     # function of a state (n,): measured minus expected values (m,), angles wrapped to -pi..pi
     innovation: Callable[[Float[Array, " n"]], Float[Array, " m"]]
@@ -27,25 +23,19 @@ class Measurement(NamedTuple):
 
 
 class KalmanUpdate(NamedTuple):
-    """Result of a Kalman update: mean, covariance, normalised innovation squared, log likelihood of the measurement.
-
-    The normalised innovation squared is the sum over the measured components, not divided by their number.
-    """
+    """Result of a Kalman update."""
 
     mean: Float[Array, " n"]
     covariance: Float[Array, "n n"]
-    nis: Scalar
-    log_likelihood: Scalar
+    nis: Scalar  # normalised innovation squared, not divided by the number of components
+    log_likelihood: Scalar  # log likelihood of the measurement
 
 
 def extended_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement
 ) -> KalmanUpdate:
-    """Compute the extended Kalman update from the predicted mean and covariance, component by component.
-
-    The result equals that of a simultaneous update, because all derivatives are taken at the predicted mean. The
-    covariance update is the Joseph form, multiplied out.
-    """
+    """Return the extended Kalman update of the predicted mean and covariance, in Joseph form."""
+    # Component by component: the result is the simultaneous update, for all derivatives are at the predicted mean.
     innovations, slopes = measurement.innovation(mean), -jax.jacfwd(measurement.innovation)(mean)
     predicted_mean, zero = mean, jnp.zeros_like(innovations[0])
     nis, log_likelihood = zero, zero
@@ -79,10 +69,10 @@ class SigmaPoints(NamedTuple):
     kappa: float = 0.0
 
     def weights(self, count: int) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the scale of the covariance, the weights for the mean, and the weights for the covariance.
+        """Return scale, weights for the mean, and weights for the covariance; `count` is the number of states n.
 
-        `count` is the number of states n. The distances of the sigma points from the mean are the columns of the
-        Cholesky root of scale * covariance. The weights have shape (2 n + 1,), the mean's point first.
+        Sigma points minus mean are plus and minus the columns of the Cholesky root of scale * covariance. The weights
+        have shape (2 n + 1,); index 0 is the point at the mean.
         """
         scale = self.alpha**2 * (count + self.kappa)
         mean_weights = np.full(2 * count + 1, 0.5 / scale)
@@ -92,7 +82,7 @@ class SigmaPoints(NamedTuple):
         return scale, mean_weights, covariance_weights
 
     def generate(self, mean: Float[Array, " n"], covariance: Float[Array, "n n"]) -> Float[Array, "points n"]:
-        """Return the sigma points, one per row: the mean, then mean plus and minus columns of the covariance root."""
+        """Return the sigma points: the mean, then mean plus and mean minus the columns of the covariance root."""
         count = mean.shape[0]
         root = cholesky(self.weights(count)[0] * covariance)
         return jnp.concatenate([mean[None], mean[None] + root.T, mean[None] - root.T])
@@ -107,7 +97,7 @@ def unscented_prediction(
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """Return predicted mean and covariance of a state by the unscented transform.
 
-    `moved` maps a state to the later state; `noise` is the covariance of the process noise, which is added.
+    `moved` maps a state to the later state; `noise` is the covariance of the process noise.
     """
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     images = jax.vmap(moved)(points.generate(mean, covariance))
@@ -121,7 +111,7 @@ def unscented_prediction(
 def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
 ) -> KalmanUpdate:
-    """Compute the unscented Kalman update from the predicted mean and covariance, for all components at once."""
+    """Return the unscented Kalman update of the predicted mean and covariance, for all components at once."""
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     sigma_points = points.generate(mean, covariance)
     innovations, measured = jax.vmap(measurement.innovation)(sigma_points), measurement.measured
@@ -153,7 +143,7 @@ def unscented_update(
 
 
 def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return the lower Cholesky factor of a small positive semidefinite matrix; columns with a zero pivot are zero."""
+    """Return the lower Cholesky factor of a small positive semidefinite matrix. A zero pivot gives a zero column."""
     count = matrix.shape[0]
     indices = jnp.arange(count)
 
@@ -168,7 +158,7 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def _solve_lower(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]) -> Float[Array, "m k"]:
-    """Return the solution X (m, k) of L X = B, with the lower triangular L = `root` and B = `right_hand_side`."""
+    """Return the solution X of `root` X = `right_hand_side`; `root` must be lower triangular."""
     indices = jnp.arange(right_hand_side.shape[0])
 
     def row(k: Integer, solution: Float[Array, "m k"]) -> Float[Array, "m k"]:

@@ -1,4 +1,4 @@
-"""Motion models of a goal, steady motion and coordinated turn, with position, velocity and turn rate as states."""
+"""Motion models of a goal: steady motion and coordinated turn."""
 
 import abc
 
@@ -16,7 +16,7 @@ _SMALL = 1e-3  # turn angle, rad, below which sine and cosine integrals use seri
 class AbstractMotionModel(eqx.Module):
     """Interface of the motion models of a goal. Subclass this class directly, not a concrete model.
 
-    States: position (NED, m), velocity (NED, m/s) and, in models with 7 states, turn rate (rad/s, right positive).
+    States: position (NED, m), velocity (NED, m/s); a 7th state is the turn rate (rad/s, positive to the right).
     """
 
     @property
@@ -26,7 +26,7 @@ class AbstractMotionModel(eqx.Module):
 
     @abc.abstractmethod
     def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
-        """Predict the state `span` seconds later (earlier if negative), without process noise."""
+        """Return the state `span` seconds later (earlier if negative), without process noise."""
 
     @abc.abstractmethod
     def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
@@ -38,48 +38,39 @@ class AbstractMotionModel(eqx.Module):
     ) -> Float[Array, "n n"]:
         """Return the covariance `span` seconds later: F P F^T + Q.
 
-        F is the derivative of `predict_state` at `mean`, P the covariance, Q the covariance of the process noise.
+        F is the derivative of `predict_state` at `mean`, P is `covariance`, and Q is `process_noise(span)`.
         """
 
 
 class SteadyMotion(AbstractMotionModel):
     """Nearly constant velocity with white-noise acceleration.
 
-    `density` and `density_up` are the spectral densities of the horizontal and the vertical acceleration, m^2/s^3;
-    `turn_density` is that of the white noise that drives the unobserved turn rate, rad^2/s^3 (None: the turn rate is
-    not a state). Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and
-    Navigation*, 2001, 6.2.2 (discretised continuous white noise acceleration model).
+    Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
+    6.2.2 (discretised continuous white noise acceleration model).
     """
 
-    # horizontal and vertical spectral densities, m^2/s^3
-    density: Scalar
-    density_up: Scalar
-    # spectral density of the unobserved turn rate, rad^2/s^3; None: the turn rate is not a state
+    density: Scalar  # spectral density of the horizontal acceleration, m^2/s^3
+    density_up: Scalar  # spectral density of the vertical acceleration, m^2/s^3
+    # spectral density of the turn rate's change, rad^2/s^3; None: the turn rate is not a state
     turn_density: Scalar | None = None
 
     @property
     def size(self) -> int:
-        """Number of states: 6, or 7 if `turn_density` is not None, with a turn rate that does not move the goal."""
+        """Number of states: 6, or 7 if `turn_density` is not None. The turn rate does not move the goal."""
         return 6 if self.turn_density is None else 7
 
     def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
-        """Predict the state `span` seconds later (earlier if negative) at constant velocity."""
+        """Return the state `span` seconds later (earlier if negative) at constant velocity."""
         return jnp.concatenate([state[:3] + span * state[3:6], state[3:]])
 
     def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
-        """Return the covariance of the process noise over `span` seconds: white noise of acceleration and turn rate.
-
-        The turn-rate noise is present only if the turn rate is a state.
-        """
+        """Return the covariance of the process noise accumulated over `span` seconds."""
         return _white_acceleration(self.density, self.density_up, self.turn_density, span)
 
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """Return the covariance `span` seconds later: F P F^T + Q.
-
-        F is the transition matrix of constant velocity, P the covariance, Q the covariance of the process noise.
-        """
+        """Return the covariance `span` seconds later (see `AbstractMotionModel.predict_covariance`)."""
         row_product = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
         return jnp.concatenate(
             [row_product[:, :3] + span * row_product[:, 3:6], row_product[:, 3:]], axis=1
@@ -89,23 +80,20 @@ class SteadyMotion(AbstractMotionModel):
 class CoordinatedTurn(AbstractMotionModel):
     """Horizontal coordinated turn with an unknown turn rate, and white noise of acceleration and turn rate.
 
-    `density` and `density_up` are the spectral densities of the horizontal and the vertical acceleration, m^2/s^3,
-    `turn_density` is that of the white noise that drives the turn rate, rad^2/s^3. Positive turn rates are clockwise
-    seen from above. Source: Bar-Shalom, Li, Kirubarajan (see `SteadyMotion`), 11.7.1 and 11.7.2.
+    Source: Bar-Shalom, Li, Kirubarajan (see `SteadyMotion`), 11.7.1 and 11.7.2.
     """
 
-    # horizontal and vertical spectral densities of the acceleration, m^2/s^3
-    density: Scalar
-    density_up: Scalar
+    density: Scalar  # spectral density of the horizontal acceleration, m^2/s^3
+    density_up: Scalar  # spectral density of the vertical acceleration, m^2/s^3
     turn_density: Scalar  # spectral density of the turn rate's change, rad^2/s^3
 
     @property
     def size(self) -> int:
-        """Number of states: 7, position, velocity and turn rate."""
+        """Number of states: 7."""
         return 7
 
     def predict_state(self, state: Float[Array, "7"], span: ScalarLike) -> Float[Array, "7"]:
-        """Predict the state `span` seconds later (earlier if negative) by a steady turn at the state's turn rate."""
+        """Return the state `span` seconds later (earlier if negative) in a steady turn at the state's turn rate."""
         north, east, down, v_n, v_e, v_d, rate = state
         angle = rate * span
         small = jnp.abs(angle) < _SMALL
@@ -127,16 +115,13 @@ class CoordinatedTurn(AbstractMotionModel):
         )
 
     def process_noise(self, span: ScalarLike) -> Float[Array, "7 7"]:
-        """Return the covariance that the noise of acceleration and turn rate adds over `span` seconds."""
+        """Return the covariance of the process noise accumulated over `span` seconds."""
         return _white_acceleration(self.density, self.density_up, self.turn_density, span)
 
     def predict_covariance(
         self, mean: Float[Array, "7"], covariance: Float[Array, "7 7"], span: ScalarLike
     ) -> Float[Array, "7 7"]:
-        """Return the covariance `span` seconds later: F P F^T + Q.
-
-        F is the derivative of the turn at `mean`, P the covariance, Q the covariance of the process noise.
-        """
+        """Return the covariance `span` seconds later (see `AbstractMotionModel.predict_covariance`)."""
         slopes = jax.jacfwd(lambda state: self.predict_state(state, span))(mean)
         row_product = jnp.sum(slopes[:, :, None] * covariance[None, :, :], axis=1)
         return jnp.sum(row_product[:, None, :] * slopes[None, :, :], axis=2) + self.process_noise(span)

@@ -1,4 +1,4 @@
-"""Filters that estimate the aircraft's motion, from satellite fixes and inertial sensors, and wind and gusts."""
+"""Filters that estimate the aircraft's motion, and wind and gusts."""
 
 from typing import Any
 
@@ -17,48 +17,37 @@ from anser.spatial.rotations import rotate, rotate_back
 
 
 class NavigationState(eqx.Module):
-    """State of the `NavigationFilter`, NED: position (m, in the Earth's chart), velocity over the ground (m/s), errors.
+    """State of the `NavigationFilter`, NED."""
 
-    `error_n` is the estimated slow error of the satellite fixes, m; `acceleration_n` the acceleration at the last
-    sample, m/s^2; `covariance` (axis, 3, 3) that of (position, velocity, slow error) in each axis, as of the last fix.
-    """
-
-    # estimated position (m, in the Earth's chart) and velocity over the ground (m/s), NED
-    position_n: Vector3
-    velocity_n: Vector3
+    position_n: Vector3  # estimated position in the Earth's chart, m
+    velocity_n: Vector3  # estimated velocity over the ground, m/s
     error_n: Vector3  # estimated slow error of the satellite fixes, m
     acceleration_n: Vector3  # acceleration at the last sample, m/s^2
-    covariance: Float[Array, "3 3 3"]  # covariance of (position, velocity, slow error) in each axis, as of the last fix
+    covariance: Float[Array, "3 3 3"]  # covariance of (position, velocity, slow error) per axis, at the last fix
 
     @property
     def position_covariance(self) -> Matrix33:
-        """Covariance of the position as of the last fix, NED, m^2, shape (3, 3); diagonal."""
+        """Covariance of the position at the last fix, NED, m^2; diagonal."""
         return self.covariance[:, 0, 0][:, None] * np.eye(3, dtype=self.covariance.dtype)
 
 
 class NavigationFilter(eqx.Module):
     """Inertial dead reckoning aided by satellite fixes: a linear Kalman filter of three states per axis (NED).
 
-    Between fixes, position and velocity follow the accelerometers and the attitude; each fix corrects them. The slow
-    error of satellite navigation is a state (first-order Gauss-Markov, standard deviation `slow_sigma`, m, correlation
-    time `slow_time`, s): a fix cannot separate it from the position, but many fixes over several correlation times
-    average it out. `noise_sigma` (m) and `velocity_sigma` (m/s) are the standard deviations of the white noise of a
-    fix; `acceleration_density` is the spectral density of the acceleration errors, m^2/s^3; `period` the time between
-    two fixes, s. Source: P. D. Groves, *Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems*,
-    2nd ed., 14.2 and 14.3 (loosely coupled integration).
+    The states are position, velocity, and the slow error of satellite navigation (first-order Gauss-Markov). Source:
+    P. D. Groves, *Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems*, 2nd ed., 14.2 and 14.3
+    (loosely coupled integration).
     """
 
-    # standard deviation (NED, m) and correlation time (s) of the slow error
-    slow_sigma: Vector3
-    slow_time: Scalar
-    # standard deviations of the white noise of a fix: NED, m and m/s
-    noise_sigma: Vector3
-    velocity_sigma: Vector3
+    slow_sigma: Vector3  # standard deviation of the slow error, NED, m
+    slow_time: Scalar  # correlation time of the slow error, s
+    noise_sigma: Vector3  # standard deviation of the white position noise of a fix, NED, m
+    velocity_sigma: Vector3  # standard deviation of the white velocity noise of a fix, NED, m/s
     acceleration_density: Scalar  # spectral density of the acceleration errors, m^2/s^3
     period: Scalar  # time between two fixes, s
 
     def init(self, fix: Fix, acceleration_n: Vector3) -> NavigationState:
-        """Return the filter state after the first fix, with the measured acceleration (NED, m/s^2) there."""
+        """Return the filter state after the first fix; `acceleration_n` is the measured acceleration, m/s^2."""
         slow, noise = self.slow_sigma**2, self.noise_sigma**2
         speed, zero = self.velocity_sigma**2, jnp.zeros(3)
         blocks = [[slow + noise, zero, -slow], [zero, speed, zero], [-slow, zero, slow]]
@@ -68,10 +57,9 @@ class NavigationFilter(eqx.Module):
     def step(
         self, filter_state: NavigationState, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
     ) -> NavigationState:
-        """Return the state one sampling period `step` (s) later: a prediction, which a new fix corrects.
+        """Return the state one sampling period `step` (s) later, corrected if `fix` is new.
 
-        The prediction uses the mean of the accelerations (NED, m/s^2) measured at both samples. `chart_scale` converts
-        NED velocities to rates of the chart position, see `LocalEarth`.
+        `acceleration_n` is the measured acceleration at the new sample, m/s^2; for `chart_scale` see `LocalEarth`.
         """
         velocity_change_n = 0.5 * step * (filter_state.acceleration_n + acceleration_n)
         velocity_n = filter_state.velocity_n + velocity_change_n
@@ -84,10 +72,9 @@ class NavigationFilter(eqx.Module):
 
     def _correct(self, filter_state: NavigationState, fix: Fix) -> NavigationState:
         def axis(state: Vector3, covariance: Matrix33, fixed: Float[Array, "2"], sigmas: Vector3) -> Any:
-            """Return mean and covariance of one axis (position, velocity, slow error) after a fix.
+            """Return mean and covariance of one axis after a fix.
 
-            `fixed` is the fix's position (m) and velocity (m/s) along the axis; `sigmas` are the standard deviations of
-            slow error, position noise and velocity noise.
+            `fixed` is position and velocity of the fix; `sigmas` are the deviations of slow error, position, velocity.
             """
             decay, span = jnp.exp(-self.period / self.slow_time), self.period
             error_variance, position_variance, velocity_variance = sigmas**2
@@ -100,7 +87,7 @@ class NavigationFilter(eqx.Module):
             process_noise = process_noise.reshape(3, 3)
             mean = jnp.stack([state[0], state[1], decay * state[2]])
             covariance = _apply_transition(_apply_transition(covariance, span, decay).T, span, decay) + process_noise
-            # position with the slow error, then velocity
+            # measured position = position + slow error + noise, then velocity
             mean, covariance = _update_scalar(
                 mean, covariance, jnp.array([1.0, 0.0, 1.0], mean.dtype), fixed[0], position_variance
             )
@@ -116,9 +103,9 @@ class NavigationFilter(eqx.Module):
 def _update_scalar(
     mean: Vector3, covariance: Matrix33, observation: Vector3, value: Scalar, variance: Scalar
 ) -> tuple[Vector3, Matrix33]:
-    """Return mean and covariance of one axis after a scalar Kalman update in Joseph form.
+    """Return mean and covariance after the measurement `value` = `observation` . state + error (Joseph form).
 
-    The measurement is `value` = `observation` . state + error, with the error's variance `variance`.
+    `variance` is the variance of the error.
     """
     cross_covariance = times3(covariance, observation)
     innovation_variance = jnp.sum(cross_covariance * observation) + variance
@@ -134,15 +121,12 @@ def _update_scalar(
 
 
 def _apply_transition(matrix: Matrix33, span: ScalarLike, decay: ScalarLike) -> Matrix33:
-    """Return F @ `matrix` with the transition matrix F of (position, velocity, slow error) over `span` seconds.
-
-    `decay` is the factor by which the slow error falls.
-    """
+    """Return F @ `matrix`; F is the transition matrix of (position, velocity, slow error) over `span` seconds."""
     return jnp.stack([matrix[0] + span * matrix[1], matrix[1], decay * matrix[2]])
 
 
 def acceleration_n(R_bn: Matrix33, specific_force_b: Vector3, earth: LocalEarth) -> Vector3:
-    """Return the rate of the velocity over ground (NED, m/s^2) from the specific force (body axes, m/s^2)."""
+    """Return the rate of the velocity over the ground (NED, m/s^2) from the specific force (body axes, m/s^2)."""
     return rotate_back(R_bn, specific_force_b) + earth.apparent_gravity_n
 
 
@@ -154,12 +138,10 @@ class AirMotion(eqx.Module):
 
 
 class AirFilter(eqx.Module):
-    """Filter of mean wind and gusts from the difference between the velocities over the ground and through the air.
+    """Filter of mean wind and gusts from the difference between ground velocity and air velocity.
 
-    The mean wind is the difference after a slow low-pass filter with the time constant `wind_time` (s). The gust is the
-    remaining difference after a fast low-pass filter (`gust_time`, s), without the component along the airspeed:
-    transverse gusts change the angles of attack and sideslip of the autopilot's model, longitudinal gusts would disturb
-    the throttle.
+    The mean wind is the difference after a slow low-pass filter. The gust is the remaining difference after a fast
+    low-pass filter, without the component along the air velocity.
     """
 
     wind_time: Scalar  #: Time constant of the mean wind, s.
@@ -177,10 +159,11 @@ class AirFilter(eqx.Module):
         velocity_air_b: Vector3,  # measured velocity through the air, body axes, m/s
         step: ScalarLike,  # sampling period, s
     ) -> AirMotion:
-        """Return the estimated mean wind and gust after one more sampling period."""
+        """Return the estimated mean wind and gust one sampling period later."""
         difference_b = rotate(R_bn, velocity_n - filter_state.wind_n) - velocity_air_b
         wind_n = filter_state.wind_n - jnp.expm1(-step / self.wind_time) * rotate_back(R_bn, difference_b)
         square = jnp.maximum(jnp.sum(velocity_air_b**2), 1.0)
+        # without longitudinal gusts, which would disturb the throttle
         across_b = difference_b - (jnp.sum(difference_b * velocity_air_b) / square) * velocity_air_b
         gust_b = filter_state.gust_b - jnp.expm1(-step / self.gust_time) * (across_b - filter_state.gust_b)
         return AirMotion(wind_n, gust_b)

@@ -13,16 +13,15 @@ from anser.sensing.vehicle_sensors import VehicleSensors
 class NoisySensors(AbstractSensors):
     """Sensors of an aircraft with errors: satellite navigation, inertial sensors, air data, and goal sensor.
 
-    Without `vehicle` sensors (None) state and air data are exact, without a `goal` sensor the line of sight. In the
-    reading, body velocity and surfaces of `state`, and `condition`, are always the true ones; the measured velocities
-    are in `fix` and `velocity_air_b`.
+    In the reading, `condition` and the body velocity and surfaces of `state` always equal the truth; the measured
+    velocities are `fix` and `velocity_air_b`.
     """
 
     vehicle: VehicleSensors | None = None  #: Vehicle sensors; None: exact state and air data.
     goal: NoisyGoalSensor | None = None  #: Goal sensor; None: exact line of sight.
 
     def init(self, truth: Truth, instant: Instant) -> tuple[Any, Any]:
-        """Return the states of vehicle sensors and goal sensor before the first sample, None for exact sensors."""
+        """Return the initial states of vehicle sensors and goal sensor; None for exact sensors."""
         vehicle = None if self.vehicle is None else self.vehicle.init(truth, instant)
         return vehicle, None if self.goal is None else self.goal.init(truth, instant)
 

@@ -1,8 +1,4 @@
-"""Sensors of the aircraft's motion with errors: satellite navigation, inertial sensors and air data.
-
-The module also contains the random processes of all sensors: dropouts (`Dropouts`) and correlated errors
-(`gauss_markov`).
-"""
+"""Sensors of the aircraft's motion with errors, and the random processes of all sensors."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,10 +16,8 @@ _SHORTEST_S = 1e-9
 class Dropouts(eqx.Module):
     """Losses of measurements: single random losses, and outages with random start and duration (Gilbert-Elliott).
 
-    `probability` is that of a single loss, 0..1; `outage_share` the fraction of the time in outages, 0..1;
-    `outage_mean` the mean duration of an outage, s. The chain of Gilbert (Bell System Technical Journal 39, 1960) and
-    Elliott (42, 1963) is in continuous time: durations of outages and of the intervals in between are exponentially
-    distributed.
+    The durations of outages, and of the intervals between outages, are exponentially distributed. Sources: Gilbert,
+    Bell System Technical Journal 39, 1960; Elliott, the same journal 42, 1963.
     """
 
     probability: Scalar  # probability of a single loss, 0..1
@@ -31,13 +25,13 @@ class Dropouts(eqx.Module):
     outage_mean: Scalar  # mean duration of an outage, s
 
     def initial_outage(self, uniform: ScalarLike) -> Flag:
-        """Return whether the sensor is in an outage at the start; `uniform` is a random number between 0 and 1."""
+        """Whether the sensor is in an outage at the start; `uniform` is a random number in 0..1."""
         return jnp.asarray(uniform) < self.outage_share
 
     def next_outage(self, outage: Flag, elapsed: ScalarLike, uniform: ScalarLike) -> Flag:
-        """Return whether the sensor is in an outage `elapsed` seconds later, with the chain's exact probabilities.
+        """Whether the sensor is in an outage `elapsed` seconds later; `outage` is the present flag.
 
-        `outage` is true if the sensor is in an outage now; `uniform` is a random number between 0 and 1.
+        `uniform` is a random number in 0..1.
         """
         # share = mean_bad / (mean_bad + mean_good): the chain's memory decays with the sum of both rates
         mean = jnp.maximum(self.outage_mean, _SHORTEST_S)
@@ -47,10 +41,7 @@ class Dropouts(eqx.Module):
         return jnp.asarray(uniform) < probability
 
     def is_lost(self, outage: Flag, uniform: ScalarLike) -> Flag:
-        """Return whether a measurement is lost: always in an outage, otherwise with the probability of a single loss.
-
-        `uniform` is a random number between 0 and 1.
-        """
+        """Whether a measurement is lost; `outage` is true in an outage, `uniform` is a random number in 0..1."""
         return outage | (jnp.asarray(uniform) < self.probability)
 
 
@@ -59,8 +50,7 @@ def gauss_markov(
 ) -> Float[Array, "..."]:
     """Return a first-order Gauss-Markov error `elapsed` seconds later, driven by standard normal numbers `normals`.
 
-    `sigma` is the standard deviation, in the unit of the error; `time_constant` (s) is the constant of the exponential
-    autocorrelation. The step is exact, and a stationary error stays stationary.
+    `sigma` is the standard deviation, in the unit of the error; `time_constant` is the correlation time, s.
     """
     decay = jnp.exp(-jnp.asarray(elapsed) / time_constant)
     noise_scale = jnp.sqrt(-jnp.expm1(-2.0 * jnp.asarray(elapsed) / time_constant))
@@ -72,11 +62,7 @@ _FIX_NORMALS = 9  # at each fix: slow error 3, position 3, velocity 3
 
 
 class SatelliteNavigation(eqx.Module):
-    """Error parameters of satellite navigation, which measures position and velocity every `period` (s), NED.
-
-    The position has a slow Gauss-Markov error with the standard deviation `position_sigma` (m) and the
-    `correlation_time` (s), and white noise, `noise_sigma` (m); the velocity has white noise, `velocity_sigma` (m/s).
-    """
+    """Error parameters of satellite navigation, which measures position and velocity."""
 
     position_sigma: Vector3  # standard deviation of the slow error (Gauss-Markov) per axis, NED, m
     correlation_time: Scalar  # correlation time of the slow error, s
@@ -88,66 +74,47 @@ class SatelliteNavigation(eqx.Module):
 class InertialSensors(eqx.Module):
     """Error parameters of the inertial sensors, which measure attitude, body rates and specific force.
 
-    The attitude has a Gauss-Markov error about the body axes with the standard deviation `attitude_sigma` (rad) and the
-    correlation time `attitude_time` (s). Gyros (`rates_bias`, `rates_noise`, rad/s) and accelerometers (`force_bias`,
-    `force_noise`, m/s^2) have a bias, drawn once per flight, and noise at each sample: standard deviations.
+    Biases are drawn once per flight, noise at each sample.
     """
 
-    # standard deviation of the attitude error about the body axes (Gauss-Markov), rad, and its correlation time, s
-    attitude_sigma: Vector3
-    attitude_time: Scalar
-    # standard deviations of the gyro bias, drawn once per flight, and of the noise of each sample, rad/s
-    rates_bias: Scalar
-    rates_noise: Scalar
-    # standard deviations of the accelerometers' bias and noise, m/s^2
-    force_bias: Scalar
-    force_noise: Scalar
+    attitude_sigma: Vector3  # standard deviation of the attitude error about the body axes (Gauss-Markov), rad
+    attitude_time: Scalar  # correlation time of the attitude error, s
+    rates_bias: Scalar  # standard deviation of the gyro bias, rad/s
+    rates_noise: Scalar  # standard deviation of the gyro noise, rad/s
+    force_bias: Scalar  # standard deviation of the accelerometer bias, m/s^2
+    force_noise: Scalar  # standard deviation of the accelerometer noise, m/s^2
 
 
 class AirDataSensors(eqx.Module):
     """Error parameters of pitot tube (airspeed) and vanes (angle of attack, sideslip).
 
-    The airspeed (`airspeed_bias`, `airspeed_noise`, m/s) and each vane (`vane_bias`, `vane_noise`, rad) have a bias,
-    drawn once per flight, and noise at each sample: standard deviations.
+    Biases are drawn once per flight, noise at each sample.
     """
 
-    # standard deviations of the airspeed's bias, drawn once per flight, and of its noise at each sample, m/s
-    airspeed_bias: Scalar
-    airspeed_noise: Scalar
-    # standard deviations of bias and noise of the vanes (angle of attack, sideslip), rad
-    vane_bias: Scalar
-    vane_noise: Scalar
+    airspeed_bias: Scalar  # standard deviation of the airspeed bias, m/s
+    airspeed_noise: Scalar  # standard deviation of the airspeed noise, m/s
+    vane_bias: Scalar  # standard deviation of the bias of each vane, rad
+    vane_noise: Scalar  # standard deviation of the noise of each vane, rad
 
 
 class VehicleSensorState(eqx.Module):
-    """State of `VehicleSensors` between two samples: the present errors, and the last fix.
+    """State of `VehicleSensors` between two samples: the present errors, and the last fix."""
 
-    `position_n` (NED, m, as of the last fix) and `attitude_b` (body axes, rad) are Gauss-Markov errors. `rates_b`
-    (rad/s), `force_b` (m/s^2) and `air` (airspeed, m/s, angle of attack and sideslip, rad) are the biases of this
-    flight.
-    """
-
-    # Gauss-Markov errors of the position (as of the last fix), NED, m, and of the attitude, body axes, rad
-    position_n: Vector3
-    attitude_b: Vector3
-    # biases: rad/s, m/s^2, and (m/s, rad, rad) of airspeed, angle of attack and sideslip
-    rates_b: Vector3
-    force_b: Vector3
-    air: Vector3
-    fix: Fix  # the last fix
+    position_n: Vector3  # Gauss-Markov error of the position at the last fix, NED, m
+    attitude_b: Vector3  # Gauss-Markov error of the attitude, body axes, rad
+    rates_b: Vector3  # gyro biases, rad/s
+    force_b: Vector3  # accelerometer biases, m/s^2
+    air: Vector3  # biases of airspeed (m/s), angle of attack and sideslip (rad)
+    fix: Fix  # last fix
 
 
 class VehicleReading(eqx.Module):
-    """Measurements of `VehicleSensors` at one sample, which `NoisySensors` copies into a `Reading`.
-
-    `quaternion` is the attitude, NED to body; body rates are in rad/s, the specific force (body axes) in m/s^2.
-    `velocity_air_b` is the velocity through the air from airspeed and vanes, body axes, m/s; `fix` the latest fix.
-    """
+    """Measurements of `VehicleSensors` at one sample."""
 
     quaternion: Quaternion  # attitude, NED to body
     rates_b: Vector3  # body rates, rad/s
     specific_force_b: Vector3  # specific force, body axes, m/s^2
-    velocity_air_b: Vector3  # velocity through the air from airspeed and vanes, body axes, m/s
+    velocity_air_b: Vector3  # velocity relative to the air, body axes, m/s
     fix: Fix  # latest fix of satellite navigation
 
 
@@ -159,7 +126,7 @@ class VehicleSensors(eqx.Module):
     air_data: AirDataSensors
 
     def init(self, truth: Truth, instant: Instant) -> VehicleSensorState:
-        """Return the state before the first sample: stationary Gauss-Markov errors and biases of this flight."""
+        """Return the state before the first sample, with random errors of this flight."""
         normals = instant.normals(VEHICLE_SENSORS, _NORMALS, once=True)
         satellite, inertial, air = self.satellite, self.inertial, self.air_data
         velocity_n = velocity_over_ground_n(truth.condition, truth.state)
@@ -175,7 +142,7 @@ class VehicleSensors(eqx.Module):
     def read(
         self, sensor_state: VehicleSensorState, truth: Truth, instant: Instant
     ) -> tuple[VehicleReading, VehicleSensorState]:
-        """Return the measurements of this sample, and the new state with the sample's errors and the latest fix."""
+        """Return the measurements of this sample, and the new state."""
         normals, inertial, air = instant.normals(VEHICLE_SENSORS, _NORMALS), self.inertial, self.air_data
         # the initial random numbers apply to the first sample
         attitude_b = gauss_markov(
@@ -206,10 +173,7 @@ class VehicleSensors(eqx.Module):
         return reading, errors
 
     def _new_fix(self, slow_n: Vector3, truth: Truth, instant: Instant) -> tuple[Vector3, Vector3, Vector3]:
-        """Return new slow error (m), and position (m) and velocity (m/s) of a new fix, NED.
-
-        `slow_n` is the slow error (Gauss-Markov) of the last fix, m.
-        """
+        """Return slow error (m), position (m) and velocity (m/s) of a new fix, NED; `slow_n` is the last slow error."""
         satellite, normals = self.satellite, instant.normals(SATELLITES, _FIX_NORMALS)
         next_slow_n = gauss_markov(
             slow_n, satellite.position_sigma, satellite.correlation_time, satellite.period, normals[0:3]
@@ -232,14 +196,13 @@ def is_due(instant: Instant, period: Scalar) -> Array:
 def tilt_attitude(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
     """Return an attitude quaternion, NED to body, rotated by small angles about the body axes x, y and z (rad).
 
-    The rotation angle is 2 arctan(|angles| / 2); its relative deviation from |angles| is at most 1e-6 up to 0.2 deg,
-    and 1e-4 up to 2 deg.
+    The rotation angle is 2 arctan(|angles| / 2); the relative error is at most 1e-6 up to 0.2 deg, 1e-4 up to 2 deg.
     """
     half_b = 0.5 * angles_b
     return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones_like(half_b[:1]), half_b])))
 
 
 def _air_velocity_b(V: Scalar, alpha: Scalar, beta: Scalar) -> Vector3:
-    """Return the velocity through the air (body axes, m/s) from airspeed (m/s), angle of attack and sideslip (rad)."""
+    """Return the velocity relative to the air (body axes, m/s) from airspeed (m/s) and flow angles (rad)."""
     level = V * jnp.cos(beta)
     return jnp.stack([level * jnp.cos(alpha), V * jnp.sin(beta), level * jnp.sin(alpha)])

@@ -10,7 +10,7 @@
 ``fleet_summary``       running summary of a flight, in place of a history
 ``open_loop``           one aircraft without mission, under prescribed controls or commands
 ``response``            step responses of the autopilot's loops, and their metrics
-``survey_flight``       step responses of which only greatest and least values and metrics are kept
+``survey_flight``       metrics of step responses, without time histories
 ======================  ===============================================================================================
 """
 

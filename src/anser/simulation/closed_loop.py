@@ -1,7 +1,4 @@
-"""Closed loop of one aircraft over one step (sense, estimate, guide, control, move), and the status codes.
-
-Single aircraft and fleets are flown by the same functions `perceive`, `guide`, `control` and `move`.
-"""
+"""Closed loop of one aircraft over one step: sense, estimate, guide, control, move; and the status codes."""
 
 from typing import Any
 
@@ -50,27 +47,25 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "the filter of its goal diverged: it held at the last estimated position of the goal",
     "left the wind field of the file, in space or time; later samples repeat the last state",
 )
-"""Message of each status code: 0 without an event, then the codes of the planner (`PLAN_MESSAGES`), then those of the
-flight."""
+"""Message of each status code: 0 (no event), the codes of the planner (`PLAN_MESSAGES`), the codes of the flight."""
 
 
 def is_breakaway(status: Any) -> Any:
-    """Whether a status code (or each of an array) is a breakaway: the aircraft left its plan for its hold."""
+    """Whether a status code (or each code of an array) is a breakaway: the aircraft left its plan for its hold."""
     has_left_plan = (status == BREAKAWAY) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
     return has_left_plan | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
 
 
 def is_off_plan(status: Any) -> Any:
-    """Whether a status (or array of statuses) means that the aircraft does not fly a path to the rendezvous.
+    """Whether a status code (or each code of an array) means that the aircraft flies no path to the rendezvous.
 
-    False for two failures of a plan whose path still leads to the rendezvous: a path shorter than the fleet's longest,
-    and a direction of arrival that is not met.
+    The result is False for `NO_BEND` and `DIRECTION_UNATTAINABLE`, because the path still leads to the rendezvous.
     """
     return (status != FLYING) & (status != NO_BEND) & (status != DIRECTION_UNATTAINABLE)
 
 
 def plan_status(status: Any, planned: Any) -> Any:
-    """Return the plan's status code `planned` where the aircraft's own code `status` is 0, otherwise `status`."""
+    """Return the aircraft's code `status`, or the plan's code `planned` where `status` is `FLYING`."""
     return jnp.where(status == FLYING, planned.astype(status.dtype), status)
 
 
@@ -78,17 +73,17 @@ APPROACH, FROZEN, HOLD = range(3)
 
 
 class Perception(eqx.Module):
-    """Result of `perceive` for one aircraft at one sample: truth, belief, air flow, new sensor and estimator states."""
+    """Result of `perceive` for one aircraft at one sample."""
 
     truth: Truth
-    belief: Belief
-    flow: AirFlow
-    sensors: Any
-    estimator: Any
+    belief: Belief  # the aircraft's own estimate
+    flow: AirFlow  # input of the gust model
+    sensors: Any  # new state of the sensors
+    estimator: Any  # new state of the estimator
 
 
 def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
-    """Return the truth at an instant, which the sensors measure: aircraft, air data, forces, goal and disturbances."""
+    """Return the truth at an instant: aircraft, air data, forces, goal and disturbances."""
     time = instant.time
     airframe = vehicle.airframe_at(time)
     disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.thrust_ratio_at(time))
@@ -98,9 +93,9 @@ def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gus
 
 
 def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
-    """Return the input of the gust model at an aircraft: airspeed, height, attitude, wind and time at an instant.
+    """Return the input of the gust model at an aircraft.
 
-    The airspeed (m/s) is relative to the mean wind; the height (m) is above a ground at altitude 0.
+    The airspeed (m/s) is relative to the mean wind; the height (m) is above altitude 0.
     """
     wind_n = instant.environment.wind.at(state.position_n, instant.time)
     R_bn = rotation_from_quaternion(state.quaternion)
@@ -109,7 +104,7 @@ def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
 
 
 def for_aircraft(instant: Instant, index: Integer) -> Instant:
-    """Return the instant with the random numbers of the aircraft with fleet index `index`; unchanged without a seed."""
+    """Return the instant with the random numbers of aircraft `index`; unchanged if the instant has none."""
     if instant.randomness is None:
         return instant
     return eqx.tree_at(lambda i: i.randomness, instant, instant.randomness.for_aircraft(index))
@@ -118,8 +113,8 @@ def for_aircraft(instant: Instant, index: Integer) -> Instant:
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
     """Return the initial state of an aircraft in the steady flight `trim`.
 
-    The sensors, filters and autopilot start as after a long time in this flight. `index` is the aircraft's fleet index,
-    which selects its random numbers.
+    Sensors, filters and autopilot are in the settled state of this flight. `index` is the aircraft's fleet index, which
+    selects the random numbers.
     """
     return start_vehicle(vehicle, instant, trim, index)[0]
 
@@ -127,7 +122,7 @@ def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: 
 def start_vehicle(
     vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0
 ) -> tuple[VehicleState, Perception]:
-    """Return the state from `trimmed_vehicle`, and the result of `perceive` for this state at the same instant."""
+    """Return the state from `trimmed_vehicle`, and the result of `perceive` for this state."""
     index = jnp.asarray(index, dtype=jnp.int32)
     instant = for_aircraft(instant, index)
     flow = air_flow(trim.state, instant)
@@ -152,10 +147,7 @@ def start_vehicle(
 
 
 def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perception:
-    """Read the sensors and update the estimator at one sample; the aircraft does not move.
-
-    The new states of sensors and estimator are in the result, not yet in `state`; `move` stores them.
-    """
+    """Read the sensors and update the estimator at one sample; `move` stores the new sensor and estimator states."""
     instant = for_aircraft(instant, state.index)
     local_state = to_local_state(instant.environment, state.aircraft)
     flow = air_flow(local_state, instant)
@@ -171,45 +163,38 @@ def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> 
 
 
 class GuidedCommand(eqx.Module):
-    """Result of `guide` for one aircraft at one sample: command, reference position, approach to the goal, status.
-
-    `reference_n` is the position to follow, NED, m; `guidance` the new state of the guidance; `approach` None without a
-    mission. `status` is the code at the sample, `next_status` the aircraft's own code after this sample's checks
-    (departure, breakaway).
-    """
+    """Result of `guide` for one aircraft at one sample."""
 
     command: Any
-    reference_n: Vector3 | None
-    guidance: Any
-    approach: GoalApproach | None
-    status: Integer  # status code at the sample: the aircraft's, or the plan's if the aircraft's is 0
-    next_status: Integer
+    reference_n: Vector3 | None  # position to follow, NED, m
+    guidance: Any  # new state of the guidance
+    approach: GoalApproach | None  # approach to the goal; None for an aircraft without a mission
+    status: Integer  # status code at the sample: code of the aircraft, or code of the plan if the former is 0
+    next_status: Integer  # the aircraft's own code after the checks for departure and breakaway
 
 
 class ControlAction(eqx.Module):
-    """Result of `control` for one aircraft at one sample: surfaces and throttle, recorded signals, controller state."""
+    """Result of `control` for one aircraft at one sample."""
 
-    controls: Controls  # test inputs included
+    controls: Controls  # surfaces and throttle, test inputs included
     signals: Any  # signals of the controller, for the record
     controller: Any  # new state of the controller
 
 
 def guide(
-    # the aircraft, its state between two steps, and the result of `perceive`
     vehicle: Vehicle,
     state: VehicleState,
     perception: Perception,
-    # the aircraft's plan; None without a planner. Required for an aircraft with a mission
-    plan: AircraftPlan | None,
+    plan: AircraftPlan | None,  # None: no planner. An aircraft with a mission must have a plan
     instant: Instant,
     # time before the arrival during which the plan no longer changes (recorded phase `FROZEN`), s. An aircraft that has
     # not seen its goal by then breaks away
     freeze: ScalarLike = 0.0,
 ) -> GuidedCommand:
-    """Compute the command of a step by the guidance or, after arrival or breakaway, by the hold; and the new status.
+    """Return the command of a step, with test inputs, and the new status.
 
-    Test inputs of the aircraft's excitation are added to the command. Raises ValueError if an aircraft with a mission
-    has no plan.
+    After arrival or breakaway, the command comes from the hold (the flight after the arrival) instead of the guidance.
+    Raises ValueError if an aircraft with a mission has no plan.
     """
     instant = for_aircraft(instant, state.index)
     truth, belief = perception.truth, perception.belief
@@ -238,7 +223,7 @@ def guide(
 def control(
     vehicle: Vehicle, state: VehicleState, perception: Perception, guided: GuidedCommand, instant: Instant
 ) -> ControlAction:
-    """Compute surfaces and throttle of a step by the control law, plus the test inputs of the excitation."""
+    """Return surfaces and throttle of a step, with test inputs."""
     controls, signals, controller = vehicle.controller.control(
         state.controller, perception.belief, guided.command, instant.step
     )
@@ -256,10 +241,10 @@ def move(
     action: ControlAction,
     instant: Instant,
 ) -> VehicleState:
-    """Return the state after one step with constant controls: motion and gusts integrated, part states stored.
+    """Return the state after one step with constant controls.
 
-    An aircraft with a mission stops at the ground, outside the wind field of a file, or if a value is not finite: all
-    later states repeat the last valid one. An aircraft without a mission never stops.
+    An aircraft with a mission stops at the ground, outside the wind field of a file, or if a value is not finite; later
+    states repeat the last valid state. An aircraft without a mission never stops.
     """
     instant = for_aircraft(instant, state.index)
     airframe = vehicle.airframe_at(instant.time)
@@ -294,7 +279,7 @@ def move(
 def make_sample(
     vehicle: Vehicle, perception: Perception, plan: AircraftPlan | None, guided: GuidedCommand, action: ControlAction
 ) -> AircraftSample:
-    """Collect one aircraft's signals of one sample, for recorders, from `perceive`, `guide` and `control`."""
+    """Return one aircraft's sample for recorders, from the results of `perceive`, `guide` and `control`."""
     return AircraftSample(
         truth=perception.truth,
         belief=perception.belief,
@@ -317,7 +302,7 @@ def guide_and_move(
     plan: AircraftPlan | None = None,
     freeze: ScalarLike = 0.0,
 ) -> tuple[VehicleState, AircraftSample]:
-    """Guide, control and move one aircraft over one step; return the next state, and the sample at the step's start."""
+    """Fly one aircraft over one step; return the next state, and the sample at the start of the step."""
     guided = guide(vehicle, state, perception, plan, instant, freeze)
     action = control(vehicle, state, perception, guided, instant)
     next_state = move(vehicle, state, perception, guided, action, instant)
@@ -327,10 +312,7 @@ def guide_and_move(
 def _vehicle_status(
     vehicle: Vehicle, status: Integer, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
 ) -> Integer:
-    """Return the status code after the checks for leaving the fleet and for a goal without usable estimate.
-
-    A goal that was never seen is reported only from `freeze` (s) before the arrival on. An `is_off_plan` status stays.
-    """
+    """Return the status code after the checks for departure and for an unseen or lost goal."""
     time = instant.time
     has_left = ~is_off_plan(status) & vehicle.faults.has_left_fleet(time)
     status = jnp.where(has_left, LEFT_FLEET, status).astype(status.dtype)
@@ -345,11 +327,8 @@ def _vehicle_status(
 
 
 def _own_status(own: Any, status: Any, next_status: Any) -> Any:
-    """Return the aircraft's code after the checks of a sample, `next_status`, without the code of its plan.
-
-    `status` is the code before the checks, from `plan_status` of the aircraft's code `own`. The code of a plan is not
-    kept: a later plan has its own.
-    """
+    """Return `next_status` if the checks have changed `status`; if not, the aircraft's own code `own`."""
+    # The code of a plan is not stored, because a later plan has its own code.
     return jnp.where(next_status == status, own, next_status)
 
 
@@ -364,8 +343,7 @@ def _approach_goal(
 ) -> tuple[GoalApproach, Integer]:
     """Return the approach to the goal, and the status code after the checks for a breakaway.
 
-    The aircraft breaks away from its plan if the height no longer suffices to end a descent, or if the true goal comes
-    too near (`must_break_away`); both checks overrule plan and guidance.
+    Checks: ground clearance, and distance to the true goal (`must_break_away`).
     """
     earth, time = instant.environment.earth, instant.time
     goal = mission.goal_at(time)
@@ -402,7 +380,7 @@ def _all_finite(value: object) -> Flag:
 
 
 def fly_alone(
-    vehicle: Vehicle,  # an aircraft without a mission
+    vehicle: Vehicle,  # must have no mission
     environment: Environment,
     state: VehicleState,  # state at time 0
     step: ScalarLike,  # sampling period, s
@@ -410,9 +388,9 @@ def fly_alone(
     recorder: AbstractRecorder,
     randomness: AbstractRandomness | None = None,
 ) -> tuple[VehicleState, Any, Any]:
-    """Fly one aircraft without a planner, from time 0 on, for `count` sampling periods.
+    """Fly one aircraft without a planner from time 0.
 
-    Returns the final state, the final state of the recorder, and the recorder's rows, stacked along the time.
+    Returns the final state, the final state of the recorder, and the recorder's outputs with a leading time axis.
     """
     step = jnp.asarray(step, dtype=float)
 

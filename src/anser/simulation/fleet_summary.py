@@ -1,4 +1,4 @@
-"""Running summary of a fleet's flight (closest pass, errors, separation, status), in place of a recorded history."""
+"""Running summary of a fleet's flight, in place of a recorded history."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from anser.simulation.recorders import AbstractRecorder, AircraftSample, FleetSa
 from anser.spatial.rotations import safe_hypot, safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
-"""Time after the planned arrival until which a pass of the rendezvous counts as an arrival, s."""
+"""Time after the planned arrival in which a pass of the rendezvous still counts as an arrival, s."""
 _SQUARE_MIN = 1e-30  # m^2: keeps derivatives finite for a constant offset
 
 
@@ -31,7 +31,7 @@ class AirspeedStatistics(eqx.Module):
     def over_interval(
         self, part: Array, length_s: ScalarLike, start_speed: Array, end_speed: Array
     ) -> "AirspeedStatistics":
-        """Return the statistics extended by the first `part` (fraction, 0..1) of an interval of `length_s` seconds.
+        """Return the statistics extended by the first `part` (0..1) of an interval of `length_s` seconds.
 
         The airspeed (m/s) changes linearly from `start_speed` to `end_speed` over the whole interval.
         """
@@ -44,47 +44,41 @@ class AirspeedStatistics(eqx.Module):
 
 
 class FleetSummary(eqx.Module):
-    """Results of a fleet's flight up to the latest sample: one value per aircraft; for separations, one per fleet.
+    """Results of a fleet's flight up to the latest sample, SI units.
 
-    SI units. `pass_...`: closest pass of the moving rendezvous; `..._until_pass` and `..._on_plan`: airspeeds and
-    greatest errors of the position up to this pass, or as long as the plan is flown (until `off_plan_time`).
-    `clearance_min`: least distance from the goal; `tables_left_time`: time outside the range of the airframe's data.
+    The pass is the closest pass of the moving rendezvous, while the plan is flown and until 10 s after the planned
+    arrival. Positions are interpolated linearly between samples.
     """
 
-    #: Time (s) and distance (m) of the closest pass of the moving rendezvous, while the plan is flown and until 10 s
-    #: after the planned arrival; NaN and infinite without a pass. Positions are interpolated linearly between samples.
-    #: `arrival_outcome` of the results decides whether the pass is an arrival.
-    pass_time: Float[Array, " aircraft"]
+    pass_time: Float[Array, " aircraft"]  #: Time of the pass, s; NaN if there is no pass.
+    #: Distance from the rendezvous at the pass, m; infinite if there is no pass.
     pass_distance: Float[Array, " aircraft"]
     #: Statistics of the airspeed without gusts up to the pass; integral divided by `pass_time` is the mean airspeed.
     speeds_until_pass: AirspeedStatistics
-    #: Greatest distance from the planned position at the samples up to the pass, m; samples in the hold, which has no
-    #: planned position, do not count. -inf without a sample.
+    #: Greatest distance from the planned position at the samples up to the pass, m. Samples in the hold, which has no
+    #: planned position, do not count; -inf if no sample counts.
     position_error_until_pass: Float[Array, " aircraft"]
     #: Statistics of the airspeed up to `off_plan_time`, or up to the latest sample while the plan is flown.
     speeds_on_plan: AirspeedStatistics
     #: Greatest distance from the planned position up to `off_plan_time` or the latest sample, m.
     position_error_on_plan: Float[Array, " aircraft"]
-    #: Time of the first sample with an `is_off_plan` status, s; infinite before.
+    #: Time of the first sample with an `is_off_plan` status, s; infinite if there is no such sample.
     off_plan_time: Float[Array, " aircraft"]
     clearance_min: Float[Array, " aircraft"]  #: Least distance from the goal at the samples, m.
-    #: Time outside the range of the airframe's data, s: the steps that end with a sample outside.
-    tables_left_time: Float[Array, " aircraft"]
-    #: First non-zero status, index into `STATUS_MESSAGES`; 0 without an event.
-    first_status: Int[Array, " aircraft"]
-    #: Last non-zero status, index into `STATUS_MESSAGES`; 0 without an event.
-    last_status: Int[Array, " aircraft"]
+    tables_left_time: Float[Array, " aircraft"]  #: Time outside the range of the airframe's data, s.
+    first_status: Int[Array, " aircraft"]  #: First non-zero status, index into `STATUS_MESSAGES`; 0: no event.
+    last_status: Int[Array, " aircraft"]  #: Last non-zero status, index into `STATUS_MESSAGES`; 0: no event.
     #: Least distance between any two aircraft, also between the samples, m; infinite for a single aircraft.
     separation_min: Scalar
     #: Least ratio of distance to required separation at the samples; infinite if no separation is required.
     separation_ratio_min: Scalar
-    #: Least distance outside the keep-outs at the samples, m; negative inside, infinite without keep-outs.
+    #: Least distance outside the keep-outs at the samples, m; negative inside, infinite if there are no keep-outs.
     keep_out_room_min: Float[Array, " aircraft"]
     finite: Bool[Array, " aircraft"]  #: Whether position and airspeed were finite at every sample.
 
 
 class _PreviousSample(NamedTuple):
-    """Signals of the previous sample, from which the interval to the present sample is computed."""
+    """Signals of the previous sample."""
 
     position_n: Float[Array, "aircraft 3"]  # NED, m
     offset_n: Float[Array, "aircraft 3"]  # from the aircraft to the rendezvous, NED, m
@@ -94,8 +88,7 @@ class _PreviousSample(NamedTuple):
 class SummaryRecorder(AbstractRecorder):
     """Recorder that keeps a summary of the flight so far and stores no time history.
 
-    The recorder's state is the pair (summary, signals of the previous sample). `separation` and `keep_outs` are those
-    required (None: no requirement); samples after the number `last_sample` do not count (None: no limit).
+    The recorder's state is the pair (summary, signals of the previous sample).
     """
 
     separation: Separation | None = None  #: Separation required of the fleet; None: no requirement.
@@ -104,7 +97,7 @@ class SummaryRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
-        """Return the recorder's state before the first sample, with an empty summary of `aircraft` aircraft."""
+        """Return the recorder's state before the first sample; `aircraft` is the number of aircraft."""
         zero, infinite = jnp.zeros(aircraft), jnp.full(aircraft, jnp.inf)
         code = jnp.zeros(aircraft, dtype=jnp.int32)
         speeds = AirspeedStatistics(zero, infinite, -infinite)
@@ -130,10 +123,7 @@ class SummaryRecorder(AbstractRecorder):
     def update(
         self, recorder_state: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _PreviousSample]:
-        """Return the recorder's state with one more sample, and the interval before the sample, in the summary.
-
-        After `last_sample` the state stays as it is.
-        """
+        """Return the recorder's state after one more sample; unchanged after `last_sample`."""
 
         def extended() -> tuple[FleetSummary, _PreviousSample]:
             inputs = cast_to_precision(sample.rows(_summary_inputs), float)  # also for flights in float32
@@ -152,9 +142,9 @@ class SummaryRecorder(AbstractRecorder):
         number: Integer,
         step: ScalarLike,
     ) -> tuple[FleetSummary, _PreviousSample]:
-        """Return the recorder's state extended by sample `number` and the interval of `step` (s) before the sample.
+        """Return the recorder's state after sample `number`; `step` is the sampling period, s.
 
-        `inputs` are the results of `_summary_inputs`, leading axis aircraft.
+        `inputs` must be the results of `_summary_inputs` with a leading axis of aircraft.
         """
         past, previous = recorder_state
         time = number * step
@@ -205,10 +195,7 @@ class SummaryRecorder(AbstractRecorder):
         return summary, current
 
     def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
-        """Return the least ratio of distance to required separation of any two aircraft at one sample.
-
-        Infinite if no separation is required, or for a single aircraft. `position_n` are the positions, NED, m.
-        """
+        """Return the least ratio of distance to required separation of any two aircraft; infinite if none applies."""
         count = position_n.shape[0]
         if self.separation is None or count < 2:
             return jnp.asarray(jnp.inf)
@@ -218,10 +205,7 @@ class SummaryRecorder(AbstractRecorder):
         return jnp.min(separation_ratio(horizontal, vertical, self.separation.horizontal, self.separation.vertical))
 
     def _keep_out_room(self, position_n: Float[Array, "aircraft 3"], time: Scalar) -> Float[Array, " aircraft"]:
-        """Return the distance of each aircraft outside the nearest keep-out cylinder at a time (s), m.
-
-        Negative inside, infinite without keep-outs. `position_n` are the positions, NED, m.
-        """
+        """Return each aircraft's distance outside the nearest keep-out, m; negative inside, infinite if none exists."""
         if self.keep_outs is None or self.keep_outs.radius.shape[0] == 0:
             return jnp.full(position_n.shape[0], jnp.inf)
         volumes = self.keep_outs
@@ -255,15 +239,12 @@ def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:
 
 
 def _offset_length(start_n: Array, end_n: Array, part: Array) -> Array:
-    """Interpolate between two offsets (n, 3), m, at the fraction `part` (0 to 1) and return the lengths (n,), m."""
+    """Return the lengths of offsets interpolated between `start_n` and `end_n` at the fraction `part` (0..1)."""
     return jax.vmap(safe_norm)(start_n + part[:, None] * (end_n - start_n))
 
 
 def _interval_separation(start_n: Array, end_n: Array) -> Scalar:
-    """Return the least distance (m) between any two aircraft during an interval in which all fly straight lines.
-
-    `start_n` and `end_n` are the positions (aircraft, 3) at its ends, NED, m. Infinite for a single aircraft.
-    """
+    """Return the least distance (m) between any two aircraft on straight lines; infinite for a single aircraft."""
     count = end_n.shape[0]
     if count < 2:
         return jnp.asarray(jnp.inf)

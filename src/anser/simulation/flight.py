@@ -1,6 +1,6 @@
-"""Flight of a fleet: its definition, its state between two steps, and the functions that fly it and replan.
+"""Flight of a fleet: definition, state between two steps, and the functions that fly and replan.
 
-Plans are computed in float64, the steps in float64 (default) or float32 (`cast_flight`).
+Plans are computed in float64; steps are computed in float64 (default) or float32 (`cast_flight`).
 """
 
 import dataclasses
@@ -53,7 +53,7 @@ from anser.steady.trim import TrimTarget
 
 
 class Timing(eqx.Module):
-    """Sampling period of a flight, number of steps between plans, and freeze time before the arrival."""
+    """Periods of a flight."""
 
     step: Scalar  # sampling period of the aircraft's parts, and step of the integrator, s
     replan_steps: Integer  # number of steps between plans; 0: only the first plan
@@ -61,28 +61,24 @@ class Timing(eqx.Module):
 
 
 class AircraftGroup(eqx.Module):
-    """Aircraft of a fleet whose parts have the same pytree structure, shapes and dtypes, flown as one batch.
-
-    `members` are the fleet indices of the rows; `starts` the steady flights to trim at the start; `is_real` is false
-    for padding aircraft, which never fly.
-    """
+    """Aircraft of a fleet whose parts have the same pytree structure, shapes and dtypes, flown as one batch."""
 
     vehicles: Stacked[Vehicle]  # parts of the aircraft, stacked; leading axis members
-    starts: TrimTarget
+    starts: TrimTarget  # steady flights at the start
     start_positions_n: Float[Array, "members 3"]  # positions at the start, NED, m
-    is_real: Bool[Array, " members"]
-    members: tuple[int, ...] = eqx.field(static=True)
+    is_real: Bool[Array, " members"]  # False for padding aircraft, which never fly
+    members: tuple[int, ...] = eqx.field(static=True)  # fleet indices of the aircraft
 
 
 class Flight(eqx.Module):
-    """Complete definition of a flight: environment, aircraft groups, planner, periods and random numbers."""
+    """Complete definition of a flight."""
 
     environment: Environment
-    #: The fleet by aircraft groups. `AircraftGroup.members` maps a group's rows to the fleet's aircraft axis.
+    #: The fleet by aircraft groups. `AircraftGroup.members` are the fleet indices of a group's aircraft.
     groups: tuple[AircraftGroup, ...]
     planner: AbstractPlanner
     timing: Timing
-    #: Source of random numbers, from seed and flight number; None: no random numbers may be drawn.
+    #: Source of random numbers; None: no part may draw random numbers.
     randomness: AbstractRandomness | None = None
 
     @property
@@ -104,12 +100,9 @@ class Flight(eqx.Module):
         return tuple(names_by_index[index] for index in range(self.count))
 
     def aircraft(self, index: int) -> tuple[Vehicle, TrimTarget, Vector3]:
-        """Return one aircraft by its fleet index, its trim target at the start, and its start position (NED, m).
+        """Return an aircraft by fleet index, with trim target and position (NED, m) at the start.
 
-        Raises
-        ------
-        IndexError
-            If the index is out of range.
+        Raises IndexError if the index is out of range.
         """
         for group in self.groups:
             if index in group.members:
@@ -120,15 +113,12 @@ class Flight(eqx.Module):
 
 
 class FlightState(eqx.Module):
-    """State of a flight between two steps: of the aircraft, by aircraft group, and of the planner.
-
-    `replan_sample` is the latest sample at which a new plan was made, or is needed, between two steps; -1: none.
-    """
+    """State of a flight between two steps."""
 
     vehicles: tuple[VehicleState, ...]  #: States of the aircraft by group; leading axis members.
     planner: PyTree  #: State of the planner, with the current plan.
-    #: Number of the sample of the latest plan made between two steps (`AbstractPlanner.replan_between_steps`), at which
-    #: `fly` makes no plan; or of the first sample that needs such a plan. -1: no such plan.
+    #: Latest sample at which `AbstractPlanner.replan_between_steps` has made a plan, or must make one; `fly` makes no
+    #: plan at this sample. -1: no such sample.
     replan_sample: Integer = eqx.field(default_factory=lambda: as_array(-1, np.int32))
 
 
@@ -155,13 +145,13 @@ def assemble(
     freeze
         Time before the arrival during which the plan no longer changes, s.
     real_count
-        Number of real aircraft, first in order; padding aircraft after them, which never fly, make up a fleet size with
-        a compiled program. None: no padding.
+        Number of real aircraft, which come first. The rest are padding aircraft, which never fly; they make up a fleet
+        size that has a compiled program. None: no padding.
 
     Raises
     ------
     ValueError
-        If there are no aircraft, or an aircraft has no mission.
+        If `aircraft` is empty, or an aircraft has no mission.
     """
     if not aircraft:
         raise ValueError("a flight needs at least one aircraft")
@@ -201,20 +191,20 @@ def _stack_group(
 
 
 def statuses(flight: Flight, state: FlightState) -> tuple[Array, Bool[Array, " aircraft"]]:
-    """Return each aircraft's status code and whether it is stopped, both in fleet order."""
+    """Return status codes, and flags of the stopped aircraft, in fleet order."""
     return to_fleet_order([(group_state.status, group_state.stopped) for group_state in state.vehicles], flight.members)
 
 
 SEGMENT_STEPS = 500
-"""Number of steps in one compiled program; flights of any duration repeat the program without recompiling."""
+"""Number of steps in one compiled program, which flights of any duration repeat."""
 _ROUNDING_M = 1e-3  # rounding tolerance of plans that end exactly at the least distance
 
 
 def aircraft_report(vehicle: Vehicle, perception: Perception, is_flying: Flag, has_left: Flag) -> AircraftReport:
-    """Make an aircraft's report to the planner from its belief, in coordinates of the chart.
+    """Return an aircraft's report to the planner from its belief, in chart coordinates.
 
-    `is_flying` says that the aircraft has neither stopped nor broken away, `has_left` that it has left the fleet.
-    Raises ValueError if the aircraft has no goal.
+    `is_flying` is true if the aircraft has neither stopped nor broken away; `has_left` is true if the aircraft has left
+    the fleet. Raises ValueError if the aircraft has no goal.
     """
     belief, mission = perception.belief, vehicle.mission
     if belief.goal is None or mission is None:
@@ -258,10 +248,10 @@ def fleet_reports(flight: Flight, state: FlightState, instant: Instant) -> tuple
 def plans_too_near(
     flight: Flight, plans: AircraftPlan, reports: AircraftReport, time: ScalarLike
 ) -> Bool[Array, " aircraft"]:
-    """Flag the aircraft whose plan ends nearer to the goal than `Mission.distance_min`, or is not finite.
+    """Return flags of the aircraft whose plan ends nearer to the goal than `Mission.distance_min`, or is not finite.
 
-    The goal's position at the arrival is extrapolated from the report at constant velocity. Aircraft that are inactive
-    or have arrived at `time` (s) are not flagged.
+    The goal moves on from the report at constant velocity. The flag is False for aircraft that are inactive or have
+    arrived at `time` (s).
     """
     earth = flight.environment.earth
 
@@ -285,11 +275,7 @@ def plans_too_near(
 def _replan_if_due(
     flight: Flight, state: FlightState, sample: Integer, reports: AircraftReport
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
-    """Replan if the sample is a replanning time; return the planner state, and the flags of plans that end too near.
-
-    No plan changes if every aircraft is inactive or its plan frozen. The flags of the new plans are those of
-    `plans_too_near`; without replanning, all are false.
-    """
+    """Replan if due; return planner state and flags of new plans that end too near the goal (`plans_too_near`)."""
     timing, planner = cast_to_precision(flight.timing, float), flight.planner
     time = sample * timing.step
     plans = planner.plans(state.planner)
@@ -311,10 +297,9 @@ def _replan_if_due(
 def send_to_hold(
     flight: Flight, vehicles: Sequence[VehicleState], refused: Bool[Array, " aircraft"]
 ) -> tuple[VehicleState, ...]:
-    """Return the states of the aircraft, those flagged by `refused` with the status `PLAN_TOO_NEAR`, by aircraft group.
+    """Return the states by group, with status `PLAN_TOO_NEAR` for aircraft in `refused`, which then fly to their hold.
 
-    `refused` flags, in fleet order, the aircraft whose plan ends too near the goal; with this status they fly to their
-    hold. Aircraft that have stopped or broken away keep their status.
+    `refused` is in fleet order. Aircraft that have stopped or broken away keep their status.
     """
 
     def updated_state(state: VehicleState, no_plan: Array) -> VehicleState:
@@ -330,9 +315,9 @@ def send_to_hold(
 def step_fleet(
     flight: Flight, state: FlightState, sample: Integer, *, one_kernel: bool = False
 ) -> tuple[FlightState, FleetSample, Instant]:
-    """Fly the fleet over one step; return the next state, the sample at the step's start, and its instant.
+    """Fly the fleet over one step; return the next state, and sample and instant at the start of the step.
 
-    `sample` is the number of the sample, `one_kernel` that of `fly`.
+    `sample` is the index of the sample; `one_kernel`: see `fly`.
     """
     instant = Instant(flight.environment, sample, flight.timing.step, flight.randomness)
     perceptions, reports = fleet_reports(flight, state, instant)
@@ -375,10 +360,10 @@ def fly(
     active_steps: Integer | None = None,
     packed_rows: bool = False,
 ) -> tuple[FlightState, Any, Any]:
-    """Fly a fleet for `count` steps and record it.
+    """Fly a fleet for `count` steps and record the flight.
 
-    A pure function, which can be compiled, batched over flights and states with `vmap`, differentiated, or run on a
-    GPU. Do not batch `first_step` or the flight's `timing`, because planning would then run at every step.
+    The function is pure. Do not batch `first_step` or the flight's `timing` with `vmap`, because planning would then
+    run at every step.
 
     Parameters
     ----------
@@ -386,21 +371,22 @@ def fly(
         State before the first step, from `start_flight` or an earlier call.
     first_step
         Number of the first step: 0 at the start.
-    recorder, recorder_state
-        Recorder and its present state (None: initial state). Without a recorder, every variable is recorded at every
-        step.
+    recorder
+        None: every variable is recorded at every step.
+    recorder_state
+        Present state of the recorder; None: initial state.
     one_kernel
-        Whether to compile guidance, control and motion of a step as one kernel each on a CPU. A single flight of up to
-        four aircraft takes a third to nine tenths of the time; do not use this option for batched flights.
+        True: guidance, control and motion are compiled as one kernel each on a CPU. A single flight of up to four
+        aircraft then takes a third to nine tenths of the time; must not be used for batched flights.
     active_steps
-        Number of steps to fly; rows of later steps are meaningless. None: `count`.
+        Number of steps to fly; recorder outputs of later steps have no meaning. None: `count`.
     packed_rows
-        Whether the recorder's rows are returned in one array, as `PackedRows`; only with `active_steps`, and for a
-        recorder of a row at every step.
+        True: the recorder's outputs are returned in one array, `PackedRows`. Requires `active_steps`, and a recorder
+        with an output at every step.
 
     Returns
     -------
-    State after the last step, state of the recorder, and the recorder's rows: leading axis time, then aircraft.
+    State after the last step, state of the recorder, and the recorder's outputs with leading axes (time, aircraft).
     """
     recorder = History() if recorder is None else recorder
     recorder_state = recorder.init(flight.count) if recorder_state is None else recorder_state
@@ -417,10 +403,9 @@ PRECISIONS: tuple[Precision, ...] = ("float64", "float32")
 
 
 def cast_flight(flight: Flight, precision: Precision) -> Flight:
-    """Convert aircraft, environment and periods of a flight to a precision.
+    """Return the flight with aircraft, environment and periods in a precision, in which `fly` computes the steps.
 
-    `fly` computes the steps in the precision of the flight's arrays. The planner is unchanged and works in float64;
-    reports and plans are converted in each step.
+    The planner is unchanged and works in float64.
     """
     parts = cast_to_precision((flight.environment, flight.groups, flight.timing), precision)
     environment, groups, timing = parts
@@ -428,5 +413,5 @@ def cast_flight(flight: Flight, precision: Precision) -> Flight:
 
 
 def cast_state(state: FlightState, precision: Precision) -> FlightState:
-    """Convert the states of the aircraft to a precision; the planner's state is unchanged."""
+    """Return the state with the aircraft's states in a precision; the planner's state is unchanged."""
     return dataclasses.replace(state, vehicles=cast_to_precision(state.vehicles, precision))

@@ -26,26 +26,22 @@ from anser.variables import catalogue
 CONTROLLER_KEYS = frozenset(
     {"airspeed_command", "path_angle_command", "course_command", *CONTROLLER_COMMANDS, *CONTROLLER_FLAGS}
 )
-"""Keys of the recorded variables that are defined only with a controller: its commands and limit flags."""
+"""Keys of the variables that only a controller defines: commands and limit flags."""
 
 StateFeedback = Callable[[Any, Mapping[str, Any]], Mapping[str, Any]]
-"""Function from the time (s) and the variables by dataset name to controls by name, in deg for surfaces and 0..1 for
-the throttle."""
+"""Function (time in s, variables by dataset name) that returns controls by name: surfaces in deg, throttle 0..1."""
 
 
 class _SampledControls(AbstractController):
     """Base of open-loop controllers; the state is the number of the present sample."""
 
     def init(self, state: AircraftState, attitude: Vector3) -> Integer:
-        """Return the number of the first sample: 0."""
+        """Return the number of the first sample, 0."""
         return jnp.asarray(0, dtype=jnp.int32)
 
 
 class PrescribedControls(_SampledControls):
-    """Open-loop controller that plays controls from a table with a row per sample.
-
-    `surfaces` are commanded deflections, rad; `throttle` is 0..1.
-    """
+    """Open-loop controller that plays controls from a table with one entry per sample."""
 
     surfaces: Float[Array, "sample surface"]  #: Commanded deflections, rad.
     throttle: Float[Array, " sample"]  #: Throttle, 0..1.
@@ -53,25 +49,22 @@ class PrescribedControls(_SampledControls):
     def control(
         self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, None, Integer]:
-        """Return the controls in the table's row of the present sample, no signals, and the next sample's number."""
+        """Return the controls of the present sample, None, and the number of the next sample."""
         controls = Controls(self.surfaces[controller_state], self.throttle[controller_state])
         return controls, None, controller_state + 1
 
 
 class FeedbackControls(_SampledControls):
-    """Open-loop controller that computes the controls by `law`, a function of time and state.
+    """Open-loop controller that computes the controls by `law`, a function of time and state."""
 
-    A control that the function leaves out keeps its value at the start, from `reference` (rad, throttle 0..1).
-    """
-
-    reference: Controls  #: Controls at the start: surfaces (rad) and throttle (0..1).
-    #: The function; JAX traces it, so that its arithmetic must be that of `jax.numpy`.
+    reference: Controls  #: Surfaces (rad) and throttle (0..1) that apply to controls missing in the result of `law`.
+    #: The function; must be traceable by JAX (arithmetic of `jax.numpy`).
     law: StateFeedback = eqx.field(static=True)
 
     def control(
         self, controller_state: Integer, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, None, Integer]:
-        """Return the controls that `law` computes from time and state, no signals, and the next sample's number.
+        """Return the controls that `law` computes, None, and the number of the next sample.
 
         Raises ValueError if `law` raises, names a control that the aircraft lacks, or returns an array for a control.
         """
@@ -100,17 +93,14 @@ class FeedbackControls(_SampledControls):
 
 
 class PrescribedCommand(AbstractGuidance):
-    """Guidance that commands airspeed (m/s), path angle and course (rad) from a table with a row per sample.
-
-    The commanded rates are 0.
-    """
+    """Guidance that commands airspeed, path angle and course from a table with one entry per sample; rates are 0."""
 
     values: Float[Array, "sample 3"]  #: Airspeed (m/s), path angle and course (rad); NaN in open loop.
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the command of the present sample, the aircraft's own position as the reference (NED, m), and None."""
+        """Return the command of the present sample, the aircraft's own position (NED, m), and None."""
         command = PathCommand(*self.values[instant.number], *[jnp.zeros(())] * 3)
         return command, belief.state.position_n, None
 
@@ -118,10 +108,7 @@ class PrescribedCommand(AbstractGuidance):
 def start_point(
     airframe: AbstractAirframe, environment: Environment, state: AircraftState, controls: Controls
 ) -> TrimPoint:
-    """Return a trim point that holds the state and controls of any flight condition, as the start of a flight.
-
-    No trim is solved: the trim point is marked as not converged, with an infinite residual.
-    """
+    """Return a trim point with the given state and controls, marked as not converged, as the start of a flight."""
     condition = air_data_and_forces(airframe, environment, 0.0, state)
     data = condition.air_data
     mu, power = bank_about_velocity(condition.R_bn, data.alpha, data.beta), jnp.asarray(state.power)
@@ -132,7 +119,7 @@ def start_point(
 def dataset_variables(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: MotionState, controls: Controls
 ) -> dict[str, Array]:
-    """Compute the variables of a state in air without gusts, such as `alpha_deg`, by dataset name and in its unit.
+    """Return the variables of a state in air without gusts, by dataset name such as `alpha_deg`, in dataset units.
 
     Variables that only a controller defines (`CONTROLLER_KEYS`) are left out.
     """
@@ -143,9 +130,9 @@ def dataset_variables(
 
 
 def believed_variables(belief: Belief) -> dict[str, Array]:
-    """Return an aircraft's own estimate of its motion by dataset name, such as `alpha_deg`, for user-defined parts.
+    """Return the variables of an aircraft's own estimate, by dataset name such as `alpha_deg`, in dataset units.
 
-    The surfaces are the estimated deflections. The throttle is not part of an estimate, and is NaN.
+    The throttle is NaN, because an estimate has no throttle.
     """
     return _named_variables(belief, Controls(belief.state.surfaces, jnp.asarray(jnp.nan)))
 

@@ -32,10 +32,7 @@ Members = tuple[int, ...]
 
 
 def to_fleet_order(group_rows: Sequence[Any], members: tuple[Members, ...]) -> Any:
-    """Concatenate arrays of several aircraft groups, one row per aircraft, and sort the rows into fleet order.
-
-    `members` holds the fleet indices of each group's rows.
-    """
+    """Return the arrays of all aircraft groups in fleet order; the leading axis is the aircraft."""
     if len(members) == 1 and _is_identity(members[0]):
         return group_rows[0]
     indices = [index for group_members in members for index in group_members]
@@ -44,7 +41,7 @@ def to_fleet_order(group_rows: Sequence[Any], members: tuple[Members, ...]) -> A
 
 
 def to_group_order(fleet_rows: Any, members: Members, count: int) -> Any:
-    """Select the rows of the aircraft with fleet indices `members` from arrays of a fleet of `count` aircraft."""
+    """Return the entries of the aircraft `members` from arrays of a fleet of `count` aircraft."""
     if len(members) == count and _is_identity(members):
         return fleet_rows
     indices = jnp.asarray(members)
@@ -76,11 +73,11 @@ CONTROLLER_FLAGS = (
 
 
 def record(sample: "AircraftSample") -> dict[str, Array]:
-    """Return one aircraft's variables at one sample, keyed as in `anser.variables.catalogue`; SI units and radians.
+    """Return one aircraft's variables at one sample by key of `anser.variables.catalogue`, in SI units and radians.
 
-    The keys of the control surfaces are those of the airframe. Without signals of the controller, its commands are NaN
-    and its limit flags false; under a command that is no path command, the commanded path is NaN. Variables of
-    approach, gusts, estimation, network and adaptation are present only if the sample has them.
+    If the controller has no signals, the controller's commands are NaN and the limit flags False. If the command is not
+    a `PathCommand`, the commanded path is NaN. Variables of approach, gusts, estimation, network and adaptation are
+    present only if the sample has them.
     """
     truth, state, condition = sample.truth, sample.truth.state, sample.truth.condition
     data, uncertainty = condition.air_data, sample.belief.uncertainty
@@ -205,52 +202,43 @@ def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
 
 
 class GoalApproach(eqx.Module):
-    """Approach of one aircraft to its goal at one instant; vectors NED, m.
-
-    `phase` is `APPROACH` (flies the plan), `FROZEN` (flies the plan, which no longer changes) or `HOLD` (after the
-    arrival or a breakaway).
-    """
+    """Approach of one aircraft to its goal at one instant."""
 
     goal: GoalState  # true state of the goal
     rendezvous_n: Vector3  # rendezvous position, NED, m
-    # vectors from the aircraft to the goal and to the rendezvous, straight through space, NED, m
-    to_goal_n: Vector3
-    to_rendezvous_n: Vector3
+    to_goal_n: Vector3  # straight line from the aircraft to the goal, NED, m
+    to_rendezvous_n: Vector3  # straight line from the aircraft to the rendezvous, NED, m
     clearance: GroundClearance  # ground clearance in the present motion
+    # `APPROACH`: flies the plan; `FROZEN`: flies the final plan; `HOLD`: after the arrival or a breakaway
     phase: Integer
 
 
 class AircraftSample(eqx.Module):
-    """Signals of one aircraft at one sampling instant, before the step: truth, belief, controls and status."""
+    """Signals of one aircraft at one sampling instant, before the step."""
 
     truth: Truth  #: True state.
     belief: Belief  #: Estimated state.
     controls: Controls  #: Surfaces and throttle from the controller.
-    signals: Any  #: Signals of the controller to record; None without signals.
+    signals: Any  #: Signals of the controller to record; None: no signals.
     command: Any  #: Command of the guidance.
     reference_n: Vector3 | None  #: Position that the guidance follows, NED, m.
-    plan: AircraftPlan | None  #: The aircraft's plan; None without a planner.
+    plan: AircraftPlan | None  #: The aircraft's plan; None: no planner.
     approach: GoalApproach | None  #: Approach to the goal; None for an aircraft without a mission.
     status: Integer  #: Status code: index into `STATUS_MESSAGES`.
-    flow: AirFlow | None = None  #: Input of the gust model: flow in the mean wind; None if no gusts are simulated.
+    flow: AirFlow | None = None  #: Input of the gust model; None if no gusts are simulated.
 
 
 class FleetSample(eqx.Module):
-    """Signals of a fleet at one instant, by aircraft group.
+    """Signals of a fleet at one instant, by aircraft group."""
 
-    `groups` holds one stacked sample per aircraft group (leading axis: aircraft of the group); `members` holds the
-    fleet indices of these aircraft.
-    """
-
-    groups: tuple[AircraftSample, ...]
-    members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    groups: tuple[AircraftSample, ...]  #: Samples of each group, stacked; leading axis members.
+    members: tuple[tuple[int, ...], ...] = eqx.field(static=True)  #: Fleet indices of each group's aircraft.
 
     def rows(self, aircraft_variables: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
-        """Apply `aircraft_variables` to every aircraft's sample; return the variables by key, in fleet order.
+        """Return the variables from `aircraft_variables` by key, with a leading axis in fleet order.
 
-        If there are several groups, the result has the variables that all groups have, every control surface of any
-        group, and the estimates of any group's adaptive estimator. In these, an aircraft without the variable has NaN,
-        or 0 (no fault) for the code of an identified fault.
+        The result has the variables that all groups have, and the control surfaces and adaptation estimates of any
+        group. If an aircraft lacks such a surface or estimate, the value is NaN; a missing fault code is 0.
         """
         group_rows = [jax.vmap(aircraft_variables)(samples) for samples in self.groups]
         surfaces = all_surface_names(samples.truth.airframe.actuators.names for samples in self.groups)
@@ -275,21 +263,18 @@ def _missing_values(count: int, dtype: Any) -> Array:
 class AbstractRecorder(eqx.Module):
     """Interface of recorders, which select and store the data of a flight.
 
-    Subclass this class directly, not a concrete recorder. A sample is the `AircraftSample` of an aircraft flown alone,
-    or the `FleetSample` of a fleet.
+    Subclass this class directly, not a concrete recorder. A sample is an `AircraftSample` of a single aircraft, or a
+    `FleetSample`. A row is the recorder's output for one sample.
     """
 
     stride: eqx.AbstractVar[int]  #: Number of samples between two rows.
 
     def init(self, aircraft: int) -> Any:
-        """Return the recorder's state before the first sample; `aircraft` is the number of aircraft.
-
-        By default None, for a recorder without state.
-        """
+        """Return the recorder's state before the first sample (default: None); `aircraft` is the number of aircraft."""
         return None
 
     def update(self, recorder_state: Any, sample: Any, instant: Instant) -> Any:
-        """Return the recorder's state after one more sample; by default unchanged."""
+        """Return the recorder's state after one more sample (default: unchanged)."""
         return recorder_state
 
     @abc.abstractmethod
@@ -298,17 +283,14 @@ class AbstractRecorder(eqx.Module):
 
 
 class History(AbstractRecorder):
-    """Recorder of variables over time, of a fleet or of one aircraft; one row every `stride` samples.
-
-    `keys` selects the variables by their keys in `anser.variables.catalogue`; None: every recorded variable.
-    """
+    """Recorder of variables over time, of a fleet or of one aircraft."""
 
     stride: int = eqx.field(static=True, default=1)  #: Number of samples between two rows.
     #: Keys of `anser.variables.catalogue`; None: every recorded variable.
     keys: tuple[str, ...] | None = eqx.field(static=True, default=None)
 
     def output(self, sample: FleetSample | AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return the selected variables by key, SI units and radians; for a fleet with a leading axis of aircraft.
+        """Return the selected variables by key, in SI units and radians; for a fleet with a leading axis of aircraft.
 
         Raises ValueError if a selected variable is not recorded.
         """
@@ -322,17 +304,14 @@ class History(AbstractRecorder):
 
 
 class PackedRows(eqx.Module):
-    """Rows of a recorder in one array: a compiled program then returns one array in place of one per variable.
-
-    `layout` has the key, the shape of one row, and the type of each variable, in the order of the numbers.
-    """
+    """Rows of a recorder in one array. A compiled program then returns one array instead of one per variable."""
 
     values: Float[Array, "*batch rows numbers"]
     #: Key, shape of one row, and type of each variable, in the order of the numbers.
     layout: tuple[tuple[str, tuple[int, ...], str], ...] = eqx.field(static=True)
 
     def unpacked(self) -> dict[str, np.ndarray]:
-        """Return the variables by key as NumPy arrays of shape (*batch, rows, *shape of one row)."""
+        """Return the variables by key as NumPy arrays with leading axes (*batch, rows)."""
         values, variables, begin = np.asarray(self.values), {}, 0
         for key, shape, dtype in self.layout:
             end = begin + math.prod(shape)
@@ -349,18 +328,15 @@ def scan_steps(
     count: int,  # number of steps, a multiple of the recorder's stride
     recorder: AbstractRecorder,
     recorder_state: Any,
-    # number of steps to run, known only at run time; rows of later steps are meaningless. None: `count`
+    # number of steps to run, may be traced; rows of later steps have no meaning. None: `count`
     active_steps: Integer | None = None,
-    # whether the rows, dictionaries of arrays, are returned as `PackedRows`; only with `active_steps` and a stride of 1
+    # True: the rows, dictionaries of arrays, are returned as `PackedRows`. Requires `active_steps` and a stride of 1
     packed_rows: bool = False,
 ) -> tuple[Any, Any, Any]:
-    """Run `count` steps in one compiled loop and record a row every `stride` samples.
+    """Run `count` steps in one compiled loop; return the last state, the recorder's state, and the stacked rows.
 
-    Returns the state after the last step, the state of the recorder, and the stacked rows of samples `first_sample`,
-    `first_sample + stride`, ...
-
-    Raises ValueError if `count` is not a multiple of the stride, or if `packed_rows` is true without `active_steps` or
-    with a stride other than 1.
+    The rows belong to the samples `first_sample`, `first_sample + stride`, ... Raises ValueError if `count` is not a
+    multiple of the stride, or if a requirement of `packed_rows` is not met.
     """
     stride = recorder.stride
     if stride < 1 or count % stride:
@@ -375,7 +351,7 @@ def scan_steps(
 
     numbers = first_sample + jnp.arange(count, dtype=first_sample.dtype)
     if active_steps is not None and stride == 1:
-        # traced once, for its shapes and for the loop
+        # one trace for the shapes and for the loop
         traced, shapes = jax.make_jaxpr(step, return_shape=True)((state, recorder_state), first_sample)
         if not jax.tree.leaves(shapes[1]):
             step_numbers = first_sample, first_sample + active_steps

@@ -29,19 +29,15 @@ from anser.steady.trim import TrimPoint
 
 
 class LoopCase(eqx.Module):
-    """Aircraft, autopilot gains and limits, and trim point, for step responses and linear models of the loops.
+    """Aircraft, autopilot and trim point, for step responses and linear models of the autopilot's loops."""
 
-    `step` is the sampling period, s; `model` is the autopilot's model of the airframe, whose error is settled at the
-    trim point; None: the airframe itself.
-    """
-
-    # airframe, environment, and gains and limits of the autopilot
     airframe: AbstractAirframe
     environment: Environment
     gains: AutopilotGains
     limits: FlightLimits
     trim: TrimPoint  # steady flight at the start
-    step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))
+    step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))  # sampling period, s
+    # onboard model of the airframe in the autopilot; None: the airframe itself
     model: AbstractAirframe | None = None
 
 
@@ -53,39 +49,25 @@ class ConstantCommand(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, None]:
-        """Return `value`, the aircraft's own position as the reference position (NED, m), and None."""
+        """Return `value`, the aircraft's own position (NED, m), and None."""
         return self.value, belief.state.position_n, None
 
 
 class Response(eqx.Module):
-    """Time histories of one loop's step response; leading axis samples.
+    """Time histories of one loop's step response."""
 
-    `time` in s; `measured` has the outputs of the commanded loop: (P, Q, R) rad/s, (mu, alpha, beta) rad, or (V, gamma,
-    chi) m/s and rad. Deflections in rad, throttle 0..1, engine `power` in percent.
-    """
-
-    time: Float[Array, " steps"]
-    measured: Float[Array, "steps 3"]
-    surfaces: Float[Array, "steps surfaces"]
-    throttle: Float[Array, " steps"]
-    power: Float[Array, " steps"]
+    time: Float[Array, " steps"]  # s
+    measured: Float[Array, "steps 3"]  # outputs of the commanded loop, see `loop_outputs`
+    surfaces: Float[Array, "steps surfaces"]  # deflections, rad
+    throttle: Float[Array, " steps"]  # 0..1
+    power: Float[Array, " steps"]  # engine power, percent
 
 
 def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Response:
     """Fly from trim with a step command to one loop, for `count` sampling periods, and return the time histories.
 
-    Parameters
-    ----------
-    case
-        Aircraft, autopilot and steady flight at the start.
-    size
-        Step of the loop's three channels: (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad. The
-        command jumps at time 0 and has no rate (no feed-forward). The throttle stays at trim unless the velocity loop
-        is commanded.
-    count
-        Number of sampling periods.
-    loop
-        The commanded loop: "rates", "attitude" or "velocity".
+    `size` is the step of the loop's three channels at time 0, see `loop_outputs`. The commanded rates are 0. The
+    throttle stays at trim if `loop` is "rates" or "attitude".
     """
     trimmed = loop_outputs(exact_belief(case.airframe, case.environment, case.trim.state), loop)
     return loop_flight(case, trimmed + size, count, loop, ResponseRecorder(loop=loop))
@@ -104,38 +86,35 @@ def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder
 
 
 class ResponseRecorder(AbstractRecorder):
-    """Recorder of one loop's outputs and of the controls, at every sample; its rows form a `Response`."""
+    """Recorder of one loop's outputs and of the controls at every sample, as a `Response`."""
 
     loop: Loop = eqx.field(static=True)
     stride: int = eqx.field(static=True, default=1)
 
     def output(self, sample: AircraftSample, instant: Instant) -> Response:
-        """Return the loop's outputs, deflections, throttle and engine power at one sample."""
+        """Return the `Response` at one sample."""
         state = sample.truth.state
         measured = loop_outputs(sample.belief, self.loop)
         return Response(instant.time, measured, state.surfaces, sample.controls.throttle, state.power)
 
 
 def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike) -> PathCommand | LoopCommand:
-    """Build the command object for a loop from the values of its three channels and their rates.
+    """Return the command to a loop from values (see `loop_outputs`) and rates of the three channels.
 
-    The throttle (0..1) is constant unless the velocity loop is commanded.
+    `throttle` (0..1) has no effect if `loop` is "velocity".
     """
     return PathCommand(*value, *rate) if loop == "velocity" else LoopCommand(value, rate, throttle)
 
 
 def exact_belief(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
-    """Return a belief that equals the truth at time 0, for an aircraft without a goal, in air without gusts."""
+    """Return a belief that equals the truth at time 0, without gusts, for an aircraft that has no goal."""
     condition = air_data_and_forces(airframe, environment, 0.0, state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
     return Belief(airframe, state, condition, specific_force_b, sight=None, goal=None)
 
 
 def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
-    """Return a belief with the true state and specific force, but the forces and moments of `case.model`.
-
-    If the case has no onboard model, the forces and moments are those of the airframe itself.
-    """
+    """Return a belief with the true state and specific force, but the forces and moments of the onboard model."""
     belief = exact_belief(case.airframe, case.environment, state)
     if case.model is None:
         return belief
@@ -144,9 +123,9 @@ def modelled_belief(case: LoopCase, state: AircraftState) -> Belief:
 
 
 def settled_residual(belief: Belief) -> ModelResidual:
-    """Return the settled difference, measured minus modelled, of force (N) and angular acceleration (rad/s^2).
+    """Return measured minus modelled force (N) and angular acceleration (rad/s^2) in steady flight.
 
-    Settled means: after a long flight with the constant body rates and the specific force in `belief`.
+    The body rates and the specific force of the steady flight are taken from `belief`.
     """
     mass_properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
     force_b = mass_properties.mass * belief.specific_force_b - condition.wrench.force_b
@@ -155,13 +134,13 @@ def settled_residual(belief: Belief) -> ModelResidual:
 
 
 def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
-    """Return the autopilot's state after a long time in the steady flight `trim`, without a limit on the bank rate."""
+    """Return the autopilot's settled state in the steady flight `trim`, without a limit on the bank rate."""
     attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
 
 def loop_start(case: LoopCase) -> AutopilotState:
-    """Return the autopilot's state at the trim point of a case; its residual fits the onboard model, if any."""
+    """Return the autopilot's settled state at the trim point of a case, with the residual of the onboard model."""
     start = trimmed_autopilot_state(case.trim)
     if case.model is None:
         return start
@@ -169,7 +148,7 @@ def loop_start(case: LoopCase) -> AutopilotState:
 
 
 def believed_motion(belief: Belief) -> PathMotion:
-    """Compute path and attitude angles (rad), airspeed (m/s) and their rates from the estimated state in a belief."""
+    """Return path and attitude angles (rad), airspeed (m/s) and rates from the estimated state in a belief."""
     condition, mass = belief.condition, belief.airframe.mass_properties.mass
     return path_motion(condition, condition.wrench.force_b, belief.state.velocity_b, mass, condition.earth.gravity)
 
@@ -188,21 +167,15 @@ _RISE_FROM, _RISE_TO = 0.1, 0.9
 
 
 class StepMetrics(eqx.Module):
-    """Metrics of a step response, one value for each of the loop's three channels and for each surface.
+    """Metrics of a step response for each of the loop's three channels; metrics that do not apply are 0."""
 
-    For channels with a step (`stepped`): rise from 10 to 90 percent and settling time, s (infinite: not reached);
-    overshoot and final error (command minus output, mean of the last tenth), fractions of the step. For the other
-    channels: `coupling`, the largest deviation, in the channel's unit. `surface_utilization` is the largest deflection
-    over the travel from trim to the stop.
-    """
-
-    stepped: Bool[Array, "3"]
-    rise_time: Vector3
-    settling_time: Vector3
-    overshoot: Vector3
-    final_error: Vector3
-    coupling: Vector3
-    surface_utilization: Vector
+    stepped: Bool[Array, "3"]  # whether the channel has a step
+    rise_time: Vector3  # time from 10 to 90 percent of the step, s; infinite: not reached
+    settling_time: Vector3  # s; infinite: not settled at the end
+    overshoot: Vector3  # fraction of the step
+    final_error: Vector3  # command minus output, mean of the last tenth, as a fraction of the step
+    coupling: Vector3  # largest deviation of a channel without a step, in the channel's unit
+    surface_utilization: Vector  # largest deflection of each surface over the travel from trim to the stop
 
 
 def step_metrics(
@@ -213,7 +186,7 @@ def step_metrics(
     surface_limits: tuple[Vector, Vector],  # lower and upper stops, rad
     band: ScalarLike = 0.05,  # half width of the settling band, fraction of the step
 ) -> StepMetrics:
-    """Compute the `StepMetrics`, such as rise time and overshoot, of a response to a step at the first sample."""
+    """Return the metrics of a response to a step at the first sample."""
     stepped = size != 0.0
     deviation = measured - measured[:1]
     progress = deviation / jnp.where(stepped, size, 1.0)[None, :]
@@ -240,10 +213,7 @@ def step_metrics(
 
 
 def _crossing_time(time: Float[Array, " steps"], progress: Float[Array, "steps 3"], level: float) -> Vector3:
-    """Return the first time (s) at which each channel of `progress` reaches `level`; infinite if never.
-
-    Values between samples are interpolated linearly.
-    """
+    """Return the first time (s) at which each channel of `progress` reaches `level`; infinite if never."""
 
     def channel_crossing(channel: Float[Array, " steps"]) -> Scalar:
         is_reached = channel >= level

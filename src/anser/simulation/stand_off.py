@@ -10,27 +10,27 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot, safe_norm
 
 DISTANCE_ERROR_ALLOWED_M = 10.0
-"""Depth below the least distance, m, that a straight pass of the goal may reach: covers tracking errors."""
+"""Allowance for tracking errors, m, by which a straight pass may be nearer to the goal than the least distance."""
 _RESERVE_M = 25.0  # margin to the least distance in a turn away from the goal
-_ONSET_S = 2.5  # straight flight until the turn acts
-_ACCELERATION_SHARE = 0.6  # of the available lateral acceleration
-_ANGLES = np.linspace(0.0, np.pi, 24)  # of the turn away, rad
+_ONSET_S = 2.5  # duration of straight flight before the turn begins
+_ACCELERATION_SHARE = 0.6  # fraction of the available lateral acceleration in the turn
+_ANGLES = np.linspace(0.0, np.pi, 24)  # turn angles in the turn away, rad
 
 
 def must_break_away(
     to_goal_n: Vector3,  # straight line through space from the aircraft to its goal, NED, m
-    # velocities over the ground, NED, m/s
-    velocity_n: Vector3,
-    goal_velocity_n: Vector3,
+    velocity_n: Vector3,  # velocity of the aircraft over the ground, NED, m/s
+    goal_velocity_n: Vector3,  # velocity of the goal over the ground, NED, m/s
     distance_min: ScalarLike,  # least distance allowed, m
     acceleration: ScalarLike,  # lateral acceleration available for the turn, m/s^2
     turn: ScalarLike,  # turn direction of the hold: +1 right, -1 left
 ) -> Flag:
     """Whether an aircraft must abandon its plan for the hold at once, because it comes too near its goal.
 
-    True inside the least distance. Also true if straight flight would pass the goal more than 10 m inside the least
-    distance, and the 180 deg turn into the hold, started 2.5 s from now, would pass at less than the least distance
-    plus 25 m.
+    True if the aircraft is inside the least distance, or if both of these passes of the goal are too near:
+
+    - straight flight: nearer than the least distance minus 10 m
+    - a 180 deg turn into the hold, started in 2.5 s: nearer than the least distance plus 25 m
     """
     distance = safe_norm(to_goal_n)
     inside = distance < distance_min
@@ -57,10 +57,9 @@ def _turn_distances(
     ground_speed: Scalar,
     turn: ScalarLike,
 ) -> Float[Array, " legs"]:
-    """Return the least distance (m) to the goal on each leg of a turn away from the goal, shape (legs,).
+    """Return the least distance (m) to the goal on each leg of a turn away from the goal.
 
-    The first leg is straight flight for 2.5 s; the others are chords of equal angles of a 180 deg turn with the rate
-    `rate` (rad/s), to the right for `turn` = 1, to the left for -1. Vectors are NED, m and m/s over the ground.
+    The first leg is straight flight for 2.5 s; the other legs are chords of a 180 deg turn at `rate` (rad/s).
     """
     ahead_n = velocity_n.at[2].set(0.0) / ground_speed
     right_n = turn * jnp.stack([-ahead_n[1], ahead_n[0], jnp.zeros_like(ground_speed)])

@@ -20,24 +20,20 @@ from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
 
 
 class TrimmedFleet(eqx.Module):
-    """Trim points, first reports and performance of a fleet at its start, before the first plan.
+    """Trim points, first reports and performance of a fleet at its start, before the first plan."""
 
-    `trims` and `vehicles` (states at time 0) are by aircraft group; `reports`, `performance` and `is_trimmed` (whether
-    a steady flight within the limits exists) have a leading aircraft axis.
-    """
-
-    trims: tuple[TrimPoint, ...]
-    is_trimmed: Bool[Array, " aircraft"]
-    vehicles: tuple[VehicleState, ...]
-    reports: AircraftReport
+    trims: tuple[TrimPoint, ...]  # by aircraft group
+    is_trimmed: Bool[Array, " aircraft"]  # whether a steady flight within the limits exists
+    vehicles: tuple[VehicleState, ...]  # states at time 0, by aircraft group
+    reports: AircraftReport  # leading axis aircraft
     performance: Performance  # greatest acceleration and deceleration along the path; leading axis aircraft
 
 
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:
-    """Trim every aircraft at its start, read the sensors, and compute the first reports and the performance, at time 0.
+    """Trim every aircraft at its start, and return trim points, first reports and performance at time 0.
 
-    An aircraft without a steady flight within its limits has the status `NO_TRIM` and is stopped; padding aircraft are
-    stopped too.
+    If an aircraft has no steady flight within the limits, the aircraft is stopped with the status `NO_TRIM`. Padding
+    aircraft are stopped too.
     """
     environment, timing = flight.environment, flight.timing
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.randomness)
@@ -67,11 +63,7 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
 
 
 def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
-    """Trim every aircraft at its start and compute the first plan, at time 0; return flight state and trimmed fleet.
-
-    The first plan is `flight.planner.first_plan`, in one compiled program. `anser.missions` does not use this function
-    for the certified planner, whose search also gives the reason of a refusal.
-    """
+    """Trim every aircraft and compute the first plan (`flight.planner.first_plan`); return state and trimmed fleet."""
     fleet = trimmed_fleet(flight)
     return initialize_flight(
         flight, fleet, flight.planner.first_plan(jnp.zeros(()), fleet.reports, fleet.performance)
@@ -79,9 +71,9 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
 
 
 def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> FlightState:
-    """Return the state of a flight at time 0 from the trimmed fleet and the planner's state with the first plan.
+    """Return the state of a flight at time 0; `planner` must be the planner's state with the first plan.
 
-    An aircraft with a plan that ends nearer to its goal than allowed goes to its hold instead (`PLAN_TOO_NEAR`).
+    If a plan ends nearer to the goal than allowed, the aircraft goes to its hold instead (`PLAN_TOO_NEAR`).
     """
     plans = flight.planner.plans(planner)
     vehicles = send_to_hold(flight, fleet.vehicles, plans_too_near(flight, plans, fleet.reports, 0.0))

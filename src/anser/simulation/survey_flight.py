@@ -1,4 +1,4 @@
-"""Survey flights: response of one aircraft in trim to a step command, of which only metrics are kept."""
+"""Survey flights: metrics of the response of one aircraft in trim to a step command."""
 
 import dataclasses
 
@@ -41,9 +41,11 @@ AUTOPILOT_LIMITS = (
     "surfaces",
     "surface_rates",
 )
-"""Limits at which an autopilot's command may be, in the order of `SurveySummary.limited_time`. `unloading` is the lift
-withheld while the bank error exceeds 60 deg; `surfaces` and `surface_rates` are the stops and the rate limits of the
-actuators."""
+"""Limits that an autopilot's command may reach, in the order of `SurveySummary.limited_time`.
+
+`unloading` is the reduction of lift while the bank error exceeds 60 deg; `surfaces` and `surface_rates` are the stops
+and the rate limits of the actuators.
+"""
 TABLE_AXES = ("alpha", "beta", "altitude", "mach")
 """Axes of the airframe's data, in the order of `SurveySummary.left_time`."""
 
@@ -54,32 +56,26 @@ BETA_BOUND = 2.0 * DEG_RAD
 class SurveySummary(eqx.Module):
     """Metrics of one survey flight, the response of one aircraft to a step of the velocity command.
 
-    Channels are (V, gamma, chi) in m/s and rad; surfaces are in the airframe's order. Errors are command minus output
-    in the last tenth of the flight; the settling time (s) is infinite if the error leaves the tolerance to the end. The
-    `..._share` are fractions: of the travel from the middle to the stop, and of the limits of surface and body rates.
-    `limited_time` and `limited_late` are the times (s) at each of `AUTOPILOT_LIMITS`, in the whole flight and in its
-    last tenth; `left_time` is the first time outside the airframe's data along each of `TABLE_AXES`.
+    Channels are (V, gamma, chi) in m/s and rad; errors are command minus output.
     """
 
-    final_error: Vector3
-    final_error_max: Vector3
-    settling_time: Vector3
+    final_error: Vector3  # mean error in the last tenth of the flight
+    final_error_max: Vector3  # greatest magnitude of the error in the last tenth of the flight
+    settling_time: Vector3  # time of the last error beyond the tolerance, s; infinite: not settled at the end
     overshoot: Vector3  # overshoot over the command, fraction of the step; 0 for channels without a step
     coupling: Vector3  # largest error of the channels without a step; 0 for the stepped channels
     beta_max: Scalar  # largest magnitude of the sideslip, rad
-    # least and greatest angle of attack, rad
-    alpha_min: Scalar
-    alpha_max: Scalar
-    # least and greatest load factor: minus body z force over weight
-    load_factor_min: Scalar
-    load_factor_max: Scalar
-    surface_share: Vector
-    surface_rate_share: Vector
-    body_rate_share: Vector3
-    limited_time: Float[Array, "9"]
-    limited_late: Float[Array, "9"]
-    limited_before_slip: Float[Array, "9"]  # time at the limits before the sideslip first exceeds `BETA_BOUND`, s
-    left_time: Float[Array, "4"]
+    alpha_min: Scalar  # least angle of attack, rad
+    alpha_max: Scalar  # greatest angle of attack, rad
+    load_factor_min: Scalar  # least load factor: minus body z force over weight
+    load_factor_max: Scalar  # greatest load factor
+    surface_share: Vector  # greatest deflection of each surface over the travel from the middle to the stop
+    surface_rate_share: Vector  # greatest rate of each surface over the rate limit
+    body_rate_share: Vector3  # greatest body rates over the limits
+    limited_time: Float[Array, "9"]  # time at each of `AUTOPILOT_LIMITS`, s
+    limited_late: Float[Array, "9"]  # time at each limit in the last tenth of the flight, s
+    limited_before_slip: Float[Array, "9"]  # time at each limit before the sideslip first exceeds `BETA_BOUND`, s
+    left_time: Float[Array, "4"]  # first time outside the data along each of `TABLE_AXES`, s; infinite: never
     finite: Flag  # whether the final state is finite
 
 
@@ -114,7 +110,7 @@ _COS_UNLOADING = 0.5
 
 
 def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCommand:
-    """Return the path command at `time` (s): steady flight `target`, its turn continued, plus `size` (m/s and rad)."""
+    """Return the path command at `time` (s): steady flight or turn `target` plus `size` (m/s and rad)."""
     zero = jnp.zeros(())
     return PathCommand(
         target.speed + size[0],
@@ -127,16 +123,12 @@ def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCom
 
 
 def final_part_start(count: int) -> int:
-    """Return the number of the first sample in the last tenth of a flight of `count` samples, at least the last one."""
+    """Return the index of the first sample in the last tenth of a flight of `count` samples."""
     return min(round((1.0 - _FINAL_FRACTION) * count), count - 1)
 
 
 def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike, count: int) -> SurveySummary:
-    """Convert the running summary of a flight of `count` samples into the final summary.
-
-    The sum of the late errors becomes their mean; the settling time becomes infinite if the last sample is outside the
-    tolerance; `finite` tells whether the final `state` is finite.
-    """
+    """Return the final summary of a flight of `count` samples from the running summary and the final `state`."""
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]))
     end_time = (count - 1) * step
     return dataclasses.replace(
@@ -148,17 +140,16 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
 
 
 def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside: AirDataAndForces) -> Bool[Array, "4"]:
-    """Return the flags of `TABLE_AXES` along which the air data of `condition` are outside the airframe's data.
+    """Return flags of the `TABLE_AXES` along which `condition` is outside the airframe's data.
 
-    Angle of attack and sideslip are compared with the airframe's ranges. For altitude and Mach number there are no
-    ranges: each is put alone into the air data of `inside`, a condition within the data, and the airframe tells whether
-    the result is outside its tables.
+    `inside` must be a flight condition within the airframe's data.
     """
     data, inside_data = condition.air_data, inside.air_data
 
     def is_outside(value: Scalar, bounds: tuple[Scalar, Scalar]) -> Flag:
         return (value < bounds[0]) | (value > bounds[1])
 
+    # An airframe has no ranges of altitude and Mach number: test each quantity alone, in air data within the tables.
     altitude_data = eqx.tree_at(lambda d: d.altitude, inside_data, data.altitude)
     mach_data = eqx.tree_at(lambda d: d.mach, inside_data, data.mach)
     return jnp.stack(
@@ -172,7 +163,7 @@ def outside_axes(airframe: AbstractAirframe, condition: AirDataAndForces, inside
 
 
 def _active_limits(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
-    """Return flags of the active limits, in the order of `AUTOPILOT_LIMITS` without the last, the surface rates."""
+    """Return flags of the active limits, in the order of `AUTOPILOT_LIMITS`, except the surface rates."""
     data, thrust, attitude = belief.condition.air_data, signals.thrust, signals.attitude
     thrust_max = belief.airframe.engine.propulsion(100.0, data).force_b[0]
     bank, alpha, _ = attitude.angles
@@ -201,25 +192,18 @@ class SteppedPath(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the velocity command after the step, the aircraft's own position (NED, m), and None.
-
-        A turn continues at its rate before the step.
-        """
+        """Return the path command (see `step_command`), the aircraft's own position (NED, m), and None."""
         return step_command(self.target, self.size, instant.time), belief.state.position_n, None
 
 
 class SurveyRecorder(AbstractRecorder):
-    """Recorder of a survey flight that keeps the running summary and stores no rows.
-
-    `size` and `tolerance` are the step of (V, gamma, chi) and the tolerance of the settled error, m/s and rad; `start`
-    is the flight condition before the step, within the airframe's data; `count` the number of samples.
-    """
+    """Recorder of a survey flight that keeps the running summary and stores no rows."""
 
     limits: FlightLimits  # limits of the autopilot
-    start: AirDataAndForces
-    size: Vector3
-    tolerance: Vector3
-    count: int = eqx.field(static=True)
+    start: AirDataAndForces  # flight condition before the step; must be within the airframe's data
+    size: Vector3  # step of (V, gamma, chi), m/s and rad
+    tolerance: Vector3  # tolerance of the settled error, m/s and rad
+    count: int = eqx.field(static=True)  # number of samples
     surfaces: int = eqx.field(static=True)  # number of control surfaces
     stride: int = eqx.field(static=True, default=1)
 
@@ -228,10 +212,9 @@ class SurveyRecorder(AbstractRecorder):
         return empty_summary(self.surfaces)
 
     def update(self, recorder_state: SurveySummary, sample: AircraftSample, instant: Instant) -> SurveySummary:
-        """Return the summary with one more sample of an aircraft under an autopilot's commanded velocity loop.
+        """Return the running summary after one more sample.
 
-        In a running summary, `final_error` is a sum over the last tenth of the flight, and `settling_time` the time of
-        the last sample outside the tolerance; `finish_summary` converts both.
+        In a running summary, `final_error` is a sum, and `settling_time` is finite; `finish_summary` converts both.
         """
         summary, truth, command, step = recorder_state, sample.truth, sample.command, instant.step
         airframe, state, condition = truth.airframe, truth.state, truth.condition
@@ -274,27 +257,23 @@ class SurveyRecorder(AbstractRecorder):
 
 
 def survey_flight(
-    # airframe, environment, and gains and limits of the autopilot
     airframe: AbstractAirframe,
     environment: Environment,
     gains: AutopilotGains,
     limits: FlightLimits,
-    # steady flight at the start, and the trim target of that flight
-    trim: TrimPoint,
-    target: TrimTarget,
+    trim: TrimPoint,  # steady flight at the start
+    target: TrimTarget,  # trim target of the same flight
     size: Vector3,  # step of (V, gamma, chi), m/s and rad
     tolerance: Vector3,  # tolerance of the settled error, m/s and rad
     step: ScalarLike,  # sampling period, s
     count: int,  # number of periods
-    # None: ideal sensors and an estimator that knows the airframe. With another model in the estimator, the autopilot
-    # inverts an airframe that differs from the flying one; the summary describes the true motion
-    sensors: AbstractSensors | None = None,
-    estimator: AbstractEstimator | None = None,
+    sensors: AbstractSensors | None = None,  # None: ideal sensors
+    estimator: AbstractEstimator | None = None,  # None: an estimator that knows the airframe
 ) -> SurveySummary:
     """Simulate the response of the velocity loop to a step command in steady flight, and return metrics of the flight.
 
-    At time 0 the command (V, gamma, chi) jumps by `size` from the steady flight `target`; in a steady turn the
-    commanded course continues to change at the turn rate. The memory needed does not depend on the duration.
+    At time 0 the command (V, gamma, chi) jumps by `size` from the steady flight or turn `target`. The metrics describe
+    the true motion.
     """
     vehicle = Vehicle(
         airframe=airframe,

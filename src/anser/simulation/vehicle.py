@@ -27,27 +27,15 @@ from anser.spatial.rotations import normalize
 
 
 class Faults(eqx.Module):
-    """Faults of one aircraft: times of thrust loss, goal sensor failure and departure from the fleet; infinite: never.
+    """Faults of one aircraft and departure from the fleet, by time; an infinite time means never."""
 
-    The scenario's events set the times when the flight is built (`anser.scenario.build.build_faults`).
-
-    Attributes
-    ----------
-    thrust_loss_time, thrust_ratio
-        Time of a thrust loss, s, and fraction of the thrust that remains afterwards (0..1).
-    goal_sensor_loss_time
-        Time of a failure of the goal sensor, s.
-    leaving_time
-        Time at which the aircraft leaves the fleet and flies its exit path, s; the fleet no longer waits for it.
-    """
-
-    thrust_loss_time: Scalar
-    thrust_ratio: Scalar
-    goal_sensor_loss_time: Scalar
-    leaving_time: Scalar
+    thrust_loss_time: Scalar  #: Time of a thrust loss, s.
+    thrust_ratio: Scalar  #: Fraction of the thrust that remains after the loss, 0..1.
+    goal_sensor_loss_time: Scalar  #: Time of a failure of the goal sensor, s.
+    leaving_time: Scalar  #: Time at which the aircraft leaves the fleet, s.
 
     def thrust_ratio_at(self, time: ScalarLike) -> Scalar:
-        """Return the fraction of the nominal thrust that a thrust loss leaves at a time (s): 1 before the loss."""
+        """Return the fraction of the nominal thrust at a time (s): 1 before the thrust loss."""
         return jnp.where(time >= self.thrust_loss_time, self.thrust_ratio, 1.0)
 
     def goal_sensor_works(self, time: ScalarLike) -> Flag:
@@ -60,7 +48,7 @@ class Faults(eqx.Module):
 
 
 def no_faults() -> Faults:
-    """Return faults that never occur: infinite times."""
+    """Return faults that never occur."""
     never = as_array(jnp.inf)
     return Faults(never, as_array(1.0), never, never)
 
@@ -76,8 +64,7 @@ def advance(
 ) -> AnyMotionState:
     """Integrate the equations of motion from `time` over one step (s) by the classical Runge-Kutta method.
 
-    Controls and disturbance (None: no gusts, full thrust) are constant over the step. The quaternion is normalized
-    after the step. Parts without lag take their commanded value at the start of the step.
+    Controls and disturbance (None: no gusts, full thrust) are constant over the step.
     """
 
     def derivative(t: ScalarLike, y: AnyMotionState) -> AnyMotionState:
@@ -94,73 +81,41 @@ def advance(
 
 
 class Mission(eqx.Module):
-    """Mission of an aircraft: the motion of the goal, the rendezvous, and the hold after the arrival.
+    """Mission of an aircraft: goal, rendezvous, and hold after the arrival."""
 
-    Attributes
-    ----------
-    goal
-        True motion of the goal, for the sensors and the check of the least distance, never for the planner.
-    airborne
-        Whether the goal is in the air; otherwise the goal is on the surface.
-    rendezvous
-        Rendezvous point relative to the goal, and prescribed directions of arrival.
-    hold
-        Guidance after the arrival or a breakaway: along the hold of the plan, or on a circle around the goal.
-    """
-
-    goal: GoalMotion
-    airborne: Flag
-    rendezvous: Rendezvous
+    goal: GoalMotion  #: True motion of the goal, which the planner must not use.
+    airborne: Flag  #: True: the goal is in the air; False: the goal is on the surface.
+    rendezvous: Rendezvous  #: Rendezvous point relative to the goal, and prescribed directions of arrival.
+    #: Guidance after the arrival or a breakaway: along the hold of the plan, or on a circle around the goal.
     hold: HoldAroundGoal
 
     @property
     def distance_min(self) -> Scalar:
-        """Least distance allowed to the goal, m; fixed for airborne and for surface goals, and not a setting."""
+        """Least distance allowed to the goal, m."""
         return jnp.where(self.airborne, AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M)
 
     def goal_at(self, time: ScalarLike) -> GoalState:
-        """Return the true position (m) and velocity (m/s) of the goal at a time (s), NED in the chart."""
+        """Return the true position (m) and velocity (m/s) of the goal at a time (s), chart, NED."""
         return GoalState(self.goal.position_n(time), self.goal.velocity_n(time))
 
 
 class Vehicle(eqx.Module):
-    """One aircraft of the closed loop, made of interchangeable parts; user-defined parts are possible.
+    """One aircraft of the closed loop, made of interchangeable parts; user-defined parts are possible."""
 
-    Attributes
-    ----------
-    airframe
-        The true airframe, as at the start.
-    sensors, estimator
-        Sensors measure the truth; the estimator computes the aircraft's belief from the readings.
-    guidance
-        Source of the commands; for an aircraft with a mission, until the hold begins.
-    controller
-        Computes surfaces and throttle from the command.
-    mission
-        Goal, rendezvous and hold; None: the aircraft has no goal and needs no planner.
-    gusts
-        Model of the gusts, in addition to the mean wind.
-    faults
-        Thrust loss, sensor failure and departure, by time.
-    changes
-        Changes of the true airframe during the flight, unknown to estimator and controller; None: no changes.
-    excitation
-        Test inputs added to the command and to the controls; None: no test inputs.
-    """
-
-    airframe: AbstractAirframe
-    sensors: AbstractSensors
-    estimator: AbstractEstimator
-    guidance: AbstractGuidance
-    controller: AbstractController
-    mission: Mission | None = None
-    gusts: AbstractGusts = eqx.field(default_factory=NoGusts)
-    faults: Faults = eqx.field(default_factory=no_faults)
+    airframe: AbstractAirframe  #: True airframe at the start.
+    sensors: AbstractSensors  #: Sensors, which measure the truth.
+    estimator: AbstractEstimator  #: Estimator, which computes the aircraft's belief from the readings.
+    guidance: AbstractGuidance  #: Source of the commands until the hold of the mission begins.
+    controller: AbstractController  #: Controller, which computes surfaces and throttle from the command.
+    mission: Mission | None = None  #: Goal, rendezvous and hold; None: the aircraft has no goal and needs no planner.
+    gusts: AbstractGusts = eqx.field(default_factory=NoGusts)  #: Model of the gusts, in addition to the mean wind.
+    faults: Faults = eqx.field(default_factory=no_faults)  #: Thrust loss, sensor failure and departure, by time.
+    #: Changes of the true airframe during the flight, unknown to estimator and controller; None: no changes.
     changes: AirframeChanges | None = None
-    excitation: Excitation | None = None
+    excitation: Excitation | None = None  #: Test inputs added to command and controls; None: no test inputs.
 
     def airframe_at(self, time: ScalarLike) -> AbstractAirframe:
-        """Return the true airframe at a time (s), with the changes that have occurred until then."""
+        """Return the true airframe at a time (s), changes included."""
         return self.airframe if self.changes is None else changed_airframe(self.airframe, self.changes.at(time))
 
     def thrust_ratio_at(self, time: ScalarLike) -> Scalar:
@@ -170,20 +125,15 @@ class Vehicle(eqx.Module):
 
 
 class VehicleState(eqx.Module):
-    """State of one aircraft between two steps: motion (`aircraft`), states of the parts, and status.
+    """State of one aircraft between two steps."""
 
-    `status` is an index into `STATUS_MESSAGES`, 0 without an event. A `stopped` aircraft no longer moves: on the
-    ground, outside the wind field of a file, not trimmed, after a non-finite state, or padding. `index` is the fleet
-    index.
-    """
-
-    aircraft: MotionState
+    aircraft: MotionState  # motion of the aircraft
     # states of the parts; opaque to the closed loop
     sensors: Any
     estimator: Any
     guidance: Any
     controller: Any
     gusts: Any
-    status: Integer
-    stopped: Flag
-    index: Integer
+    status: Integer  # index into `STATUS_MESSAGES`; 0: no event
+    stopped: Flag  # True: the aircraft no longer moves (see `move`), has no trim, or is padding
+    index: Integer  # fleet index

@@ -35,7 +35,7 @@ class Air(Table):
 
     @property
     def is_random(self) -> bool:
-        """Whether the air depends on the seed: there is turbulence."""
+        """Whether the air has turbulence, which depends on the seed."""
         return self.turbulence.intensity != "none"
 
     def describe(self) -> str:
@@ -54,7 +54,7 @@ class Air(Table):
         return "; ".join(parts)
 
     def environment(self) -> Environment:
-        """Return atmosphere, wind and Earth; without a table of the Earth, flat with standard gravity."""
+        """Return atmosphere, wind and Earth; if `earth` is None, the Earth is flat with standard gravity."""
         if self.earth is None:
             standard = standard_environment()
             return Environment(build_atmosphere(self.atmosphere), build_wind(cast(Scenario, self)), standard.earth)
@@ -77,7 +77,7 @@ def read_air(
     """Return the air of a flight from tables as in a scenario file, validated; `turbulence` may be its intensity alone.
 
     None: flat Earth with standard gravity, no wind, no turbulence, standard atmosphere. The path of a sounding is
-    relative to the working folder. Raises ScenarioError for a table that is not valid.
+    relative to the working folder. Raises ScenarioError if a table is not valid.
     """
     if isinstance(turbulence, str):
         turbulence = {"intensity": turbulence}

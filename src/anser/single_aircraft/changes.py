@@ -16,12 +16,12 @@ from anser.scenario.schema_settings import DURATION_MAX_S
 
 
 class Change(Deviation):
-    """Deviation of an aircraft from its model, such as a fault or ice, from a time of the flight on."""
+    """Deviation of an aircraft from its model that begins during the flight, such as a fault or ice."""
 
     time_s: float = number("time of the change", 0, DURATION_MAX_S, "s")
 
     def consistency_problems(self) -> list[Problem]:
-        """Return a problem if the change has factors on coefficients, which cannot change in flight; else none."""
+        """Return a problem if the change has factors on coefficients, which cannot change in flight."""
         if self.coefficients == CoefficientFactors():
             return []
         return [Problem("coefficients", "a table", "none: coefficients do not change during the flight")]
@@ -34,12 +34,9 @@ class _Changes(Table):
 def read_changes(
     airframe: AbstractAirframe, change: Mapping[str, Any] | Sequence[Mapping[str, Any]], duration_s: float
 ) -> AirframeChanges | None:
-    """Return the changes of an aircraft over a flight of `duration_s` from one or several tables; None without changes.
+    """Return the changes of an aircraft over a flight of `duration_s` from one or several tables; None if no change.
 
-    Raises
-    ------
-    ScenarioError
-        A change is not valid or not before the end of the flight; the message names key, value and expected values.
+    Raises ScenarioError if a change is not valid or not before the end of the flight.
     """
     values = {"change": (change,) if isinstance(change, Mapping) else tuple(change)}
     try:

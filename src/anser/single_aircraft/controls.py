@@ -26,16 +26,19 @@ def sample_inputs(
     Parameters
     ----------
     inputs
-        Values by name of the input: a number, an array with a value per sample, a pair (times in s, values), or an
-        input signal; or a table (CSV file, DataFrame, Dataset) with a column `time_s` (a Dataset: the coordinate
-        `time`) and a column per input. Names may end with `_deg`. Values over time are interpolated linearly, and
-        constant beyond their times; absent inputs keep their reference.
+        Names of inputs may end with `_deg`; absent inputs keep their reference.
+
+        - Mapping by name: a number, an array with a value per sample, a pair (times in s, values), or an input signal.
+        - Table (CSV file, DataFrame, Dataset) with a column `time_s` (a Dataset: the coordinate `time`) and a column
+          per input.
+
+        Values over time are interpolated linearly, and constant beyond their times.
     reference
         Values at the start, by name of the input, in the unit of the input; they define the order of the columns.
     time_s
         Times of the samples, s.
     increments
-        True: numbers, arrays and tables are increments to the reference, as signals always are.
+        True: numbers, arrays and tables are increments to the reference. Input signals are increments in any case.
     """
     is_by_name = _is_by_name(inputs)
     subject = f"{subject}, {inputs}" if isinstance(inputs, str | os.PathLike) else subject
@@ -86,11 +89,7 @@ def _sample(value: Any, time_s: np.ndarray, place: str) -> np.ndarray:
 
 
 def _read_table(table: Any, subject: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the columns of a CSV file, a DataFrame or a Dataset by name, each as a pair (times in s, values).
-
-    Raises ValueError if the table cannot be read, is empty, lacks `time_s`, or has a value that is no finite number or
-    times that do not rise.
-    """
+    """Return the columns of a CSV file, a DataFrame or a Dataset by name, each as a pair (times in s, values)."""
     import pandas as pd
 
     if isinstance(table, str | os.PathLike):
@@ -127,7 +126,7 @@ def _read_table(table: Any, subject: str) -> dict[str, tuple[np.ndarray, np.ndar
 
 
 def _is_by_name(inputs: Any) -> bool:
-    """Return whether inputs are a mapping by name, and not a Dataset (a mapping too), which is a table over time."""
+    """Return whether inputs are a mapping by name; a Dataset, also a mapping, is a table over time."""
     return isinstance(inputs, Mapping) and not hasattr(inputs, "data_vars")
 
 

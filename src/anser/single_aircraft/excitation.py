@@ -22,24 +22,21 @@ def read_excitation(
     controller: AbstractController,
     step_s: float,
 ) -> Excitation | None:
-    """Return the excitation of a flight with a controller from input signals by name; None without signals.
+    """Return the excitation of a flight with a controller from input signals by name; None if no signal is given.
+
+    Raises ValueError if the flight has no controller, an input is unknown or no command of this controller, or a value
+    is no signal or too fast for the sampling period.
 
     Parameters
     ----------
     actuators
         Actuators of the aircraft, whose commanded surfaces can be excited.
     excitation
-        Signals by input: a surface (deg), `throttle`, or a command with its unit (`bank_deg`) or without.
+        Signals by input: a surface (deg), `throttle`, or a command such as `bank_deg` or `bank`.
     controller
         Controller of the flight.
     step_s
         Sampling period, s.
-
-    Raises
-    ------
-    ValueError
-        The flight has no controller, an input is unknown or not a command of this controller, or a value is no signal
-        or a signal too fast for the sampling period.
     """
     if not excitation:
         return None

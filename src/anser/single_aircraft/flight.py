@@ -93,10 +93,9 @@ class AircraftFlight:
         return aircraft_flight_figure(self.dataset)
 
     def margins(self, time_s: float | None = None) -> xr.Dataset:
-        """Compute the stability margins of the adaptive autopilot with its estimates frozen at `time_s`.
+        """Compute the stability margins of the adaptive autopilot with its estimates frozen at `time_s`; None: the end.
 
-        `time_s` is in s; None: the end. Result and errors are those of
-        `anser.single_aircraft.frozen_adaptation.frozen_margins`; ValueError for a flight without an adaptive autopilot.
+        Result and errors: see `anser.single_aircraft.frozen_adaptation.frozen_margins`.
         """
         return frozen_margins(self.dataset, time_s)
 
@@ -158,7 +157,7 @@ def simulate(
     """Fly one aircraft under prescribed controls (open loop), or with a controller under prescribed commands.
 
     Raises ValueError if an argument is not valid, ScenarioError if a table of air, Earth or change is not valid, and
-    ConditionError if the start is a trim without steady flight.
+    ConditionError if the start is a trim that has no steady flight.
 
     Parameters
     ----------
@@ -168,39 +167,45 @@ def simulate(
         Trim from `aircraft.trim(...)`, or any state by name: `{"airspeed_m_s": 150, "altitude_m": 1000,
         "alpha_deg": 12, ...}` (see `AircraftModel.start_names`).
     controls
-        Surfaces (deg) and throttle (0..1) by name: numbers, arrays with a value per sample, pairs (times, values),
-        signals such as `anser.doublet(1.0)`; or a table with a column `time_s` (CSV file, DataFrame, Dataset); or a
-        function `law(time_s, state) -> {"elevator": ...}` of the time and of the variables by name, written in
-        `jax.numpy`. Signals are increments to the start, all else is absolute; absent inputs keep their value at the
-        start. Controls are constant between samples. None: the controls of the start.
+        Surfaces (deg) and throttle (0..1), constant between samples; absent inputs keep their value at the start.
+
+        - mapping by name to numbers, arrays with a value per sample, pairs (times, values), or signals such as
+          `anser.doublet(1.0)`, which are increments to the start
+        - table with a column `time_s` (CSV file, DataFrame, Dataset)
+        - function `law(time_s, state) -> {"elevator": ...}` of the variables by name, written in `jax.numpy`
+        - None: the controls of the start
     duration_s, step_s
         Duration of the flight, and period of samples and integration, s; a step from 0.001 to 0.05 s.
     record_period_s
         Period of the rows of the dataset, a multiple of the step; None: every sample.
     increments
-        True: numbers, arrays and tables are increments to the controls of the start, as signals always are.
+        True: numbers, arrays and tables are increments to the controls of the start. False: absolute values.
     controller
-        Controller of the closed loop: an `anser.parts.AbstractController`, or "inversion", the autopilot of the
-        package with dynamic inversion of the onboard model and with published (F-16) or derived gains and limits;
-        "incremental" inverts increments of measured accelerations, "adaptive" also corrects the onboard model in
-        flight. A controller excludes `controls`.
+        Controller of the closed loop, in place of `controls`: an `anser.parts.AbstractController`, or the name of an
+        autopilot with published (F-16) or derived gains and limits.
+
+        - "inversion": dynamic inversion of the onboard model
+        - "incremental": incremental inversion, from measured accelerations
+        - "adaptive": incremental inversion, with an onboard model that is corrected in flight
     command
         Command to the controller: `airspeed_m_s`, `path_angle_deg`, `course_deg`, each given like a control; or an
-        `anser.parts.AbstractGuidance`. Absent commands are those of the start.
+        `anser.parts.AbstractGuidance`. Absent commands keep their value at the start.
     excitation
-        Test inputs in the closed loop, signals by name: of surfaces (deg) and `throttle`, added after the control law
-        and before the limits of the actuators; or of `airspeed_m_s`, `path_angle_deg`, `course_deg`, added to the
-        command; or, with the package's autopilot, of `bank_deg`, `alpha_deg`, `beta_deg`, `roll_rate_deg_s`,
-        `pitch_rate_deg_s`, `yaw_rate_deg_s`, added to the commands between its loops.
+        Test inputs in the closed loop, signals by name:
+
+        - surfaces (deg) and `throttle`, added after the control law and before the limits of the actuators
+        - `airspeed_m_s`, `path_angle_deg`, `course_deg`, added to the command
+        - `bank_deg`, `alpha_deg`, `beta_deg`, `roll_rate_deg_s`, `pitch_rate_deg_s`, `yaw_rate_deg_s`, added to the
+          commands between the loops of an `InversionAutopilot`
     sensors, estimator
-        Sensors, and the estimator of the state from their readings; None: no errors, with the forces and moments of the
-        unchanged aircraft (corrected in flight with "adaptive").
+        Sensors, and the estimator of the state from their readings; None: no errors. The default estimator computes
+        forces and moments of the unchanged aircraft ("adaptive" corrects them in flight).
     wind, turbulence, gust, earth, atmosphere
         Tables as in a scenario: `wind={"speed_m_s": 8, "from_deg": 270}`, `turbulence="moderate"`, `earth="wgs84"`,
         `atmosphere={"temperature_offset_k": 20}`. None: still air, a flat Earth with standard gravity, the standard
         atmosphere. A trim as the start must have been computed with the same atmosphere.
     change
-        Change of the true aircraft from a time on, unknown to its controller, with the keys of a scenario's event:
+        Change of the true aircraft at a time, unknown to its controller, with the keys of a scenario's event:
         `{"time_s": 20, "surface_effectiveness": {"elevator": 0.5}, "cg_shift": 0.05}`; or a sequence of changes.
     seed
         Seed of turbulence and sensor errors.
@@ -309,10 +314,7 @@ def _outside(wind: AbstractWind, positions_n: Float[Array, "row 3"], times: Floa
 def _outside_field(
     wind: AbstractWind, history: Mapping[str, np.ndarray], time_s: Float[np.ndarray, " row"]
 ) -> Bool[np.ndarray, " row"] | None:
-    """Return for each row of a flight whether the position is beyond the wind field of a file; None for other wind.
-
-    `history` has the recorded variables by key (SI units), `time_s` the times of the rows.
-    """
+    """Return for each row of a flight whether the position is beyond the wind field of a file; None for other wind."""
     if not isinstance(wind, GriddedWind):
         return None
     positions_n = np.stack([history["north"], history["east"], -history["altitude"]], axis=1)
@@ -333,9 +335,9 @@ _fly = compiled_by_older_generator(("count",), "flight")(_flown)
 def set_lags(
     airframe: AbstractAirframe, points: list[TrimPoint], step_s: float, *, actuator_lag: bool, engine_lag: bool
 ) -> tuple[AbstractAirframe, list[TrimPoint]]:
-    """Return the airframe, and trim points for it, without the lag of actuators or engine if the flag is False.
+    """Return the airframe and its trim points; a flag that is False removes the lag of actuators or engine.
 
-    Deflections and power of the trim points are unchanged. Parts without lag are sampled every `step_s` seconds.
+    Deflections and power of the trim points are unchanged. A part that has no lag is sampled every `step_s` seconds.
     """
     lags = (("actuators", "surfaces", without_lag, actuator_lag), ("engine", "power", InstantEngine, engine_lag))
     for name, quantity, instant, is_kept in lags:
@@ -351,12 +353,7 @@ def set_lags(
 def _open_loop(
     airframe: AbstractAirframe, point: TrimPoint, controls: Any, increments: bool, sample: Any
 ) -> AbstractController:
-    """Return the controller that applies `controls`: values of inputs by name, or a function of time and state.
-
-    A value is a number, an array, a table of samples or an input signal. `sample` is the function that computes the
-    values of inputs at the times of the flight; `increments` tells whether values other than input signals are
-    increments to the start `point`.
-    """
+    """Return the controller that applies `controls` of `simulate`; `sample` computes the values of inputs over time."""
     law: Any = controls
     if callable(controls) and not isinstance(controls, InputSignal | Mapping):
         # A new object for each flight, traced anew: the values that the function refers to may have changed.
@@ -371,9 +368,9 @@ def autopilot(
 ) -> InversionAutopilot:
     """Return an autopilot by name ("inversion", "incremental", "adaptive") for the flight from a start `point`.
 
-    Gains and limits are those for level flight at the start's airspeed and altitude: published for an F-16, otherwise
-    derived. Raises ValueError for an unknown name, ConditionError if such a level flight does not exist in the standard
-    atmosphere.
+    Gains and limits are for level flight at the start's airspeed and altitude: published for an F-16, derived for
+    another aircraft. Raises ValueError if the name is unknown, ConditionError if this level flight does not exist in
+    the standard atmosphere.
     """
     from anser.analysis.step_flights import step_case
 

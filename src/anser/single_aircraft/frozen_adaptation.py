@@ -1,4 +1,4 @@
-"""Estimates of an adaptive autopilot, increments of coefficients: their history, and margins with frozen estimates."""
+"""Estimated increments of coefficients of an adaptive autopilot: history, and margins with frozen estimates."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ class AdaptationHistory(AbstractRecorder):
 
 
 def increment_variables(history: Mapping[str, np.ndarray], rows: int, surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the increments of the first `rows` samples as dataset variables; empty for a flight without increments.
+    """Return the increments of the first `rows` samples as dataset variables; empty if the flight has no increments.
 
     The variables are the increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor (1, alpha or beta,
     dimensionless rates, surfaces; angles in rad), and the reference values of the regressors.
@@ -58,9 +58,12 @@ def increment_variables(history: Mapping[str, np.ndarray], rows: int, surfaces: 
 def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Dataset:
     """Compute the stability margins of an adaptive autopilot with its estimates frozen at a time of a flight.
 
-    The autopilot inverts the onboard model with the estimates of that time; the flown aircraft is the true one, with
-    its changes up to that time except a loss of thrust. The margins are those of level flight at the airspeed and
-    altitude of that time, in still standard air.
+    The autopilot inverts the onboard model with the estimates of that time. The aircraft has all changes up to that
+    time except a loss of thrust. The margins are for level flight at the airspeed and altitude of that time, in still
+    standard air.
+
+    Raises ValueError if the flight has no estimates or does not contain the time, if actuators or engine had no lag, or
+    if the aircraft has no name or file. ConditionError: see `anser.analysis.margins_at`.
 
     Parameters
     ----------
@@ -73,14 +76,6 @@ def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Datas
     -------
     xr.Dataset
         Dataset of `anser.analysis.margins_at`, with the time as attribute `time_s`.
-
-    Raises
-    ------
-    ValueError
-        The flight has no estimates or does not contain the time, actuators or engine had no lag, or the aircraft is
-        an airframe object without a name or file.
-    ConditionError
-        No margin exists: see `anser.analysis.margins_at`.
     """
     if _INCREMENTS not in dataset:
         raise ValueError(
@@ -100,7 +95,7 @@ def frozen_margins(dataset: xr.Dataset, time_s: float | None = None) -> xr.Datas
     nominal, identity = resolve_airframe(dataset.attrs["aircraft"], variant, x_cg_over_c)
     increments, reference = jnp.asarray(row[_INCREMENTS].values), jnp.asarray(row[_REFERENCE].values)
     model = corrected_airframe(nominal, reference_lengths(nominal), reference, increments)
-    # the times were compared with the duration when the aircraft flew
+    # `simulate` has compared the times with the duration
     changes = read_changes(nominal, json.loads(dataset.attrs.get("change", "[]")), np.inf)
     aircraft = nominal if changes is None else changed_airframe(nominal, changes.at(float(row.time)))
     step_s, start = float(dataset.attrs["step_s"]), (float(first["airspeed_m_s"]), float(first["altitude_m"]))

@@ -33,7 +33,7 @@ _VARIABLES = {
     "altitude": ("altitude_m", 1.0),
     "power": ("power_percent", 1.0),
 }
-"""For each state that can be fed back, the variable of a dataset and the factor to the unit of the linear model."""
+"""Variable of a dataset and factor to the unit of the linear model, for each state that can be fed back."""
 _INTEGRALS = {"V_integral": 30.0, "gamma_integral": 0.3}
 """Limits of the integrals of the errors of airspeed (m) and path angle (rad s), against windup at control limits."""
 
@@ -41,18 +41,21 @@ _INTEGRALS = {"V_integral": 30.0, "gamma_integral": 0.3}
 class LinearFeedback(AbstractController):
     """Linear feedback about a trim: u = u0 - K (x - x0), in SI units and radians.
 
-    Commands change the reference x0: V is the commanded airspeed, theta changes by the commanded minus the trimmed path
-    angle, and phi is the bank of a turn with the commanded course rate plus `course_gain` times the error of the
-    course, at most `bank_max` whatever the scenario's limit. The last columns of K may be those of the integrals of the
-    errors of airspeed and path angle. Inputs without feedback keep their trim values.
+    Commands change the reference x0:
+
+    - V is the commanded airspeed.
+    - theta is the trimmed pitch + commanded path angle - trimmed path angle.
+    - phi is the bank of a turn with the course rate: commanded rate + `course_gain` * course error, at most `bank_max`.
+
+    The last columns of K may be for the integrals of the errors of airspeed and path angle.
     """
 
     gain: Float[Array, "input state"]  #: K: a row for each input of the linear model, the throttle first.
-    trim_state: Vector  #: x0: trim values of the states of K, without integrals.
+    trim_state: Vector  #: x0: trim values of the states of K, integrals excluded.
     trim_input: Vector  #: u0: throttle (0 to 1), then deflections (rad) of the trim.
     trim_path_angle: Scalar  #: Path angle of the trim, rad.
     course_gain: Scalar  #: Commanded course rate per error of the course, 1/s.
-    bank_max: Scalar  #: Greatest commanded bank angle, rad.
+    bank_max: Scalar  #: Greatest commanded bank angle, rad; the scenario's limit has no effect.
     states: tuple[str, ...] = eqx.field(static=True)  #: Names of the columns of K, integrals last.
     surfaces: tuple[str, ...] = eqx.field(static=True)  #: Names of the aircraft's surfaces.
 
@@ -157,7 +160,7 @@ class LinearFeedback(AbstractController):
     ) -> tuple[Controls, None, Vector]:
         """Return the controls (surfaces in rad, not limited), None (no signals), and the integrals at the next sample.
 
-        Raises ValueError if the aircraft's surfaces differ from those of the linear model.
+        Raises ValueError if the aircraft and the linear model have different surfaces.
         """
         if belief.airframe.actuators.names != self.surfaces:
             arrived = ", ".join(belief.airframe.actuators.names)
@@ -185,7 +188,7 @@ class LinearFeedback(AbstractController):
         """Return the controls by name for a state by name, such as `Simulator.state`, with the trim as reference.
 
         Surfaces are in deg, not limited; the throttle is limited to 0 to 1. Commands and integrals have no effect. The
-        variables of `state` are numbers or arrays, so that a control law of `anser.simulate` can call the method too.
+        method can also be a control law of `anser.simulate`.
         """
         count = self.trim_state.size
         variables = [_VARIABLES[name] for name in self.states[:count]]

@@ -43,10 +43,7 @@ _UPWARDS = np.array([1.0, 1.0, -1.0])  # factors from north, east, down to north
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class AircraftModel:
-    """An aircraft with its analyses; prints as a list of mass, size, surfaces, engine, range of data and inputs.
-
-    `identity` has the name, and variant and centre of gravity if any, for labels.
-    """
+    """An aircraft with its analyses; prints as a list of mass, size, surfaces, engine, range of data and inputs."""
 
     airframe: AbstractAirframe  #: Airframe, as the functions of the package take it.
     identity: Mapping[str, str | int | float]  #: Name, and variant and centre of gravity if any, for labels.
@@ -87,7 +84,7 @@ class AircraftModel:
     ) -> TrimResult:
         """Compute a steady flight in still air; exactly one airspeed and the altitude are required.
 
-        Arguments and errors are those of `anser.trim`. `atmosphere` is a table as in a scenario, such as
+        Arguments and errors: see `anser.trim`. `atmosphere` is a table as in a scenario, such as
         `{"temperature_offset_k": 20}`; None: the standard atmosphere.
         """
         return trim(
@@ -108,9 +105,9 @@ class AircraftModel:
     ) -> "LinearizationResult":
         """Return the linear model about a trim, or about a condition such as `speed_m_s=150, altitude_m=1000`.
 
-        The steady flight of the condition is trimmed anew; `condition` takes the arguments of `anser.linearize`.
-        `actuators`: the inputs are commands, and the actuators' states are added. Raises ValueError for neither or both
-        of trim and condition and for a trim of another aircraft, ConditionError if the steady flight does not exist.
+        `condition` has the arguments of `anser.linearize`. If `actuators` is True, the inputs are commands, and the
+        actuators' states are added. Raises ValueError unless exactly one of trim and condition is given, or if the trim
+        is of another aircraft; ConditionError if the steady flight does not exist.
         """
         from anser.analysis.linear_models import linearize
 
@@ -133,12 +130,12 @@ class AircraftModel:
         return performance_sheet(self.airframe, self.identity, altitude_m)
 
     def start(self, trim: TrimResult) -> dict[str, float]:
-        """Return a trim as a start by named variables, to be modified: `{**f16.start(trim), "alpha_deg": 12.0}`."""
+        """Return a trim as a start by named variables, for changes such as `{**f16.start(trim), "alpha_deg": 12.0}`."""
         environment = _still_air(trim)
         return named_state(self.airframe, environment, resolve_start(self.airframe, environment, trim))
 
     def state_names(self, *, lag: bool = True) -> tuple[str, ...]:
-        """Return the names of the states of `derivatives`: rigid body, then, with `lag`, actuators and engine."""
+        """Return the names of the states of `derivatives`: rigid body; then actuators and engine, if `lag` is True."""
         actuators, engine = self.airframe.actuators.state_names, self.airframe.engine.state_names
         return (*_BODY_STATES, *((*(f"{name}_actuator" for name in actuators), *engine) if lag else ()))
 
@@ -152,11 +149,13 @@ class AircraftModel:
     ) -> Float[Array, " state"]:
         """Compute the time derivative of the state vector; pure JAX, for `jax.jit`, `jax.vmap` and `jax.jacfwd`.
 
+        Raises ValueError if a shape does not fit. Source: [SL] eq. 1.7-18, flat Earth, and eq. 1.4-4.
+
         Parameters
         ----------
         state
-            State in the order of `state_names(lag=lag)`; SI units and radians, engine power in percent. The attitude is
-            given by Euler angles: at a pitch of 90 deg the rates are singular.
+            State in the order of `state_names(lag=lag)`; SI units and radians, engine power in percent. The rates of
+            the Euler angles are singular at a pitch of 90 deg.
         controls
             Surfaces (rad) in the order of `inputs`, then throttle (0 to 1).
         environment
@@ -166,8 +165,7 @@ class AircraftModel:
 
         Returns
         -------
-        Rates of the states, in the same order, per second. Raises ValueError if a shape does not fit. Source: [SL] eq.
-        1.7-18, flat Earth, and eq. 1.4-4.
+        Rates of the states, in the same order, per second.
         """
         for name, array, names in (("state", state, self.state_names(lag=lag)), ("controls", controls, self.inputs)):
             if jnp.shape(array) != (len(names),):
@@ -216,7 +214,7 @@ class AircraftModel:
 
 
 def _still_air(start: Any) -> Environment:
-    """Return still air over a flat Earth, with the atmosphere of a trim, or else the standard atmosphere."""
+    """Return still air over a flat Earth; the atmosphere is standard unless `start` is a trim in another atmosphere."""
     environment = standard_environment()
     return (
         dataclasses.replace(environment, atmosphere=start.atmosphere) if isinstance(start, TrimResult) else environment
@@ -252,7 +250,7 @@ _EFFECTS = (("rolls right", "rolls left"), ("nose up", "nose down"), ("nose righ
 
 
 def surface_effects(airframe: AbstractAirframe) -> list[str]:
-    """Return the effect of a positive deflection of each surface, such as "nose up", by the surface's greatest moment.
+    """Return the effect of a positive deflection of each surface, such as "nose up", about the axis of greatest moment.
 
     The condition is 2 deg of alpha at sea level and the middle of the valid airspeeds.
     """

@@ -1,7 +1,4 @@
-"""Performance sheet of an aircraft: stall, level flight, climb, ceiling, glide, turns, and specific excess power.
-
-Each figure is computed from trims, and is stated with the limit that prevents a better value, such as full power.
-"""
+"""Performance sheet of an aircraft: stall, level flight, climb, ceiling, glide, turns, and specific excess power."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -87,7 +84,7 @@ def _trim_points(
             target = trim_target(point.speed, point.altitude, path_angle, 0.0, point.turn_rate)
             flight = trim_map_point(heavier, environment, target)
             condition = air_data_and_forces(heavier, environment, 0.0, flight.trim.state)
-            # accelerations along the path besides that of gravity, which the climb uses up
+            # accelerations along the path, gravity excluded, that a climb uses up
             surplus, full = (path_acceleration(heavier, condition, p) for p in (power, 100.0))
             return flight, surplus, full
 
@@ -114,11 +111,7 @@ class PerformanceFigure:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class PerformanceSheet:
-    """Performance of an aircraft in the standard atmosphere and still air; prints as a table of `figures`.
-
-    The dataset has specific excess power (m/s) at full power in level flight, and Mach number, over altitude (m) and
-    true airspeed (m/s).
-    """
+    """Performance of an aircraft in the standard atmosphere and still air; prints as a table of `figures`."""
 
     #: Figures at `altitude_m`: least airspeed of level flight (stall) for five masses, greatest level airspeed, best
     #: climb rate and glide ratio with their airspeeds, best sustained turns; and the ceilings.
@@ -172,7 +165,7 @@ def performance_sheet(
 ) -> PerformanceSheet:
     """Compute the performance of an aircraft at an altitude, and the ceilings, in the standard atmosphere, still air.
 
-    `identity` is the description of the aircraft from `resolve_airframe`. Raises ValueError unless the altitude is
+    `identity` is the description of the aircraft from `resolve_airframe`. Raises ValueError if the altitude is not
     within 0 to 20,000 m.
     """
     if not isinstance(altitude_m, int | float | np.number) or not 0.0 <= altitude_m <= _ALTITUDE_MAX_M:
@@ -180,7 +173,7 @@ def performance_sheet(
     enable_compilation_cache()
     environment = standard_environment()
     gravity = float(environment.gravity)
-    # for the F-16, whose data have no limits of the airspeed, more than it can fly
+    # the data of the F-16 have no limits of the airspeed: a wider range than the F-16 can fly
     slowest, fastest = _F16_SPEEDS_M_S if isinstance(airframe, AbstractF16) else valid_airspeed_range(airframe)
     # the ends themselves can round out of the data
     speeds = np.geomspace(slowest * (1.0 + 1e-9), fastest * (1.0 - 1e-9), _SPEEDS)
@@ -222,13 +215,9 @@ def _limit_of(flights: _Flights, index: int) -> str:
 
 
 def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
-    """Return a text on the limit between a flyable level flight and its neighbour in airspeed that cannot be flown.
-
-    `inside` and `outside` are their indices in `flights`. If alpha jumps between the two flights, the limit is the
-    greatest lift: the neighbour's trim, if any, lies far beyond the stall. Otherwise the limits are those that the
-    neighbour violates.
-    """
+    """Return a text on the limit between two level flights (indices): `inside` is flyable, `outside` is not."""
     alpha = np.asarray(flights.trims.trim.alpha)
+    # A jump of alpha shows the greatest lift: a trim at the neighbour lies far beyond the stall.
     is_stall = abs(alpha[outside] - alpha[inside]) > _STALL_JUMP
     return "greatest lift (stall)" if is_stall else _limit_of(flights, outside)
 
@@ -236,8 +225,7 @@ def _limit_beyond(flights: _Flights, inside: int, outside: int) -> str:
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight (NaN: none), the unit, and a text on the limit there.
 
-    `fly` trims flights at arrays of airspeeds and with a mass relative to the airframe's; `speeds` (m/s, rising) is the
-    search range.
+    `speeds` (m/s, rising) is the search range; `mass` is relative to the airframe's mass.
     """
     value, grid, limit = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
@@ -257,12 +245,11 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
 def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
     """Return two figures: best climb rate (m/s, `power` 100) or best glide ratio (`power` 0), and its airspeed.
 
-    `fly` trims flights at the airspeeds `speeds` (m/s, rising) and a power; `name` and `unit` are for the first figure.
-    Without a climb or glide the result is a single NaN.
+    `name` and `unit` are for the first figure. If no climb or glide exists, the result is a single NaN.
     """
     flights = fly(speed=speeds, power=power)
     angle = np.asarray(flights.path_angle)
-    # The power is given: its own limits are met by rounding only.
+    # The power is prescribed: a violated limit of power is a rounding error.
     values = speeds * np.sin(angle) if power > 0.0 else -1.0 / np.tan(np.minimum(angle, -1e-6))
     values = np.where(_is_flyable(flights, except_power=True) & (angle != 0.0), values, -np.inf)
     is_flown = np.isfinite(values)
@@ -286,8 +273,7 @@ def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: s
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
     """Return greatest load factor and rate (deg/s) and least radius (m) of sustained level turns, each with airspeed.
 
-    `fly` trims flights at the airspeeds `speeds` (m/s) and turn rates (rad/s); `gravity` is in m/s^2. The search ends
-    at a load factor of 9. Without a level turn, the result is a single NaN.
+    The search ends at a load factor of 9. If no level turn exists, the result is a single NaN.
     """
     low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
     limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size
@@ -336,12 +322,10 @@ def _excess_power(field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gr
 
 
 def _ceiling(dataset: xr.Dataset, threshold: float) -> tuple[float, str, str]:
-    """Return the altitude at which the greatest specific excess power falls to `threshold` (m/s), the unit, and a text.
+    """Return the altitude (m) at which the greatest excess power is `threshold` (m/s), the unit, and the limit.
 
-    The text says what limits the altitude: full power, the end of the data, or no climb at all. The search begins at
-    the lowest altitude of the grid with data, sea level for most aircraft. The altitude (m) is NaN if the excess power
-    there does not exceed the threshold, and the highest altitude with data if the excess power exceeds the threshold
-    everywhere.
+    The altitude is NaN if the excess power at the lowest altitude with data does not exceed the threshold, and the
+    highest altitude with data if the excess power exceeds the threshold everywhere.
     """
     best, altitudes = dataset["specific_excess_power_m_s"].max("airspeed").values, dataset["altitude"].values
     first = int(np.argmax(np.isfinite(best)))

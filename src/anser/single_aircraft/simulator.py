@@ -133,16 +133,16 @@ class Simulator:
     def step(self, controls: Mapping[str, Any] | Float[np.ndarray, "... input"] | None = None) -> NamedState:
         """Advance the motion by one step under constant controls, and return the state at the end of the step.
 
-        Raises ValueError, and leaves the state unchanged, if an input is unknown, not finite or of a wrong shape, the
-        throttle is not within 0 to 1, or the step ends beyond the wind field of a file (unless the field continues with
-        its boundary values).
+        Raises ValueError if an input is unknown, not finite or of a wrong shape, if the throttle is not within 0 to 1,
+        or if the aircraft leaves the wind field of a file. The state is then unchanged.
 
         Parameters
         ----------
         controls
-            Mapping of inputs by name, surfaces in deg and throttle 0 to 1: numbers, or for several aircraft also arrays
-            over the aircraft; absent inputs keep the value of the previous step. Or an array of all inputs in the order
-            of `inputs`, for several aircraft with a leading axis over the aircraft. None: the previous inputs.
+            Surfaces in deg, throttle 0 to 1; None: the previous inputs.
+
+            - Mapping by name to numbers or, for several aircraft, arrays; absent inputs keep the previous value.
+            - Array of all inputs in the order of `inputs`, for several aircraft with a leading axis over the aircraft.
         """
         inputs = self._merge(controls)
         packed = self._in_parallel(self._programs.step, self._packed, inputs)
@@ -154,10 +154,7 @@ class Simulator:
         return self.state
 
     def _in_parallel(self, program: Callable[..., Array], packed: Sequence[Any], inputs: np.ndarray) -> list[Array]:
-        """Call a program for each block of aircraft, each on a separate core, and return a result per block.
-
-        `packed` has the motion of each block, `inputs` the controls of all aircraft.
-        """
+        """Call a program for each block of aircraft, each on a separate core, and return a result per block."""
         if self._count is None:
             return [program(self._constants, packed[0], inputs)]
         parts = zip(packed, self._blocks, strict=True)
@@ -183,7 +180,7 @@ class Simulator:
     def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
         """Reset to a checkpoint from `save` of this or an equal simulator, and return the state there.
 
-        Raises ValueError unless the argument is a checkpoint with as many states, inputs and aircraft.
+        Raises ValueError if the argument is no checkpoint, or if the number of states, inputs or aircraft differs.
         """
         if not isinstance(checkpoint, Mapping) or not checkpoint.keys() >= self._start.keys():
             raise ValueError(f"checkpoint: arrived {checkpoint!r:.60}; expected one that `save` has returned")
@@ -199,10 +196,7 @@ class Simulator:
         return self.state
 
     def _merge(self, controls: Any) -> np.ndarray:
-        """Return all inputs of a step (deg, throttle 0 to 1), from `controls` and the previous inputs.
-
-        Raises ValueError for an unknown name, a wrong shape, or a number out of range.
-        """
+        """Return all inputs of a step (deg, throttle 0 to 1); inputs that `controls` lacks keep the previous values."""
         if controls is None:
             return self._inputs
         if isinstance(controls, Mapping):
@@ -237,9 +231,9 @@ class Simulator:
 class _Programs:
     """Compiled functions of simulators with the same structure of aircraft and air, for one aircraft or for several.
 
-    A call has few arguments, which makes it fast: one array with all numbers of aircraft and air and the step (s), and
-    one with motion, number of the sample and variables (at `indices`), whose last axis is over several aircraft. The
-    step of one aircraft also computes the variables; those of several aircraft are computed when read.
+    A call is fast because it has few arguments: `constants` has the numbers of aircraft and air, then the step (s);
+    `packed` has motion, number of the sample and variables (at `indices`), with a last axis over several aircraft.
+    `step` computes the variables of one aircraft, but not of several.
     """
 
     def __init__(
@@ -261,8 +255,8 @@ class _Programs:
             return jnp.append(ravel_pytree(moved)[0], packed[size] + 1.0)
 
         def advance_and_read(constants: Array, packed: Array, inputs: Array) -> Array:
-            # If this is no single kernel, a loop of one step still runs on one thread: without it, XLA's runtime hands
-            # small operations to other threads.
+            # A loop of one step runs on one thread even if `as_single_kernel` has no effect. If no loop existed, XLA's
+            # runtime would give small operations to other threads.
             def body(_: Any, before: Array) -> Array:
                 return read(constants, advance_once(constants, before, inputs), inputs)
 

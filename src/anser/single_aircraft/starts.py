@@ -47,9 +47,10 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     """Return the start of a flight, state and controls, as a trim point (steady or not).
 
     `start` is the result of a trim, a `TrimPoint` in still air, or a mapping with the names of `start_names`. The
-    airspeed is that of `start`; the environment's wind is added to the velocity over ground. Raises ConditionError for
-    a trim without steady flight, ValueError for a trim of a different aircraft or atmosphere, for an unknown or missing
-    name, and for a value out of range.
+    environment's wind is added to the velocity over ground; the airspeed is unchanged.
+
+    Raises ConditionError if the trim has no steady flight. Raises ValueError if the trim is of a different aircraft or
+    atmosphere, if a name is unknown or missing, or if a value is out of range.
     """
     if isinstance(start, TrimResult):
         if start.diagnosis is not None:
@@ -89,7 +90,7 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
 
 
 def require_trim_of(airframe: AbstractAirframe, trim: TrimResult, argument: str) -> None:
-    """Raise ValueError, with the name of the argument, if a trim is that of another aircraft, by mass and hash."""
+    """Raise ValueError, with the name of the argument, if mass or hash of the trimmed aircraft differs."""
     mass_kg = float(airframe.mass_properties.mass)
     if trim.mass_kg != mass_kg:
         raise ValueError(
@@ -104,7 +105,6 @@ def require_trim_of(airframe: AbstractAirframe, trim: TrimResult, argument: str)
 
 
 def _same_air(trimmed: AbstractAtmosphere, flown: AbstractAtmosphere) -> bool:
-    """Return whether two atmospheres have the same class and equal numbers."""
     if type(trimmed) is not type(flown):
         return False
     leaves = (jax.tree.leaves(atmosphere) for atmosphere in (trimmed, flown))
@@ -112,10 +112,7 @@ def _same_air(trimmed: AbstractAtmosphere, flown: AbstractAtmosphere) -> bool:
 
 
 def _with_true_airspeed(environment: Environment, start: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a start with the true airspeed instead of a calibrated or equivalent airspeed or a Mach number.
-
-    Raises ValueError for more than one airspeed.
-    """
+    """Return a start with the true airspeed in place of another form; raise ValueError if two airspeeds are given."""
     others = [name for name in _OTHER_AIRSPEEDS if name in start]
     if not others or "altitude_m" not in start:
         return start
@@ -151,7 +148,7 @@ def _named_start(airframe: AbstractAirframe, environment: Environment, values: V
 
 @compiled_quickly
 def _in_wind(environment: Environment, trim: TrimPoint) -> TrimPoint:
-    """Return a trim in still air with the environment's wind added to the velocity over ground: the same airspeed."""
+    """Return a trim in still air as a trim in the environment's wind, with the same airspeed."""
     state = trim.state
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_b = state.velocity_b + rotate(rotation_from_quaternion(state.quaternion), wind_n)

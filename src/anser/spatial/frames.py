@@ -40,8 +40,8 @@ def velocity_eci_from_ecef(
 ) -> Vector3:
     """Return the inertial velocity (3,), ECI axes, m/s, of a moving point: ``R_ei.T (v_e + w_E x p_e)``.
 
-    Inputs: Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes; time in s.
-    For ``longitude_0`` (rad) and ``rotation_rate`` (rad/s) see `rotation_ecef_from_eci`.
+    ``position_e`` (3,), m, and ``velocity_e`` (3,), m/s, are relative to the Earth, in ECEF axes; ``time`` is in s. For
+    the other arguments see `rotation_ecef_from_eci`.
     """
     inertial_e = velocity_e + _earth_rotation_cross(position_e, rotation_rate)
     return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), inertial_e)

@@ -34,7 +34,7 @@ def _safe_sqrt(squared: Scalar) -> Scalar:
 
 
 def _select(condition: Flag, chosen: Scalar, fallback: Scalar) -> Scalar:
-    """Return `jnp.where` of arrays of equal shape, in the type of `chosen`, without the nested `jit` of `where`."""
+    """Return `jnp.where` for arrays of equal shape, in the type of `chosen`; compiles to fewer operations."""
     return jax.lax.select(condition, chosen, fallback.astype(chosen.dtype))
 
 
@@ -50,8 +50,7 @@ _GIMBAL_COSINE = 1e-8
 def rotation_from_quaternion(q: Quaternion) -> Matrix33:
     """Return the rotation matrix ``R_bn`` (3, 3), NED to body, of a unit quaternion (4,), scalar first.
 
-    For a quaternion that is not a unit quaternion, the matrix is scaled by the squared length. Source: theory
-    section 1.
+    If the quaternion has another length, the matrix is scaled by the squared length. Source: theory section 1.
     """
     products = jnp.unstack(jnp.reshape(q[:, None] * q[None, :], 16))
     s0, q01, q02, q03, _, s1, q12, q13, _, _, s2, q23, _, _, _, s3 = products
@@ -67,10 +66,9 @@ def rotation_from_quaternion(q: Quaternion) -> Matrix33:
 def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
     """Return the unit quaternion (4,), scalar first with q0 >= 0, of a rotation matrix ``R_bn`` (3, 3), NED to body.
 
-    The matrix of the products ``4 q_i q_j`` is linear in ``R_bn``; the row with the largest diagonal entry, at least 1,
-    is proportional to the quaternion. Dividing by small numbers is thus avoided (Shepperd, J. Guidance and Control
-    1(3), 1978).
+    Source: Shepperd, J. Guidance and Control 1(3), 1978.
     """
+    # the products 4 q_i q_j; the row with the largest diagonal entry, at least 1, avoids a division by small numbers
     r11, r12, r13, r21, r22, r23, r31, r32, r33 = jnp.unstack(jnp.reshape(R_bn, 9))
     q0q1, q0q2, q0q3 = r23 - r32, r31 - r13, r12 - r21
     q1q2, q1q3, q2q3 = r12 + r21, r13 + r31, r23 + r32
@@ -119,7 +117,7 @@ def rotation_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) ->
 def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) -> Quaternion:
     """Return the unit quaternion (4,), scalar first, NED to body, of roll, pitch, yaw (rad). Source: [SL] chapter 1.
 
-    The quaternion, its sign included, is continuous in the angles; q0 may be negative.
+    The quaternion is continuous in the angles; q0 may be negative.
     """
     roll, pitch, yaw = jnp.asarray(roll), jnp.asarray(pitch), jnp.asarray(yaw)
     s_roll, c_roll = jnp.sin(0.5 * roll), jnp.cos(0.5 * roll)
@@ -138,14 +136,13 @@ def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) 
 def euler_from_rotation(R_bn: Matrix33) -> Vector3:
     """Return the Euler angles roll, pitch, yaw (3,), rad, of a rotation matrix ``R_bn`` (3, 3), NED to body.
 
-    Roll and yaw are in [-pi, pi], pitch in [-pi/2, pi/2]. Within 1e-8 rad of straight up or down, where only the sum or
-    difference of roll and yaw is defined, roll is 0. Source: theory section 1, with ``-asin(R13)`` written as an
-    arctangent: the same angle, but accurate and with a finite gradient up to the vertical.
+    Roll and yaw are in [-pi, pi], pitch in [-pi/2, pi/2]. Within 1e-8 rad of straight up or down, roll is set to 0.
+    Gradients are finite up to the vertical. Source: theory section 1.
     """
     c_pitch = safe_hypot(R_bn[0, 0], R_bn[0, 1])
     vertical = c_pitch < _GIMBAL_COSINE
     roll = safe_atan2(jnp.where(vertical, 0.0, R_bn[1, 2]), jnp.where(vertical, 1.0, R_bn[2, 2]))
-    pitch = safe_atan2(-R_bn[0, 2], c_pitch)
+    pitch = safe_atan2(-R_bn[0, 2], c_pitch)  # -asin(R13) of the theory, with a finite gradient up to the vertical
     yaw = safe_atan2(
         jnp.where(vertical, -R_bn[1, 0], R_bn[0, 1]),
         jnp.where(vertical, R_bn[1, 1], R_bn[0, 0]),
@@ -161,8 +158,7 @@ def euler_from_quaternion(q: Quaternion) -> Vector3:
 def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
     """Return the time derivative (4,), 1/s, of the attitude quaternion, NED to body. Source: theory section 2.
 
-    ``rates_b`` is the angular velocity of the body relative to the NED axes (3,), in body axes: P, Q, R in rad/s. The
-    derivative is orthogonal to the quaternion.
+    ``rates_b`` is the angular velocity of the body relative to the NED axes (3,), in body axes, rad/s.
     """
     P, Q, R = jnp.unstack(rates_b)
     q0, q1, q2, q3 = jnp.unstack(q)
@@ -179,8 +175,8 @@ def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
 def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """Return the Hamilton product ``p q`` (4,).
 
-    For quaternions from NED to body, the first rotation is the left factor: the product of ``q_ba`` and ``q_cb`` is
-    ``q_ca``, with matrix ``R_cb @ R_ba``.
+    The first rotation is the left factor: the product of ``q_ba`` and ``q_cb`` is ``q_ca``, with matrix ``R_cb @
+    R_ba``.
     """
     p0, p1, p2, p3 = jnp.unstack(p)
     q0, q1, q2, q3 = jnp.unstack(q)
@@ -195,7 +191,7 @@ def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def normalize(q: Quaternion) -> Quaternion:
-    """Scale a quaternion (4,) to unit length; one shorter than 1e-145, in float32 1e-19, is returned unchanged."""
+    """Scale a quaternion (4,) to unit length; return quaternions shorter than 1e-145 (float32: 1e-19) unchanged."""
     squared = jnp.sum(q * q)
     return q / jnp.sqrt(jnp.where(_is_zero(squared), 1.0, squared))
 

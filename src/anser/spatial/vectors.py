@@ -21,6 +21,6 @@ def norm(vector: Float[Array, "..."], axis: int = -1) -> Float[Array, "..."]:
 
 
 def unit_vector(vector: Vector3, fallback: Vector3) -> Vector3:
-    """Return the unit vector along `vector` (3,); for the zero vector `fallback`, with zero gradient."""
+    """Return the unit vector along `vector` (3,); for the zero vector, return `fallback` with zero gradient."""
     length = norm(vector)
     return jnp.where(length > 0.0, vector / jnp.where(length > 0.0, length, 1.0), fallback)

@@ -13,13 +13,10 @@ from anser.spatial.rotations import safe_atan2, safe_hypot
 
 
 class Ellipsoid(eqx.Module):
-    """An oblate ellipsoid of revolution with the semi-major axis `a` (equatorial radius, m).
+    """An oblate ellipsoid of revolution, or a sphere."""
 
-    `f` is the flattening (a - b)/a; 0 is a sphere.
-    """
-
-    a: ScalarLike
-    f: ScalarLike
+    a: ScalarLike  #: Semi-major axis (equatorial radius), m.
+    f: ScalarLike  #: Flattening (a - b)/a; 0 for a sphere.
 
     @property
     def b(self) -> ScalarLike:
@@ -50,7 +47,7 @@ def radii_of_curvature(lat: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> tuple[S
 def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> Vector3:
     """Return the Earth-fixed position (3,), ECEF, m, of geodetic latitude and longitude (rad) and height `h` (m).
 
-    The height is above the ellipsoid. The formula is closed and exact.
+    The height is above the ellipsoid.
     """
     s_lat, c_lat = jnp.sin(lat), jnp.cos(lat)
     _, R_N = radii_of_curvature(lat, ellipsoid)
@@ -59,26 +56,11 @@ def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike, ellipsoi
 
 
 def geodetic_from_ecef(position_e: Vector3, ellipsoid: Ellipsoid = WGS84) -> tuple[Scalar, Scalar, Scalar]:
-    """Return geodetic latitude, longitude and height of an Earth-centred, Earth-fixed position.
+    """Return geodetic latitude and longitude (rad) and height above the ellipsoid (m) of a position (3,), ECEF, m.
 
-    Parameters
-    ----------
-    position_e
-        Position (3,), ECEF, m.
-    ellipsoid
-        Figure of the Earth.
-
-    Returns
-    -------
-    Latitude in [-pi/2, pi/2] and longitude in [-pi, pi], rad, and height above the ellipsoid, m. On the polar axis the
-    longitude is 0; there the gradients across the axis, which do not exist, are 0.
-
-    Notes
-    -----
-    Bowring's formula (Survey Review 23(181), 1976) applied exactly twice, nothing iterated to convergence. In extended
-    precision the error of the method is below 1e-11 m from -10 km to geostationary height at every latitude; in double
-    precision rounding leaves about 4e-9 m. Height after Bowring (Survey Review 28(218), 1985), which is well
-    conditioned from equator to pole.
+    Latitude is in [-pi/2, pi/2], longitude in [-pi, pi]. On the polar axis the longitude is 0; the gradients across the
+    axis, which do not exist, are set to 0. In double precision the error is about 4e-9 m from -10 km to geostationary
+    height. Source: Bowring, Survey Review 23(181), 1976, applied twice; height: Survey Review 28(218), 1985.
     """
     x, y, z = position_e[0], position_e[1], position_e[2]
     a, b = ellipsoid.a, ellipsoid.b
@@ -110,7 +92,9 @@ def geodetic_from_flat(
     reference_height: ScalarLike,
     ellipsoid: Ellipsoid = WGS84,
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Return geodetic latitude, longitude and height of a position on the flat map of the Earth.
+    """Return geodetic latitude and longitude (rad) and height (m) of a position on the flat map of the Earth.
+
+    The angles are continuous: longitude is not wrapped at +-pi, and latitude beyond a pole exceeds +-pi/2.
 
     Parameters
     ----------
@@ -121,16 +105,10 @@ def geodetic_from_flat(
     ellipsoid
         Figure of the Earth.
 
-    Returns
-    -------
-    Latitude and longitude, rad, and height, m. The angles are continuous: longitude is not wrapped at +-pi, and the
-    latitude of a position beyond a pole exceeds +-pi/2.
-
     Notes
     -----
-    The map is that of theory section 1, an arctangent, up to an angle of 45 deg from the reference. Farther away the
-    arctangent is continued along its tangent, so that the map covers the whole Earth, each longitude once within
-    180 deg of the reference.
+    The map of theory section 1 is an arctangent up to an angle of 45 deg from the reference. Farther away the map
+    continues along the tangent of the arctangent, to cover the whole Earth.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     north = angle_on_flat_map(position_n[0], R_M + reference_height)
@@ -155,21 +133,17 @@ def flat_from_geodetic(
     reference_height: ScalarLike,
     ellipsoid: Ellipsoid = WGS84,
 ) -> Vector3:
-    """Convert a geodetic to a flat-Earth position: the exact inverse of `geodetic_from_flat`.
+    """Return the flat-Earth position (3,), NED from the reference, m: the exact inverse of `geodetic_from_flat`.
 
     Parameters
     ----------
     lat, lon, h
-        Geodetic latitude and longitude, rad, and height above the ellipsoid, m, anywhere on Earth; adding 2 pi to the
-        longitude makes no difference. East is discontinuous only 180 deg from the reference's longitude.
+        Geodetic latitude and longitude, rad, and height above the ellipsoid, m. Multiples of 2 pi in the longitude have
+        no effect. East is discontinuous only 180 deg from the reference's longitude.
     reference_latitude, reference_longitude, reference_height
         Geodetic coordinates of the flat Earth's origin: rad, rad, m above the ellipsoid; not a pole.
     ellipsoid
         Figure of the Earth.
-
-    Returns
-    -------
-    Position (3,), NED from the reference, m.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     east_angle = jnp.asarray(lon) - reference_longitude
@@ -182,7 +156,7 @@ def flat_from_geodetic(
 def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
     """Return the derivative of a length on the flat map with respect to the arc on the Earth, a number from 1 to 2.
 
-    `length` is the north or east coordinate on the flat map, m; for `radius`, m, see `angle_on_flat_map`.
+    Arguments: `angle_on_flat_map`.
     """
     tangent = jnp.clip(length / radius, -1.0, 1.0)
     return 1.0 + tangent * tangent
@@ -191,8 +165,8 @@ def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
 def angle_on_flat_map(length: ScalarLike, radius: ScalarLike) -> Scalar:
     """Return the difference of latitude or longitude from the reference (rad) at a flat-map coordinate (m).
 
-    `length` is the north or the east coordinate. `radius`, m, is for north the radius of curvature of the meridian at
-    the reference (plus the reference height), for east that of the prime vertical, times the cosine of the latitude.
+    `length` is the north or the east coordinate. With the radii of curvature at the reference and the reference height
+    h, `radius` (m) is R_M + h for north, and (R_N + h) cos(latitude) for east.
     """
     arctangent_part = jnp.clip(length, -radius, radius)
     return jnp.arctan2(arctangent_part, radius) + 0.5 * (length - arctangent_part) / radius

@@ -22,10 +22,10 @@ def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
 def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
     """Return airspeed V (m/s), alpha and beta (rad) of a velocity relative to the air (3,), body axes, m/s.
 
-    Alpha is in [-pi, pi], beta in [-pi/2, pi/2]. At rest V, alpha and beta are 0 with zero gradients. Beta is
-    ``asin(V_y / V)`` written as an arctangent, with a finite gradient in a pure side flow.
+    Alpha is in [-pi, pi], beta in [-pi/2, pi/2]. At rest V, alpha and beta are 0 with zero gradients.
     """
     U, V_y, W = jnp.unstack(velocity_air_b)
+    # beta = asin(V_y / V), as an arctangent with a finite gradient in a pure side flow
     return safe_norm(velocity_air_b), safe_atan2(W, U), safe_atan2(V_y, safe_hypot(U, W))
 
 
@@ -37,8 +37,8 @@ def air_direction_b(alpha: Scalar, beta: Scalar) -> Vector3:
 def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
     """Return flight-path angle gamma and course chi (rad) of a velocity (3,), NED, m/s.
 
-    Gamma is in [-pi/2, pi/2], up positive; chi is in [-pi, pi], clockwise from north. In vertical flight chi is 0, at
-    rest gamma and chi are 0, with zero gradients.
+    Gamma is in [-pi/2, pi/2], up positive; chi is in [-pi, pi], clockwise from north. In vertical flight chi is 0 with
+    zero gradient; at rest gamma and chi are 0 with zero gradients.
     """
     v_N, v_E, v_D = jnp.unstack(velocity_n)
     return safe_atan2(-v_D, safe_hypot(v_N, v_E)), safe_atan2(v_E, v_N)
@@ -47,8 +47,8 @@ def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
 def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> Scalar:
     """Return the bank angle mu about the velocity vector, rad, in [-pi, pi], positive with the right wing down.
 
-    Inputs: rotation matrix ``R_bn`` (3, 3), NED to body; angle of attack and sideslip, rad. With
-    ``R_wn = R_wb @ R_bn`` mu is ``atan2(R_wn[1, 2], R_wn[2, 2])``; 0 if the velocity is vertical.
+    ``R_bn`` (3, 3) is the rotation from NED to body axes; ``alpha`` and ``beta`` are in rad. mu is ``atan2(R_wn[1, 2],
+    R_wn[2, 2])`` with ``R_wn = R_wb @ R_bn``; 0 if the velocity is vertical.
     """
     _, side, under = jnp.unstack(rotate(rotation_wind_from_body(alpha, beta), R_bn[:, 2]))
     return safe_atan2(side, under)
@@ -57,20 +57,10 @@ def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> 
 def attitude_from_path(
     mu: ScalarLike, gamma: ScalarLike, chi: ScalarLike, alpha: ScalarLike, beta: ScalarLike
 ) -> Matrix33:
-    """Return the attitude of an aircraft from bank, flight-path angle, course, angle of attack and sideslip.
+    """Return the attitude ``R_bn`` (3, 3), NED to body, of an aircraft from bank, path and flow angles (rad).
 
-    The function is the inverse of `path_angles`, `bank_about_velocity` and `flow_angles` combined.
-
-    Parameters
-    ----------
-    mu, gamma, chi
-        Bank about the velocity, flight-path angle and course of the velocity relative to the air, rad.
-    alpha, beta
-        Angle of attack and sideslip, rad.
-
-    Returns
-    -------
-    ``R_bn`` (3, 3), NED to body: ``R_wb.T @ R_wn`` with the 3-2-1 matrix ``R_wn`` of (mu, gamma, chi).
+    ``mu`` is the bank about the velocity; ``gamma`` and ``chi`` are flight-path angle and course of the velocity
+    relative to the air. The function is the inverse of `path_angles`, `bank_about_velocity` and `flow_angles` combined.
     """
     R_wb = rotation_wind_from_body(alpha, beta)
     return compose(R_wb.T, rotation_from_euler(mu, gamma, chi))

@@ -1,8 +1,4 @@
-"""Performance of an aircraft in steady flight.
-
-Acceleration and deceleration along the path with full and idle thrust; limits of steady flight with a reserve: airspeed
-range of level flight, greatest bank angle, load factor, climb rate and sink rate.
-"""
+"""Performance of an aircraft in steady flight: accelerations along the path, and limits of flight with a reserve."""
 
 from typing import NamedTuple
 
@@ -25,7 +21,7 @@ _SPEED_RATIOS = np.array([0.55, 0.65, 0.75, 0.85, 1.0, 1.25])  # relative to the
 _PUSH_OVER = 0.75  # load factor that, with load factor 1, gives the drag due to lift
 _NEWTON_STEPS = 6  # enough for a piecewise linear lift curve
 ACCELERATION_FLOOR = 0.1
-"""Least acceleration and deceleration that plans assume for an aircraft, even if it reaches less, m/s^2."""
+"""Least acceleration and deceleration that plans assume for an aircraft, m/s^2, even if the aircraft reaches less."""
 
 
 def performance_at(
@@ -33,11 +29,11 @@ def performance_at(
 ) -> Performance:
     """Compute the acceleration with full thrust and the deceleration with idle thrust of a trimmed aircraft, m/s^2.
 
-    `condition` is the trimmed condition, `surfaces` (rad) are the deflections of the trim. The result also has tables
-    of the idle deceleration, over 0.55 to 1.25 times the trimmed airspeed with the same deflections: the value in level
-    flight, and the part proportional to the square of the load factor, both relative to the trimmed idle deceleration
-    (at least `ACCELERATION_FLOOR`). For the F-16 the error of drag less idle thrust is within 5 % and 0.06 m/s^2 (load
-    factors 0.5 to 1, 0.6 to 1.25 times the airspeed).
+    `condition` and `surfaces` (rad) are the trimmed condition and its deflections. The result has tables of the idle
+    deceleration over 0.55 to 1.25 times the trimmed airspeed: the value in level flight, and the part proportional to
+    the square of the load factor. Both are relative to the trimmed idle deceleration (at least `ACCELERATION_FLOOR`).
+    For the F-16, the error of the tables is within 5 % and 0.06 m/s^2 (load factors 0.5 to 1, 0.6 to 1.25 times the
+    airspeed).
     """
     data = condition.air_data
     level, pushed_over = _idle_decelerations(airframe, environment, condition, surfaces)
@@ -62,10 +58,7 @@ def path_acceleration(airframe: AbstractAirframe, condition: AirDataAndForces, p
 def _idle_decelerations(
     airframe: AbstractAirframe, environment: Environment, condition: AirDataAndForces, surfaces: Vector
 ) -> Float[Array, "2 entries"]:
-    """Compute (drag - idle thrust) / mass, m/s^2, by load factor (rows: 1 and `_PUSH_OVER`) and airspeed (columns).
-
-    The airspeeds are `_SPEED_RATIOS` times the trimmed airspeed; the deflections are `surfaces` (rad) throughout.
-    """
+    """Compute (drag - idle thrust) / mass, m/s^2, by load factor (rows: 1, `_PUSH_OVER`) and `_SPEED_RATIOS`."""
     trimmed_flow = condition.air_data
     air = environment.atmosphere.at(trimmed_flow.altitude)
     low, high = airframe.alpha_range
@@ -81,10 +74,8 @@ def _idle_decelerations(
             return across, -force_b[0] * jnp.cos(alpha) - force_b[2] * jnp.sin(alpha)
 
         def nearer(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-            """Return the angle of attack (rad) after a Newton step, and the deceleration (m/s^2) before the step.
-
-            Both in one loop body, so that the compiled program contains the forces once.
-            """
+            """Return the angle of attack (rad) after a Newton step, and the deceleration (m/s^2) before the step."""
+            # both in one loop body: the compiled program contains the forces once
             alpha = carry[0]
             (across, along), (slope, _) = jax.jvp(forces, (alpha,), (jnp.ones(()),))
             step = (across - load_factor * environment.gravity) / jnp.where(slope == 0.0, 1.0, slope)
@@ -104,15 +95,15 @@ _SLOPES = np.radians(np.concatenate([np.arange(-20.0, 0.0, 2.0), np.arange(1.0, 
 RESERVE = 0.1
 """Fraction of full power, and of every surface's travel from mid-range to its stop, that a limit leaves unused."""
 ALPHA_RESERVE = np.radians(2.0)
-"""Margin of the angle of attack to the greatest of the aerodynamic data, rad."""
+"""Margin of the angle of attack to the greatest angle of attack of the aerodynamic data, rad."""
 
 
 class Capability(NamedTuple):
     """Limits of steady flight at one altitude in still air.
 
     The airspeeds of level flight (m/s) are NaN if level flight is impossible. Greatest bank (rad) and load factor of a
-    level turn, and greatest climb and sink rates (m/s, positive) hold at one chosen airspeed; without a turn, climb or
-    descent within the reserves the values are 0, and the load factor is 1.
+    level turn, and greatest climb and sink rates (m/s, positive) hold at one chosen airspeed. If no turn, climb or
+    descent keeps the reserves, the values are 0 and the load factor is 1.
     """
 
     speed_min: float
@@ -132,9 +123,8 @@ def capability_points(
 ) -> TrimMapPoint:
     """Trim the aircraft at the flight conditions from which `capability_from_points` finds the performance limits.
 
-    The leading axis of the result is: level flight at 64 airspeeds in equal logarithmic steps over the range `speeds`
-    (m/s); level turns with banks of 5 to 75 deg; path angles from -20 to 40 deg; level flight. Turns, climbs, descents
-    and the last level flight have the airspeed `speed` (m/s); `altitude` (m) is geometric.
+    The leading axis of the result has level flights at 64 airspeeds within `speeds` (m/s), then level turns, climbs and
+    descents, and a level flight at the airspeed `speed` (m/s). `altitude` (m) is geometric.
     """
     turn_rates = environment.gravity * jnp.tan(jnp.asarray(_BANKS)) / speed
     slopes = jnp.append(jnp.asarray(_SLOPES), 0.0)
@@ -156,7 +146,8 @@ def capability_from_points(
     """Find the performance limits among the `points` of `capability_points`, with the same `speed` and `speeds` (m/s).
 
     A point counts if it is trimmable and the reserves `RESERVE` (power, surfaces) and `ALPHA_RESERVE` (angle of attack)
-    remain. Of several airspeed ranges of level flight, the range around `speed` counts, or else the longest.
+    remain. If level flight has several airspeed ranges, the range around `speed` counts or, if there is none, the
+    longest.
     """
     usable = np.asarray(points.trimmable) & _has_reserve(airframe, points)
     level, banked, sloped, _ = np.split(usable, np.cumsum([_SPEEDS, _BANKS.size, _SLOPES.size]))
@@ -181,7 +172,7 @@ def _speed_grid(low: ScalarLike, high: ScalarLike) -> jax.Array:
 
 
 def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray:
-    """Return flags, shape (points,), of the points at which power, surfaces and angle of attack keep their reserves."""
+    """Return for each point whether power, surfaces and angle of attack keep their reserves."""
     commanded = np.flatnonzero(airframe.actuators.is_commanded)
     surface_margin = np.asarray(points.surface_margin)[:, commanded].min(axis=1)
     alpha_margin = float(airframe.alpha_range[1]) - np.asarray(points.trim.alpha)
@@ -189,10 +180,7 @@ def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray
 
 
 def _true_run(flags: np.ndarray, preferred: int) -> tuple[int, int] | None:
-    """Return first and last index of the run of true flags around index `preferred`, or else of the longest run.
-
-    None if no flag is true.
-    """
+    """Return first and last index of the run of true flags at `preferred`, if any, or of the longest; None: no run."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     matching_runs = [run for run in runs if run[0] <= preferred <= run[1]]

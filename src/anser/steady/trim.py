@@ -1,7 +1,4 @@
-"""Trim of any airframe in straight, climbing, turning and pull-up flight, and points of a trim map.
-
-A trim map point includes the obstacles to steady flight and the margins to the limits.
-"""
+"""Trim of any airframe in straight, climbing, turning and pull-up flight, and points of a trim map."""
 
 import dataclasses
 from typing import NamedTuple
@@ -42,12 +39,11 @@ _CONVERGED = 1e-8  # greatest residual of a solution, g and rad/s^2; solver nois
 
 
 class TrimTarget(eqx.Module):
-    """The required steady flight condition: speed (m/s), altitude (m), angles and rates (rad, rad/s), in the air.
+    """The required steady flight condition, relative to the air.
 
-    `turn_rate` is the rate of the course, right positive. A pull-up is commanded by `path_rate`, the rate of the path
-    angle, or by `pitch_rate`, the body rate Q. With sideslip (for the F-16 due to the engine's angular momentum) the
-    two differ: with `path_rate` P and R are not 0 and the course is constant; with `pitch_rate` P and R are 0 and the
-    heading is constant.
+    A pull-up is commanded by `path_rate` or by `pitch_rate`. If the flight has sideslip (for the F-16 due to the
+    engine's angular momentum), both pull-ups differ. With `path_rate`, the course is constant, and P and R are not 0.
+    With `pitch_rate`, the heading is constant, and P and R are 0.
     """
 
     speed: Scalar  #: True airspeed, m/s.
@@ -55,20 +51,16 @@ class TrimTarget(eqx.Module):
     path_angle: Scalar  #: Path angle of the velocity through the air, rad, up positive.
     course: Scalar  #: Course of the velocity through the air, rad, clockwise from north.
     turn_rate: Scalar  #: Rate of the course, rad/s; positive turns right.
-    #: Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the horizontal line to the
+    #: Rate of the path angle, rad/s; positive bends the path up. The velocity turns about the horizontal line to the
     #: right of the course, also in a turn. If not 0, the condition holds for an instant only.
     path_rate: Scalar
-    #: Body rate Q of a pull-up as in [SL] section 3.6, rad/s: P = R = 0, and without side force the wings are level. If
-    #: not 0, turn and path rates must be 0, and the condition holds for an instant only.
+    #: Body rate Q of a pull-up as in [SL] section 3.6, rad/s: P = R = 0, and the wings are level if no side force acts.
+    #: If not 0, turn and path rates must be 0, and the condition holds for an instant only.
     pitch_rate: Scalar
 
 
 class TrimPoint(eqx.Module):
-    """Result of `solve_trim`: a solution inside or outside the aircraft's limits, or the best attempt at a solution.
-
-    `converged` is False for an attempt, `residual` the largest remaining acceleration (g and rad/s^2). `excess` is 0
-    for a solution inside the limits; the power (percent) can be outside 0 to 100. Angles are in rad.
-    """
+    """Result of `solve_trim`: a solution inside or outside the aircraft's limits, or the best attempt at a solution."""
 
     #: State at the required position and altitude; the velocity over ground includes the environment's wind.
     state: AircraftState
@@ -96,8 +88,8 @@ def trim_target(
 ) -> TrimTarget:
     """Build a trim target from airspeed (m/s), altitude (m), angles (rad) and rates (rad/s); see `TrimTarget`.
 
-    Raises ValueError if a pitch rate is combined with a turn or path rate. Rates traced by JAX are not checked here:
-    the trim then has an infinite `TrimPoint.residual`.
+    Raises ValueError if a pitch rate is combined with a turn or path rate. Rates traced by JAX are not checked; the
+    trim then has an infinite `TrimPoint.residual`.
     """
     if _is_known_nonzero(pitch_rate) and (_is_known_nonzero(turn_rate) or _is_known_nonzero(path_rate)):
         raise ValueError(
@@ -140,10 +132,7 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
-    """Return the residuals of the trim equations for the unknowns x: accelerations, body axes, in g and rad/s^2.
-
-    With yaw control, the last residual is the side force over the weight.
-    """
+    """Return the residuals of the trim equations for the unknowns x: accelerations, body axes, in g and rad/s^2."""
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)
@@ -169,9 +158,8 @@ def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
 def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
     """Return the deflection of each surface per unit of each unknown of the trim; 0 for surfaces without command.
 
-    With at most three commanded surfaces, each deflection is an unknown. With more, the unknowns are factors for roll,
-    pitch and yaw on deflections that produce the moment and are smallest relative to the ranges of the surfaces; the
-    largest of these deflections equals the factor.
+    If there are more than three commanded surfaces, the unknowns are factors for roll, pitch and yaw. Each factor is
+    the largest deflection of a set that produces the moment and is the smallest relative to the ranges of the surfaces.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -189,19 +177,20 @@ def solve_trim(
 ) -> TrimPoint:
     """Trim an aircraft: solve the equations of a steady flight `target` for alpha, beta, mu, surfaces and power.
 
-    Equations: body velocity and body rates are constant in a steady (helical) turn or at the instant of a pull-up, and
-    the side force vanishes (coordination; [SL] section 3.6 has the same condition, which levels the wings in a pull-up
-    by pitch rate). Over a round Earth "constant" refers to the travelling NED axes: Coriolis and centrifugal
-    accelerations are balanced too. An aircraft without yaw control has no equation for the side force. Limits are not
-    enforced, so a diagnosis can state their violation: see `trim_violations`. Levenberg-Marquardt from several angles
-    of attack; the result is the solution inside the limits with the smallest angle of attack, or else the solution with
-    the least excess, or else the attempt with the least residual. Differentiable by the implicit function theorem,
-    first derivatives only.
+    Body velocity and body rates are constant, and the side force vanishes (coordination, [SL] section 3.6); an aircraft
+    without yaw control may have a side force. Over a round Earth, "constant" refers to the travelling NED axes. Limits
+    are not enforced: see `trim_violations`. The result is the first of these that exists:
+
+    - the solution inside the limits with the smallest angle of attack
+    - the solution with the least excess over the limits
+    - the attempt with the least residual
+
+    Differentiable by the implicit function theorem, first derivatives only.
 
     Parameters
     ----------
     environment
-        Atmosphere, wind and Earth; over a flat Earth the wind changes nothing but the ground velocity of the result.
+        Atmosphere, wind and Earth; over a flat Earth the wind changes only the ground velocity of the result.
     position_n
         Position in the Earth's chart (3,), m; the altitude is taken from the target. None: the chart's origin.
     """
@@ -253,10 +242,7 @@ def solve_trim(
 
 
 def _excess(case: _TrimCase, x: Unknowns) -> Scalar:
-    """Return the sum of the violations of alpha, beta, surface (rad) and power (fraction) limits by the unknowns x.
-
-    The sum is 0 inside the limits.
-    """
+    """Return the sum of the violations of alpha, beta, surface (rad) and power (fraction) limits; 0 inside."""
     airframe, target = case.airframe, case.target
     surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))
 
@@ -277,20 +263,16 @@ above 100 percent; power below 0; a surface beyond its stop; alpha outside the d
 
 
 class TrimMapPoint(eqx.Module):
-    """One point of a trim map: the trim, obstacles to this flight, and margins to the limits.
-
-    `obstacles` has a flag for each of `TRIM_OBSTACLES`. The margins are fractions, negative beyond the limit: power to
-    100 and to 0 percent over full power, each surface to its stop over the travel from mid-range.
-    """
+    """One point of a trim map: the trim, obstacles to this flight, and margins to the limits."""
 
     trim: TrimPoint  # solution of the trim equations, even if it cannot be flown
     obstacles: Bool[Array, "7"]  # flags of the `TRIM_OBSTACLES`; all false if the point can be flown
     mach: Scalar  # Mach number
     load_factor: Scalar  # aerodynamic and propulsive force along -z of the body, over weight
-    # distance of the power from 100 percent and from 0, as a fraction of full power; negative beyond
+    # distance of the power from 100 percent and from 0, as a fraction of full power; negative beyond the limit
     power_margin: Scalar
     power_above_idle: Scalar
-    # distance of each surface from its stop, as a fraction of the travel from mid-range to the stop; negative beyond
+    # distance of each surface from its stop over the travel from mid-range to the stop; negative beyond the stop
     surface_margin: Vector
 
     @property
@@ -336,6 +318,6 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
 
 
 def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
-    """Return the magnitude of each surface's deflection from mid-range over the travel to the stop (1: at the stop)."""
+    """Return |deflection from mid-range| / (travel from mid-range to the stop) of each surface; 1 at the stop."""
     lower, upper = airframe.actuators.lower, airframe.actuators.upper
     return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)

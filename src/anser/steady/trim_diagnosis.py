@@ -29,25 +29,20 @@ _TURN_RATE_LIMIT = math.radians(30.0)
 
 @dataclasses.dataclass(frozen=True)
 class NearestTrim:
-    """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes.
+    """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes."""
 
-    `quantity` is the changed field of the target; `target_value` and `value` are its required and nearest trimmable
-    value (m/s, rad, rad/s). `distance` is dimensionless: relative change of the speed, path angle in rad, or change of
-    the load factor.
-    """
-
-    # changed field of the target: "speed", "path_angle" or "turn_rate"; in a pull-up "pitch_rate" instead of the last
+    # changed field of the target: "speed", "path_angle", "turn_rate" or, in a pull-up, "pitch_rate"
     quantity: str
     # value of the target, and nearest trimmable value, SI (m/s, rad, rad/s)
     target_value: float
     value: float
-    # dimensionless change: speed change over target speed; path angle change in rad (about the change of thrust over
-    # weight); change of turn or pitch rate times target speed over gravity (change of load factor)
+    # dimensionless change: change of speed / target speed; change of path angle, rad; or change of turn or pitch rate
+    # times target speed / gravity
     distance: float
     # the changed target and its trim
     target: TrimTarget
     point: TrimPoint
-    is_in_gap: bool = False  # whether trimmable values lie on both sides of the target's
+    is_in_gap: bool = False  # whether trimmable values lie on both sides of the target value
 
     def message(self) -> str:
         """Return a clause such as "the fastest turn is 3.2 deg/s", rounded to the side on which a trim exists."""
@@ -59,8 +54,8 @@ class NearestTrim:
 class TrimDiagnosis:
     """Result of `nearest_trims`: the target and its trim, the violated limits, and the nearest conditions with a trim.
 
-    If the target has no trim, `violations` are the texts of `trim_violations`, and `nearest` has at most one condition
-    for each changed quantity, least `distance` first; both are empty for a target with a trim.
+    `violations` are the texts of `trim_violations`. `nearest` has at most one condition for each changed quantity,
+    least `distance` first. Both are empty if the target has a trim.
     """
 
     target: TrimTarget
@@ -91,10 +86,7 @@ class TrimDiagnosis:
 
 
 def trim_violations(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[str, ...]:
-    """Return a sentence for each limit that a result of `solve_trim` violates; empty if the condition can be flown.
-
-    Values are in deg and percent. If forces and moments are not balanced, the result is one sentence to say so.
-    """
+    """Return a sentence (deg, percent) for each limit that a trim point violates; empty if it can be flown."""
     if math.isinf(float(point.residual)):
         return ("a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",)
     if not bool(point.converged):
@@ -126,10 +118,7 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
 
 
 def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
-    """Return a sentence for each validity range of the aircraft file (airspeed, altitude, Mach) that is violated.
-
-    Empty for an aircraft without validity ranges.
-    """
+    """Return a sentence for each violated validity range (airspeed, altitude, Mach) of the aircraft file, if any."""
     validity: Validity | None = getattr(airframe, "validity", None)
     if validity is None:
         return []
@@ -151,12 +140,9 @@ def nearest_trims(
 ) -> TrimDiagnosis:
     """Diagnose a trim target: find the nearest trimmable conditions by changing speed, path angle or turn rate alone.
 
-    In a pull-up by pitch rate, the pitch rate is changed instead of the turn rate. The search uses a grid along each
-    quantity, then a finer grid next to the nearest trimmable value; all points of a grid are solved in one compiled
-    call. The resolution is 0.03 percent of the speed, 0.01 deg and 0.004 deg/s (coarser for a target above 20 deg/s).
-
-    The aircraft is trimmed at `position_n`, as by `solve_trim`; None: at the chart's origin. Raises ValueError if the
-    airspeed of the target is not above 0.
+    In a pull-up by pitch rate, the pitch rate is changed instead of the turn rate. The resolution is 0.03 percent of
+    the speed, 0.01 deg and 0.004 deg/s (coarser for a target above 20 deg/s). `position_n`: see `solve_trim`. Raises
+    ValueError if the airspeed of the target is not above 0.
     """
     rate = _changed_rate(target)
     target_values = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
@@ -201,16 +187,13 @@ def nearest_trims(
 
 
 def _changed_rate(target: TrimTarget) -> str:
-    """Return the name of the rate that the diagnosis changes: "pitch_rate" if the target has one, else "turn_rate"."""
+    """Return the name of the rate that the diagnosis changes: "pitch_rate" in a pull-up, "turn_rate" otherwise."""
     return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 
 @compiled
 def _outside_data(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
-    """Return whether airspeed, altitude or Mach number of a trim point is outside the data, and the point's air data.
-
-    Angle of attack and sideslip are not checked.
-    """
+    """Return whether airspeed, altitude or Mach number is outside the data, and the point's air data."""
     data = air_data_and_forces(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
     within = dataclasses.replace(data, alpha=alpha, beta=beta)
@@ -236,7 +219,7 @@ def _solve_grids(
     position_n: Vector3,
     grids: dict[str, np.ndarray],
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
-    """Trim the target with each value of each grid, which replaces one quantity, and last the unchanged target.
+    """Trim the target with each value of each grid in place of one quantity, and last the unchanged target.
 
     Return the trim points, in the order of the grids, and for each quantity the flags of the values with a trim.
     """
@@ -252,7 +235,7 @@ def _solve_grids(
 def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
     """Return a finer grid from the usable value nearest to the target to the next grid value towards the target.
 
-    `usable` flags the values of `grid` with a trim. Without a usable value, the grid is returned unchanged.
+    If no value is usable, the grid is returned unchanged.
     """
     if not usable.any():
         return grid
@@ -264,12 +247,8 @@ def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> 
 
 
 def _is_in_gap(quantity: str, usable_values: np.ndarray, target_value: float) -> bool:
-    """Whether trimmable values lie on both sides of the target's.
-
-    Turn rates count by magnitude, left or right; of pitch rates only those with the target's sign count, because a
-    push-over is no pull-up.
-    """
-    if quantity == "pitch_rate":
+    """Return whether trimmable values lie on both sides of the target value; rates count by magnitude."""
+    if quantity == "pitch_rate":  # a push-over is no pull-up
         usable_values = usable_values[usable_values * target_value >= 0.0]
     if quantity in ("turn_rate", "pitch_rate"):
         usable_values, target_value = np.abs(usable_values), abs(target_value)

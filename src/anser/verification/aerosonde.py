@@ -20,10 +20,7 @@ _SPEED_OF_SOUND_M_S = 340.0
 
 
 def _rotation(quaternion: list[float]) -> np.ndarray:
-    """Return the rotation matrix from body to NED axes of a quaternion: R(q) / det R(q), as in the authors' simulator.
-
-    The length of the published quaternion is 1 only to 1e-8.
-    """
+    """Return the rotation matrix R(q) / det R(q) from body to NED axes, as in the authors' simulator."""
     q0, q1, q2, q3 = quaternion
     R = np.array(
         [
@@ -32,7 +29,7 @@ def _rotation(quaternion: list[float]) -> np.ndarray:
             [2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), q0**2 - q1**2 - q2**2 + q3**2],
         ]
     )
-    return R / np.linalg.det(R)
+    return R / np.linalg.det(R)  # the length of the published quaternion is 1 only to 1e-8
 
 
 def _compare(

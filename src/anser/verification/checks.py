@@ -1,7 +1,4 @@
-"""Checks: comparisons of published values with the values that anser computes, each with a tolerance.
-
-The module also reads the package's files of published values, and makes the JSON document of the outcomes.
-"""
+"""Checks: comparisons of published values with the values that anser computes, each with a tolerance."""
 
 import functools
 import json
@@ -31,15 +28,15 @@ class Comparison:
     unit
         Unit of both values and of the tolerance.
     expected, obtained
-        Published value (None if only the case is published, without results), and value computed here.
+        Published value (None: no value is published), and value computed here.
     tolerance
         Largest accepted absolute difference; None if, and only if, `expected` is None.
     time_s
         Time of the values in a flight, s; None if the values do not belong to a time.
     reference
-        Name of the published source if there are several, such as `sim_05`; otherwise empty.
+        Name of the published source, such as `sim_05`; empty if there is only one.
     tolerance_reason
-        Reason for the tolerance if different from that of the whole check; otherwise empty.
+        Reason for the tolerance; empty if the reason of the whole check applies.
     """
 
     group: str
@@ -107,8 +104,7 @@ class Check:
     key, title
         Name on the command line, such as `f16-derivatives`, and title on the page.
     source, tolerance_reason
-        Texts of table cells: short citation, such as `[SL] tab. 3.5-2`, and reason for the tolerance, such as `half the
-        last digit`.
+        Short citation, such as `[SL] tab. 3.5-2`, and reason for the tolerance, such as `half the last digit`.
     explanation
         Sentences for the page about conventions, discrepancies and the causes of discrepancies.
     measure
@@ -128,10 +124,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a check: its comparisons, or the problem for which the computation failed (None without a problem).
-
-    `seconds` is the duration, s, compilation included.
-    """
+    """Outcome of a check: comparisons, duration `seconds` (s) and, if the computation failed, the `problem`."""
 
     check: Check
     comparisons: tuple[Comparison, ...]
@@ -161,10 +154,7 @@ class Outcome:
 
 @functools.cache
 def load_published(name: str) -> dict[str, Any]:
-    """Read the JSON file `name` (without suffix) of published values in `verification/data`.
-
-    The entry `about` names the source.
-    """
+    """Read the JSON file `name` (without suffix) of published values in `verification/data`."""
     return json.loads(read_data_file(f"{name}.json"))
 
 
@@ -180,10 +170,7 @@ def read_data_file(name: str) -> str:
 
 
 def make_check(key: str, measure: Callable[[], Iterable[Comparison]], *, long: bool = False) -> Check:
-    """Return the check `key` with the texts (title, source, tolerance reason, explanation) of `data/checks.toml`.
-
-    `measure` computes the comparisons; `long` marks a slow check.
-    """
+    """Return the check `key` with the texts (title, source, tolerance reason, explanation) of `data/checks.toml`."""
     texts = {name: " ".join(text.split()) for name, text in load_definitions("checks")[key].items()}
     return Check(key=key, **texts, measure=lambda: tuple(measure()), long=long)
 
@@ -198,16 +185,13 @@ def half_of_last_digit(printed: str) -> float:
 def half_of_significant(figure: float, digit_count: int) -> float:
     """Return half a unit of the last of `digit_count` significant digits of a nonzero number.
 
-    For numbers in data formats that drop final zeros, whose printed digits cannot be counted.
+    The function is for data formats that drop final zeros, such that printed digits cannot be counted.
     """
     return 0.5 * 10.0 ** (math.floor(math.log10(abs(figure))) - digit_count + 1)
 
 
 def compare_as_printed(group: str, point: str, unit: str, printed: str, obtained: float) -> Comparison:
-    """Compare a computed value, `obtained`, with a printed number; the tolerance is half a unit of the last digit.
-
-    `group`, `point` and `unit` are as in `Comparison`.
-    """
+    """Compare a computed value, `obtained`, with a printed number; the tolerance is half a unit of the last digit."""
     return Comparison(group, point, unit, float(printed), float(obtained), half_of_last_digit(printed))
 
 

@@ -1,7 +1,7 @@
 """Verification of the F-16's aerodynamic and engine data.
 
-Compared are: the check shots (published pairs of inputs and outputs) of the s119 data files; the tables of the founding
-thesis, entry by entry; and the built-in s119 table set with its DAVE-ML files: coefficients, thrust, and NESC case 11.
+The sources are the check shots (published pairs of inputs and outputs) of the s119 data files, the tables of the
+founding thesis, and NASA's DAVE-ML files.
 """
 
 import dataclasses
@@ -33,7 +33,7 @@ from anser.verification.nesc_cases import TRIMMED_FLIGHTS, column_unit
 from anser.verification.nesc_flight import LOG_PERIOD_S, fly_trimmed, trimmed_logs
 
 _MOMENT_REFERENCE = 0.35
-"""Moment reference of data and thesis tables, x/c; the centre of gravity is put there: moments have no lever."""
+"""Moment reference of data and thesis tables, x/c; with the centre of gravity at this point, moments have no lever."""
 _UNITS = {"nd": "", "ft": "ft", "ft2": "ft^2", "lbf": "lbf", "ftlbf": "ft lbf"}
 _INPUT_FACTORS = {"ft_s": FOOT_M, "ft": FOOT_M, "deg": DEG_RAD}
 """Factor to SI units by unit of the check shots' inputs; 1 for other units, percent included."""
@@ -44,7 +44,7 @@ def _shot_coefficients(airframe: F16, shots: Float[Array, "shot 9"]) -> dict[str
     """Compute the coefficients and reference lengths (ft, ft^2) of each check shot, by the data file's output names.
 
     Columns of `shots`: airspeed (m/s), alpha, beta, body rates (3), deflections of elevator, aileron and rudder, in
-    radians. Density has no effect; that at sea level is used.
+    radians.
     """
 
     def coefficients_of_shot(
@@ -83,11 +83,7 @@ def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Floa
 def _measure_shots(
     file: str, compute: Callable[[F16, Array], dict[str, Float[Array, " shot"]]]
 ) -> Iterator[Comparison]:
-    """Compare the s119 F-16 with the check shots of the data file `file`.
-
-    `compute` gets the inputs in the order of the file, in SI units and radians, and returns arrays over the shots by
-    output name.
-    """
+    """Compare the s119 F-16 with the check shots of the data file `file`; `compute` gets SI units and radians."""
     shots = load_published(file)["shots"]
     inputs = jnp.array(
         [[number * _INPUT_FACTORS.get(unit, 1.0) for number, unit in shot["inputs"].values()] for shot in shots]
@@ -119,7 +115,7 @@ _POWERS = {"T_idle": 0.0, "T_mil": 50.0, "T_max": 100.0}
 def _coefficients(airframe: F16, points: Float[Array, "point 8"]) -> Float[Array, "point 6"]:
     """Compute CX, CY, CZ, Cl, Cm, Cn at points (rows).
 
-    Columns of `points`: alpha, beta, elevator, aileron, rudder (deg), dimensionless rates P, Q, R.
+    Columns: alpha, beta, elevator, aileron, rudder (deg), dimensionless rates P, Q, R.
     """
     lengths = jnp.stack([airframe.span, airframe.mean_chord, airframe.span])
 
@@ -149,10 +145,7 @@ def _grid_points(axes: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
 
 
 def _entries(name: str, axes: Mapping[str, Sequence[float]], airframe: F16) -> np.ndarray:
-    """Compute the entries of the thesis table `name` with the aircraft model, flattened as in `_grid_points`.
-
-    An entry is a thrust (lbf), a coefficient, or the increment of a coefficient by a rate or a deflection.
-    """
+    """Compute the entries of the thesis table `name` with the aircraft model, flattened as in `_grid_points`."""
     grid_points = _grid_points(axes)
     if name in _POWERS:
         points = [[_POWERS[name], grid_point["altitude_ft"], grid_point["mach"]] for grid_point in grid_points]
@@ -195,7 +188,7 @@ _FLIGHT_SHARE = 1e-6
 
 
 class FileEngine(F16Engine):
-    """Engine with the thrust of NASA's F16_prop.dml; lag and inverse functions are those of the built-in engine."""
+    """Engine with the thrust of NASA's F16_prop.dml, and the lag and inverse functions of the built-in engine."""
 
     evaluator: Evaluator
 
@@ -229,8 +222,8 @@ def random_states() -> Float[np.ndarray, "state 13"]:
 def compare_models(built_in: F16, of_files: DaveMlAircraft, states: Array) -> tuple[dict, dict]:
     """Compute the coefficients and the thrust (lbf) of each state by the DAVE-ML files, and by the built-in model.
 
-    Returns both results by name, each array of shape (state,); `states` has the columns of `random_states`. The files'
-    moments refer to their moment reference point, those of `built_in` to its centre of gravity: place it at that point.
+    `states` has the columns of `random_states`. The centre of gravity of `built_in` must be at the moment reference
+    point of the files.
     """
 
     def compare_state(state: Array) -> tuple[dict[str, Scalar], dict[str, Scalar]]:
@@ -250,19 +243,12 @@ def compare_models(built_in: F16, of_files: DaveMlAircraft, states: Array) -> tu
 
 
 def with_degrees_per_radian(of_files: DaveMlAircraft, degrees: float) -> DaveMlAircraft:
-    """Return a copy of the files' F-16 that converts angles with `degrees` per radian.
-
-    The files round pi to nine digits.
-    """
+    """Return a copy of the files' F-16 that converts angles with `degrees` per radian."""
     return eqx.tree_at(lambda airframe: airframe.evaluator.constants["rtd"], of_files, as_array(degrees))
 
 
 def _compare_coefficients() -> tuple[Comparison, ...]:
-    """Compare coefficients and thrust of the DAVE-ML files' F-16 and the built-in s119 F-16 at random states.
-
-    Each quantity is compared at the state of its greatest difference. CZ is compared a second time, with pi rounded as
-    in the file.
-    """
+    """Compare coefficients and thrust of the DAVE-ML files' F-16 and the built-in s119 F-16 at random states."""
     airframe, as_filed, states = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE), f16_of_files(), random_states()
     from_file, built_in = compare_models(airframe, with_degrees_per_radian(as_filed, RAD_DEG), as_array(states))
     comparisons = [_worst(name, from_file[name], built_in[name], _TOLERANCE, "", "") for name in BODY_COEFFICIENTS]
@@ -284,10 +270,7 @@ def _worst(name: str, expected: Array, computed: Array, tolerance: float, unit: 
 
 
 def _compare_flights() -> tuple[Comparison, ...]:
-    """Compare NESC case 11 flown by the built-in F-16 with the case flown by the F-16 of the DAVE-ML files.
-
-    Each logged quantity with a tolerance is compared at the published time of its greatest difference.
-    """
+    """Compare NESC case 11 flown by the built-in F-16 with the case flown by the F-16 of the DAVE-ML files."""
     case = TRIMMED_FLIGHTS[0]
     built_in = trimmed_logs()[case.number]
     from_files = fly_trimmed([case], f16_of_files())[case.number]

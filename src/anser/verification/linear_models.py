@@ -50,7 +50,7 @@ def linear_flight(
 ) -> tuple[TrimPoint, LinearModel]:
     """Trim a steady flight, linearize the aircraft there, and return the trim point and the linear model.
 
-    The throttle of the linearization is at most 0.99: the textbook's gearing has no stop at full throttle.
+    The throttle of the linearization is at most 0.99, because the textbook's gearing has no stop at full throttle.
     """
     point = solve_trim(airframe, environment, target)
     controls = eqx.tree_at(lambda c: c.throttle, point.controls, jnp.minimum(point.controls.throttle, 0.99))
@@ -86,8 +86,8 @@ def printed_block(
 def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
     """Return the tolerance of each printed number: half a unit of its last digit.
 
-    Three digits are printed (four from 1000 on, one below 0.001). The tolerance of a printed 0 is half the smallest
-    unit in its row.
+    Numbers of 1000 or more have four digits, numbers below 0.001 have one, other numbers have three. The tolerance of a
+    printed 0 is half the smallest unit in its row.
     """
     size = np.abs(printed)
     digits = np.where(size < 1e-3, 1, np.where(size >= 1000, 4, 3))

@@ -50,7 +50,7 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
 
 
 def mission_scenario(earth: str, step_s: float) -> Scenario:
-    """Return the scenario of the reference mission, shortened, with the given Earth model and step (s)."""
+    """Return the shortened scenario of the reference mission with the given Earth model and step (s)."""
     return _scenario(MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
 
 
@@ -76,7 +76,7 @@ def flat_and_round() -> Iterator[Comparison]:
     bank = (straight[1].bank_deg - straight[0].bank_deg).values
     tilt = -across / STANDARD_GRAVITY_M_S2 * RAD_DEG
     interval = f"aircraft-1, mean of {lowest:g} to {highest:g} s"
-    # Straight flight; the remaining difference is that of the climbs of two closed loops.
+    # Straight flight; the remaining difference comes from the climbs of two closed loops.
     yield Comparison("lift per mass", interval, "m/s^2", float(down.mean()), float(lift.mean()), 0.05 * 0.0254)
     yield Comparison("bank", interval, "deg", float(tilt.mean()), float(bank.mean()), 0.05 * 0.148)
     requirements = flat.scenario.requirements
@@ -96,8 +96,8 @@ def flat_and_round() -> Iterator[Comparison]:
 def steps() -> Iterator[Comparison]:
     """Compare the arrivals of the reference mission at different integration steps.
 
-    The default step (100 Hz) must agree with half the step to a hundredth of the requirements. The differences of all
-    steps from the finest are listed without a tolerance.
+    The default step (100 Hz) must agree with half the step to a hundredth of the requirements; the remaining
+    differences have no tolerance.
     """
     finest, halved, default = (mission(step_s=STEPS_S[k]) for k in (-1, 2, 1))
     requirements, rates = finest.scenario.requirements, "100 Hz against 200 Hz"
@@ -122,10 +122,7 @@ def _aircraft_of(*flights: FlightResult) -> Iterator[tuple[dict, ...]]:
 
 
 def climb_and_turn_error() -> Iterator[Comparison]:
-    """Compare the greatest position error of the climb-and-turn, flown on velocity commands alone, with 0.
-
-    The aircraft is the F-16 with the tables of the founding work.
-    """
+    """Compare the greatest position error of the founding F-16's climb-and-turn, on velocity commands alone, with 0."""
     flight = fly_climb_and_turn("founding")
     error = float(flight.summary["aircraft"][0]["position_error_max_m"])
     yield Comparison("position error, greatest", "whole flight", "m", 0.0, error, _TRACKING_BOUND_M)
@@ -134,7 +131,7 @@ def climb_and_turn_error() -> Iterator[Comparison]:
 def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
     """Return the accelerations, down and to the right, m/s^2, that the Earth's rotation and curvature add.
 
-    The arrays are over the times of the flight. Source: [SL] eq. 1.7-18.
+    Source: [SL] eq. 1.7-18.
     """
     speed, course = dataset.ground_speed_m_s.values, dataset.ground_course_deg.values * DEG_RAD
     latitude = dataset.latitude_deg.values * DEG_RAD
@@ -145,10 +142,7 @@ def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) -> float:
-    """Return the greatest distance, m, between aircraft `k` in `flight` and in `reference` at equal times.
-
-    Times up to the arrival in `flight` count.
-    """
+    """Return the greatest distance, m, between aircraft `k` in two flights, until the arrival in `flight`."""
     arrived = flight.dataset.time.values <= flight.summary["aircraft"][k]["arrival_s"]
     offsets = [
         (flight.dataset[name].isel(aircraft=k) - reference.dataset[name].isel(aircraft=k)).values[arrived]
@@ -160,9 +154,8 @@ def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) ->
 def _drift_m(flight: FlightResult, k: int) -> float:
     """Return a bound, m, of the drift of aircraft `k`, whose plan neglects the Earth's rotation and curvature.
 
-    Rotation and curvature add an acceleration a, which causes a steady error a / K_P of the velocity loop (proportional
-    gain K_P). The bound is this error multiplied by the time to the arrival: plans made in flight start at the
-    aircraft's position, so only those of the last seconds correct the drift.
+    The bound is a / K_P times the time to the arrival, with the neglected acceleration a and the proportional gain K_P
+    of the velocity loop.
     """
     scenario, aircraft = flight.scenario, flight.summary["aircraft"][k]
     speed = aircraft["speed_mean_m_s"]

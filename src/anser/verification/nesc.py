@@ -1,7 +1,6 @@
 """Checks of the NESC check-cases against published simulation results at certain times ("checkpoints").
 
-Two participants of the study, simulations 04 and 05, are the references. Of a case without checkpoints, the results are
-listed and not judged.
+The references are the simulations 04 and 05 of the study. Cases without checkpoints are listed and not judged.
 """
 
 import functools
@@ -92,10 +91,7 @@ def _checkpoints(case: _Case) -> dict[str, Any] | None:
 
 @functools.cache
 def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str, Log]:
-    """Fly all cases of a class of cases in one batch, and return the logs by case number; cached.
-
-    Of class `LawFlight`, only the cases under the control law `law` are flown.
-    """
+    """Fly all cases of a class, or only those under the control law `law`, and return logs by case number; cached."""
     if case_class is LawFlight:
         return fly_laws([case for case in LAW_FLIGHTS if case.law == law])
     return trimmed_logs() if case_class is TrimmedFlight else fly_free(FREE_FLIGHTS)
@@ -104,9 +100,8 @@ def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str
 def _measure(case: _Case) -> tuple[Comparison, ...]:
     """Compare a case with both reference simulations at the judged checkpoints.
 
-    Listed without published values are the checkpoints that are not judged, and quantities whose published values are
-    so near zero that zeros would agree. A case without checkpoints lists all logged values; only airspeeds published as
-    settled values are compared, at the end of the flight.
+    Checkpoints that are not judged, quantities near zero, and cases without checkpoints are listed without published
+    values. If only settled airspeeds are published, the airspeeds at the end of the flight are compared.
     """
     log, published = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
     if published is None:
@@ -135,8 +130,7 @@ def _judged_indices(published: dict[str, Any]) -> list[int]:
 def _column_names(published: dict[str, Any]) -> tuple[list[str], list[str]]:
     """Return the names of two groups of published columns: zero up to rounding, and within their tolerance of zero.
 
-    Columns of the first group are judged: the tolerance limits the computed value. Columns of the second group are not
-    judged: they are not zero, but computed zeros would agree.
+    The second group is not judged, because computed zeros would agree.
     """
     zero, within_scatter = [], []
     for name, column in _columns(published).items():
@@ -172,10 +166,7 @@ def _comparison(
 
 
 def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
-    """Compare the logged equivalent airspeed, kt, at the end of the flight, `time_s`, with `expected`.
-
-    `expected` is the settled airspeed of the reference simulation `simulation`.
-    """
+    """Compare the equivalent airspeed, kt, at the end of the flight, `time_s`, with the settled airspeed `expected`."""
     obtained = float(log[_KEAS][round(time_s / LOG_PERIOD_S)])
     point = f"settled, {simulation}"
     return Comparison(f"{_KEAS}, settled", point, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)

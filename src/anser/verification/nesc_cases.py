@@ -1,7 +1,7 @@
 """Definitions of the NASA NESC atmospheric check-cases 1 to 13, 15 and 16, in published units.
 
-Source: [NESC] NASA/TM-2015-218675 and the published check-case data. Altitudes are above the ellipsoid or sphere,
-velocities relative to the rotating Earth in NED. The cases are in `data/nesc_cases.toml`.
+Source: [NESC] NASA/TM-2015-218675 and the published check-case data. Altitudes are above the ellipsoid or sphere;
+velocities are relative to the rotating Earth, in NED axes. The cases are in `data/nesc_cases.toml`.
 """
 
 from dataclasses import dataclass
@@ -47,11 +47,11 @@ class FreeFlight:
     body, earth
         Name in the library of bodies, and model of the Earth.
     altitude_ft, velocity_ft_s
-        Initial altitude, ft, and velocity relative to the Earth, NED, ft/s.
+        Initial altitude (ft), and velocity relative to the Earth (NED, ft/s).
     yaw_deg, rates_deg_s
-        Initial heading (pitch and roll are 0), deg, and inertial body rates, deg/s.
+        Initial heading (deg; pitch and roll are 0), and inertial body rates (deg/s).
     wind_east_ft_s
-        East velocity of the air at altitudes 0 and 30,000 ft, ft/s, linear in between.
+        East velocity of the air (ft/s) at altitudes 0 and 30,000 ft, linear in between.
     times_s
         Times of the listed results, s.
     """
@@ -102,7 +102,7 @@ class TrimmedFlight(TrimmedStart):
 
 @dataclass(frozen=True, kw_only=True)
 class LawFlight(TrimmedStart):
-    """Check-case of the F-16 under a published control law; the start's altitude and airspeed are its first commands.
+    """Check-case of the F-16 under a published control law; the first commands are altitude and airspeed of the start.
 
     Attributes
     ----------
@@ -111,12 +111,11 @@ class LawFlight(TrimmedStart):
     change, change_time_s
         Step of one command: name of the law's input and increment (kt, ft, deg); time of the step, s.
     follows_line
-        Whether the law gets the lateral deviation from the straight ground track through the position at
-        `change_time_s`.
+        True: the law gets the lateral deviation from the straight ground track through the position at `change_time_s`.
     circles_pole
-        Whether the law F16_gnc circles the North Pole; otherwise the point where date line and equator meet.
+        True: the law F16_gnc circles the North Pole. False: the law circles the point where date line and equator meet.
     settled_keas
-        Names of simulations and their settled equivalent airspeeds, kt, to two decimals, if nothing else is published.
+        Settled equivalent airspeeds (kt, to two decimals) by simulation, if nothing else is published.
     """
 
     law: LawName
@@ -135,10 +134,7 @@ def _load_cases(case_class: type[_Case], key: str) -> tuple[_Case, ...]:
 
 
 def _case_fields(case: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a case from its TOML table, with lists as tuples.
-
-    The key `log_s` is the time, s, until which results are listed every 5 s.
-    """
+    """Return the fields of a case from its TOML table; the key `log_s` stands for times every 5 s until `log_s`."""
     fields = {key: _to_tuple(value) for key, value in case.items()}
     if "log_s" in fields:
         fields["times_s"] = tuple(5.0 * k for k in range(round(fields.pop("log_s") / 5.0) + 1))

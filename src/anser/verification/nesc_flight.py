@@ -1,7 +1,6 @@
 """Flights of the NESC check-cases, logged in the columns and units of the published simulations.
 
-Bodies and the trimmed F-16 fly with fixed controls; under the published control laws, the F-16 flies in anser's closed
-loop.
+The F-16 flies with fixed controls, or in anser's closed loop under the published control laws.
 """
 
 import functools
@@ -99,8 +98,7 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int | str, Log]:
 def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int | str, Log]:
     """Trim and fly check-cases of the F-16 in one batch; return logs by case number, every 0.1 s from time 0.
 
-    The published vehicle has neither lags nor engine momentum: controls and power are constant. If `airframe` is None,
-    the aircraft is the library's F-16 with the table set s119.
+    Controls and power are constant. `airframe` None: the library's F-16 with the table set s119.
     """
     airframe = load_f16("s119") if airframe is None else airframe
     return _logs(cases, stack_rows([airframe] * len(cases)), trimmed_starts(airframe, cases), _CRUISE_STEPS)
@@ -136,10 +134,7 @@ def trimmed_starts(airframe: AbstractAirframe, cases: Sequence[TrimmedStart]) ->
 def _logs(
     cases: Sequence[FreeFlight | TrimmedFlight], airframes: AbstractAirframe, starts: Starts, steps: int
 ) -> dict[int | str, Log]:
-    """Fly all cases with fixed controls for the longest duration of a case; return logs by case number.
-
-    `steps` is the number of integration steps in a log period of 0.1 s.
-    """
+    """Fly all cases with fixed controls and `steps` integration steps per log period; return logs by case number."""
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
     return split_logs(cases, _fly_fixed(airframes, *starts, periods, steps))
 
@@ -181,10 +176,9 @@ def _trim_all(
     positions_n: Float[Array, "case 3"],
     velocities_n: Float[Array, "case 3"],
 ) -> tuple[EarthFixedState, Controls, Float[Array, " case"]]:
-    """Trim each case: wings level, no sideslip, constant body velocity and pitch rate.
+    """Trim each case with wings level and no sideslip; return the states, the controls and the residuals.
 
-    Returns the states, the controls, and for each case the residual: the largest of the remaining accelerations along
-    body x and z, in 10 m/s^2, and of the remaining pitch acceleration, rad/s^2.
+    A residual is the largest remaining acceleration along body x and z (10 m/s^2) or in pitch (rad/s^2).
     """
     trim = functools.partial(_trim_level, airframe)
     return jax.vmap(trim)(environments, positions_n, velocities_n)
@@ -229,8 +223,7 @@ def _fly_fixed(
 ) -> dict[str, Array]:
     """Fly from `starts` with fixed controls; return the log columns, shape (case, time), from time 0.
 
-    All arguments but the last two have an axis over the cases. `periods` is the number of log periods of
-    `LOG_PERIOD_S`, `steps` the number of integration steps in each.
+    `periods` is the number of log periods, `steps` the number of integration steps in each.
     """
 
     def fly(
@@ -312,15 +305,12 @@ _COMMAND_UNITS = {
 }
 
 _LAGS_IN_STEP = 1.6
-"""Ratio of integration step to lag at which a classical Runge-Kutta step leaves least of a difference: 27 %."""
+"""Ratio of integration step to lag at which a Runge-Kutta step reduces a difference most: to 27 %."""
 
 
 @functools.cache
 def published_model(name: str) -> Model:
-    """Read the DAVE-ML file `name` (without suffix) of NASA's F-16, such as F16_aero; cached.
-
-    Sources: README beside the files.
-    """
+    """Read the DAVE-ML file `name` (without suffix) of NASA's F-16, such as F16_aero; cached."""
     content = resources.files("anser.dave_ml").joinpath(f"nasa/{name}.dml").read_bytes()
     return read_dave_ml(content, f"{name}.dml")
 
@@ -440,10 +430,10 @@ def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: Eart
 def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands) -> NamedCommands:
     """Replace the feed-forward of stick and throttle in `commands` so that the law outputs the controls of the trim.
 
-    With the trim controls themselves as feed-forward, the law does not keep the start: it feeds back pitch and angle of
-    attack relative to its design values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError
-    if no such values exist.
+    Raises RuntimeError if no such values exist.
     """
+    # with the trim controls as feed-forward, the law would settle 0.31 ft too high: it feeds back pitch and angle of
+    # attack relative to its design values, 0.015 deg from the start's
     trims, residual = _solve_law_trims(airframe, law, starts, commands)
     if not np.all(np.asarray(residual) < 1e-10):
         raise RuntimeError(f"the law's trim was not found: {np.asarray(residual)} rad or of full power remain")
@@ -455,10 +445,7 @@ def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, comma
 def _solve_law_trims(
     airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands
 ) -> tuple[Float[Array, "case 2"], Float[Array, " case"]]:
-    """Solve for the feed-forward of stick and throttle (`_LAW_TRIMS`) with which the law outputs the trim controls.
-
-    Returns the values and, for each case, the residual: the greater difference of elevator (rad) and throttle (0..1).
-    """
+    """Return the feed-forward `_LAW_TRIMS` with which the law outputs the trim controls, and residuals (rad, 0..1)."""
 
     def solve(environment: Environment, start: EarthFixedState, trim: Controls, guidance: NamedCommands) -> Solution:
         belief = _exact_belief(airframe, environment, start)
@@ -480,8 +467,7 @@ def _fly_law(
 ) -> dict[str, Array]:
     """Fly from `starts` under the law with `commands`; return the log columns, shape (case, time), from time 0.
 
-    A log period is `LOG_PERIOD_S`; `periods` is the number of log periods, `steps` the number of integration steps in
-    each.
+    `periods` is the number of log periods, `steps` the number of integration steps in each.
     """
     step = jnp.asarray(LOG_PERIOD_S / steps)
 

@@ -32,7 +32,7 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
     """Return the path of the published tables of arc lengths with the shape parameters b_4 and c_4, m/s^4.
 
     The path (theory section 6) leads in 36 s from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0. The velocity
-    is 150 m/s due North at both ends, level at the start and with the path angle `final_path_angle_deg` at the end.
+    is 150 m/s due North at both ends. The path angle is 0 at the start and `final_path_angle_deg` at the end.
     """
     final = jnp.asarray(final_path_angle_deg) * DEG_RAD
     return fit_trajectory(
@@ -50,11 +50,7 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
 @jax.jit
 @jax.vmap
 def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Compute the length, m, of the path `published_path` in three ways.
-
-    The results are: the six-point estimate, the sum of the speeds at `_SAMPLES` times multiplied by the time step, and
-    the trapezoidal rule over these speeds. All arguments and results have an axis over the paths.
-    """
+    """Return the lengths, m, of `published_path`: six-point estimate, sum of speeds times step, trapezoidal rule."""
     path = published_path(final_path_angle_deg, b_4, c_4)
     times = jnp.linspace(0.0, DURATION_S, _SAMPLES)
     speeds = jax.vmap(lambda time: safe_norm(path.at(time).velocity_n))(times)
@@ -88,13 +84,13 @@ _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *SHAPE_VARIABL
 
 
 def shape_families() -> dict[str, xr.Dataset]:
-    """Return the published families of paths (theory section 6), one dataset per shape parameter.
+    """Return the published families of paths (theory section 6), one dataset per shape parameter: `b4` and `c4`.
 
-    Returns
-    -------
-    Datasets `b4` and `c4`. Over `path` and `time`: the path, and the commands of an aircraft at the published speeds.
-    Over `path`: shape parameter, length, estimate by the six-point rule, and printed length. Over `member`: the two
-    computed lengths of many more members of the family. Paths and members are sorted by the parameter.
+    - Variables over `path` and `time`: the path, and the commands of an aircraft at the published speeds.
+    - Variables over `path`: shape parameter, length, estimate by the six-point rule, and printed length.
+    - Variables over `member`: both computed lengths of many more members of the family.
+
+    Paths and members are sorted by the parameter.
     """
     published_rows = load_published("arc_lengths")["rows"]
     # The lateral family ends at another path angle.

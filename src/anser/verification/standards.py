@@ -89,10 +89,7 @@ def _ellipsoid() -> Iterator[Comparison]:
 
 
 def _compare_closed_form(group: str, point: str, unit: str, expected: float, obtained: float) -> Comparison:
-    """Compare a computed value, in m or rad, with its closed form `expected`; the tolerance is the rounding error.
-
-    `group`, `point` and `unit` are as in `Comparison`.
-    """
+    """Compare a computed value, in m or rad, with its closed form `expected`; the tolerance is the rounding error."""
     tolerance = _ROUNDING_M / float(WGS84.a) if unit == "rad" else _ROUNDING_M
     return Comparison(group, point, unit, expected, obtained, tolerance, tolerance_reason="closed form; rounding")
 
@@ -132,8 +129,7 @@ def _nesc_position(
     """Compare a published position given in geodetic and in Earth-fixed coordinates, converted both ways.
 
     `degrees` are latitude and longitude, `feet` the Earth-fixed coordinates; `forward` (m) and `back` (rad, rad, m) are
-    the computed conversions. The tolerance covers the rounding of the published coordinates of both kinds; the
-    published height counts as exact.
+    the computed conversions.
     """
     compare = functools.partial(Comparison, point="NESC case 11, start", tolerance_reason="half the last digit of each")
     angles_ft = sum(half_of_significant(angle, _DIGITS) for angle in degrees) * DEG_RAD * float(WGS84.a) / FOOT_M

@@ -44,7 +44,7 @@ Progress = Callable[[str, float], None]
 def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | None = None) -> tuple[Check, ...]:
     """Select checks by key, without repetition, in the order of `checks`.
 
-    None selects every check; `checks` None means `CHECKS`. A check-case of the NESC may be requested by number: `9`,
+    `keys` None selects every check; `checks` None means `CHECKS`. A NESC check-case may be requested by number: `9`,
     `13.1` or `nesc-9`; `13` selects all parts of case 13. Raises ValueError if a key is unknown; the message names the
     closest known key and lists the known keys.
     """
@@ -62,11 +62,7 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
 
 
 def _expand_key(key: str, known_keys: Sequence[str]) -> list[str]:
-    """Return the keys of the checks that a requested key means.
-
-    For a NESC case in several parts: the keys of all parts. Otherwise one key, `nesc-09` for the number `9`; it may be
-    unknown.
-    """
+    """Return the keys of the checks that a requested key means: all parts of a NESC case, or a single key."""
     number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})(\.\d.*)?", key)
     if number:
         key = f"nesc-{int(number[1]):02d}{number[2] or ''}"
@@ -79,17 +75,9 @@ def verify(
 ) -> tuple[Outcome, ...]:
     """Run checks and return their outcomes, in the order of the checks.
 
-    If a check raises an exception, its outcome fails with the exception as `problem`. Raises ValueError if a key is
-    unknown.
-
-    Parameters
-    ----------
-    keys
-        Keys of the checks; None: every check.
-    progress
-        Called before each check and at the end; from two threads if there are slow checks.
-    checks
-        Available checks; None: `CHECKS`.
+    `keys` and `checks`: see `select_checks`. `progress` is called before each check and at the end, from two threads if
+    there are slow checks. If a check raises an exception, its outcome fails with the exception as `problem`. Raises
+    ValueError if a key is unknown.
     """
     selected = select_checks(keys, checks)
     finished: list[Check] = []

@@ -1,7 +1,7 @@
 """Verification of the F-16 by Stevens & Lewis: state derivatives, the steady turn, and trims.
 
-The aircraft has the constants of the textbook's program, with which its numbers were computed. Source: second note of
-the aircraft's data file. Each constant changes the last digits of a printed number.
+The aircraft has the constants of the textbook's program, with which the printed numbers were computed. Each constant
+changes the last digits of a printed number. Source: second note of the aircraft's data file.
 """
 
 from collections.abc import Iterable, Iterator
@@ -65,9 +65,8 @@ class TextbookAtmosphere(AbstractAtmosphere):
 class TextbookF16(AbstractAirframe):
     """F-16 with the constants of the textbook's program: 57.3 deg/rad in CZ, and rounded ratios of inertia.
 
-    CZ = CZ0 (1 - (beta/57.3)^2), beta in deg. With `rounded_inertia`, the moment is adapted such that the exact inertia
-    gives the angular acceleration that the textbook's rounded ratios c1 to c9 give; otherwise the moment is not
-    adapted.
+    CZ = CZ0 (1 - (beta/57.3)^2), beta in deg. If `rounded_inertia` is true, the moment is adapted: the exact inertia
+    then gives the angular acceleration of the textbook's rounded ratios c1 to c9.
     """
 
     f16: F16
@@ -79,10 +78,7 @@ class TextbookF16(AbstractAirframe):
     beta_range: tuple[Scalar, Scalar]
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Compute the aerodynamic force (N) and moment (N m) with the textbook's CZ; surfaces in rad.
-
-        The change of CZ also changes the pitching moment, by the lever of the centre of gravity.
-        """
+        """Compute the aerodynamic force (N) and moment (N m) with the textbook's CZ; surfaces in rad."""
         f16 = self.f16
         CZ0 = f16.tables(air_data.alpha * RAD_DEG, 0.0, 0.0)[0][0]
         change = CZ0 * (air_data.beta**2 - (air_data.beta * RAD_DEG / 57.3) ** 2)
@@ -103,10 +99,7 @@ class TextbookF16(AbstractAirframe):
 
 
 def _textbook_acceleration(ratios: Iterable[ScalarLike], rates_b: Vector3, moment_b: Vector3) -> Vector3:
-    """Compute the angular acceleration, rad/s^2, as the textbook's program does, with the engine's angular momentum HE.
-
-    `ratios` are c1 to c9, `rates_b` in rad/s, `moment_b` in N m. Source: [SL] eq. (1.7-5).
-    """
+    """Compute the angular acceleration, rad/s^2, by [SL] eq. (1.7-5) with the inertia ratios c1 to c9 (`ratios`)."""
     c1, c2, c3, c4, c5, c6, c7, c8, c9 = ratios
     P, Q, R = rates_b
     L, M, N = moment_b / FT_LBF_N_M
@@ -226,11 +219,7 @@ def _units() -> list[str]:
 def _own_acceleration(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the angular acceleration of the aircraft, rad/s^2, and a bound of the effect of rounded inertia ratios.
-
-    The acceleration has the aircraft's inertia, not the textbook's ratios c1 to c9. The bound is the greatest change
-    per axis, rad/s^2, by the rounding of the printed ratios.
-    """
+    """Return the acceleration by the aircraft's own inertia, rad/s^2, and a bound of the effect of rounded ratios."""
     state, controls = textbook_state(x_and_u[:13], x_and_u[13:]), textbook_controls(x_and_u[13:])
     rate = flat_earth_derivative(airframe, environment, 0.0, state, controls)
     moment_b = air_data_and_forces(airframe, environment, 0.0, state).wrench.moment_b
@@ -303,11 +292,7 @@ _NAMES = {
 
 
 class TextbookFlight(NamedTuple):
-    """Steady flight of the textbook at sea level.
-
-    The fields are the centre of gravity x_cg/c, the airspeed (ft/s), the turn rate (rad/s), and the pitch rate of a
-    pull-up (rad/s).
-    """
+    """Steady flight at sea level: x_cg/c, airspeed (ft/s), turn rate, and pitch rate of a pull-up (rad/s)."""
 
     x_cg: float
     V_ft_s: float
@@ -380,10 +365,7 @@ def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float
 def _compare_level(
     published_rows: list[dict[str, float]], trim_figures: list[dict[str, float]]
 ) -> Iterator[Comparison]:
-    """Compare trims in level flight (`trim_figures`, see `_figures`) with the rows of the printed table.
-
-    Tolerances: three decimals of the throttle, three significant digits of the angles (final zeros are not printed).
-    """
+    """Compare trims in level flight with the printed table: throttle to three decimals, angles to three digits."""
     for published_row, figures in zip(published_rows, trim_figures, strict=True):
         for name in ("throttle", "alpha_deg", "elevator_deg"):
             tolerance = 0.5e-3 if name == "throttle" else half_of_significant(published_row[name], 3)
@@ -392,11 +374,7 @@ def _compare_level(
 
 
 def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, float]]) -> Iterator[Comparison]:
-    """Compare trims in level flight, turn and pull-up with the printed cases, to four significant digits.
-
-    The sideslip has two digits, printed as 4.8E-4 and 4.1E-5; printed angles below 1e-5 count as zero; aileron and
-    pull-up rudder have tolerances with a reason of their own.
-    """
+    """Compare trims in level flight, turn and pull-up with the printed cases, to four significant digits."""
     for case, figures in zip(cases, trim_figures, strict=True):
         for name, printed in case["published"].items():
             if abs(printed) < 10 * _NOISE:
@@ -406,6 +384,7 @@ def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, flo
             elif name == "rudder_deg" and case["name"] == "pull_up":
                 tolerance, tolerance_reason = _PULL_UP_RUDDER_DEG, _SINGLE_PRECISION_REASON
             else:
+                # the sideslip is printed with two digits: 4.8E-4 and 4.1E-5
                 tolerance, tolerance_reason = half_of_significant(printed, 2 if name == "beta_rad" else 4), ""
             point, pair = f"table 3.6-3, {_NAMES[case['name']]}", (float(printed), figures[name])
             yield Comparison(name, point, _unit(name), *pair, tolerance, tolerance_reason=tolerance_reason)

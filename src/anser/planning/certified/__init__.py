@@ -1,11 +1,11 @@
 """The certified planner: paths within flight limits, separation and keep-outs, with rigorous bounds as the proof.
 
-The modules, roughly from a fleet's plan down to its mathematics. Modules of `anser.missions` call this package:
+The modules are listed from a fleet's plan down to its mathematics. Modules of `anser.missions` call this package:
 ``first_plan`` before the flight, ``event_replanning`` after an event, ``segments`` for a plan between two steps,
 ``refusal`` for the reasons of a missing plan. In flight, the closed loop calls ``planner``.
 
 ======================  ===============================================================================================
-``planner``             the planner in the loop: first plan, corrections in flight, replanning
+``planner``             planner in the closed loop: first plan, corrections in flight, replanning
 ``replanning``          correction of a plan in flight, or a new plan from the current state
 ``search``              attempts at a plan, until a certificate satisfies every constraint
 ``arrival_times``       arrival times: necessary conditions, reachable intervals, search for the earliest
@@ -13,7 +13,7 @@ The modules, roughly from a fleet's plan down to its mathematics. Modules of `an
 ``candidates``          candidate paths from three generators, and their conversion to timed paths
 ``detours``             generator 1: direct paths of two turns, and detours from them with a target length
 ``turn_leg_paths``      generator 2: four turns and three legs, by damped least squares
-``spline_search``       generator 3: splines in time (``splines``), by damped least squares on the violated constraints
+``spline_search``       generator 3: splines in time (``splines``), by damped least squares on violated constraints
 ``timed_profiles``      altitude and airspeed (``profile``) for a flight time, with the shortest direct paths
 ``routes``              turns and legs as a path by arc length
 ``clearance``           distances between tracks and from keep-outs, with a broad phase for large fleets

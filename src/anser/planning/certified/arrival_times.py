@@ -1,8 +1,8 @@
 """Arrival times that an aircraft can meet: necessary conditions, reachable intervals, search for the earliest time.
 
 An arrival time is admissible if it meets the necessary conditions (distance, climb, keep-outs, separation of the
-rendezvous), and reachable if the aircraft, alone in its airspace, has a path for it. Durations are times from the start
-of the plan to the arrival.
+rendezvous). An arrival time is reachable if the aircraft, alone in its airspace, has a path for it. Durations are times
+from the start of the plan to the arrival.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -41,11 +41,9 @@ RESOLUTION = 1.01
 def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, int | None]:
     """Search a list of `count` rising times for the first feasible time; a generator that asks its caller.
 
-    The generator yields the index of a time and receives whether this time is feasible. The search goes index by index
-    up to `one_by_one`, then in doubled steps, and back by bisection between the last infeasible and the first feasible
-    index. Feasible times may have gaps, hence the small steps near the first time.
-
-    Returns the index of the first feasible time found (generator's return value); None if no tried time is feasible.
+    The generator yields the index of a time, receives whether this time is feasible, and returns the index of the first
+    feasible time; None if no tried time is feasible. The search goes index by index up to `one_by_one`, then in doubled
+    steps, and back by bisection.
     """
     low, index, step = -1, 0, 1
     while low < count - 1:
@@ -68,15 +66,13 @@ def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, 
 def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Generator[float, bool | None, float]:
     """Search for a feasible arrival time before the feasible `latest_time` (s); a generator that asks its caller.
 
-    The generator yields a time (s) and receives whether this time is feasible. Only times of `admissible` are tried:
-    rising times that meet the necessary conditions, s. The search goes upward in steps of 12 percent, because feasible
-    times may have gaps, then by bisection between the last infeasible and the first feasible time, down to a ratio of
-    `RESOLUTION`.
-
-    Returns the earliest feasible time found, s after the start of the plan: at most `latest_time`.
+    The generator yields a time (s), receives whether this time is feasible, and returns the earliest feasible time
+    found, s. `admissible` are the rising times (s) to choose from. The search goes upward in steps of 12 percent, then
+    by bisection down to a ratio of `RESOLUTION`.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time
+    # Feasible times may have gaps, hence the steps before the bisection.
     low, high, margin = float(admissible[0]), latest_time, float(np.sqrt(RESOLUTION))
     count = int(np.ceil(np.log(high / low) / np.log(_STEP_UP)))
     steps = np.searchsorted(admissible, low * _FIRST_STEP * _STEP_UP ** np.arange(count))
@@ -107,8 +103,8 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below the endpoints: the range of detou
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
     """Return the greatest wind speed and the greatest vertical wind speed, m/s, at the altitudes of the flight.
 
-    The altitudes range from 1000 m below the lowest to 1000 m above the highest start or initial rendezvous; for goals
-    that climb or descend, also to the highest or the lowest altitude of the wind's layers.
+    The altitudes range from 1000 m below the lowest to 1000 m above the highest start or initial rendezvous. If goals
+    climb or descend, the range extends to the highest or the lowest altitude of the wind's layers.
     """
     altitudes = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
     low, high = np.min(altitudes) - _ALTITUDE_MARGIN_M, np.max(altitudes) + _ALTITUDE_MARGIN_M
@@ -150,8 +146,8 @@ def straight_times(tasks: AircraftTask, airspace: Airspace) -> Float[Array, " ai
 def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
     """Return a lower bound, s, of each aircraft's time from its start altitude to the altitude of its rendezvous.
 
-    The bound holds for any path shape: the aircraft climbs or descends at its greatest rate at once, in the strongest
-    vertical wind. Zero for a rendezvous at the start altitude; infinite if the rendezvous moves away too fast.
+    The bound holds for any path, in the strongest vertical wind. It is zero for a rendezvous at the start altitude, and
+    infinite if the rendezvous moves away too fast.
     """
     rate = np.asarray(tasks.limits.climb_rate_max) + _strongest_wind(tasks, airspace)[1]
     fall = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:, 2]
@@ -164,9 +160,8 @@ def may_arrive(
 ) -> Bool[np.ndarray, " pairs"]:
     """Return whether an arrival of aircraft `aircraft[k]` after `durations[k]` (s) meets the necessary conditions.
 
-    At the greatest airspeed and climb rate, in the strongest wind, the aircraft must cover horizontal distance and
-    height to the rendezvous, and the rendezvous must then be outside the keep-outs. `aircraft` are indices into the
-    tasks.
+    At the greatest airspeed and climb rate, in the strongest wind, the aircraft must reach the rendezvous, which must
+    then be outside the keep-outs. `aircraft` are indices into the tasks.
     """
     limits, t = tasks.limits, durations[:, None]
     line = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[aircraft] + t * np.asarray(
@@ -191,13 +186,11 @@ def arrival_distances_max(
 ) -> tuple[Float[np.ndarray, "n aircraft aircraft"], Float[np.ndarray, "n aircraft aircraft"]]:
     """Return upper bounds, m, of the distances of each pair of aircraft when the first of the pair arrives.
 
-    The bounds hold for any paths: at the arrival of the first aircraft, the second is away from its rendezvous by at
-    most the distance that it flies until its own arrival. Each row of `durations` is a set of arrival times, s after
-    the start, one per aircraft.
-
-    Returns the horizontal and the vertical distances, (set, aircraft, aircraft); infinite on the diagonal and for
-    inactive aircraft.
+    The bounds hold for any paths. Each row of `durations` is a set of arrival times, s after the start, one per
+    aircraft. Returns the horizontal and the vertical distances, (set, aircraft, aircraft); infinite on the diagonal and
+    for inactive aircraft.
     """
+    # The second aircraft is away from its rendezvous by at most the distance that it flies until its own arrival.
     limits, (wind, vertical_wind) = tasks.limits, _strongest_wind(tasks, airspace)
     rendezvous = np.asarray(tasks.rendezvous_n)
     arrival_positions = rendezvous + durations[:, :, None] * np.asarray(tasks.goal_velocity_n)
@@ -247,13 +240,12 @@ def direct_times(
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
     """Compute the flight time (s) of each aircraft's shortest direct path at its mean airspeed `speeds` (m/s).
 
-    The flight time is found by a fixed-point iteration, because the goal moves and the air drifts during the flight;
-    from the ninth round on, the secant method extrapolates its steps: against strong wind they shrink slowly. The
-    second result tells for each aircraft whether the last round, the 32nd at most, had a direct path and changed the
-    time by less than a millionth. If no direct path exists in a round, the flight time stays as it is.
-    `intervals`: number of intervals of the tabulated profile.
+    The second result tells for each aircraft whether the iteration converged: a direct path exists, and the last round
+    changed the time by less than a millionth. `intervals` is the number of intervals of the tabulated profile.
     """
 
+    # A fixed-point iteration, because the goal moves and the air drifts during the flight; from the ninth round on, the
+    # secant method extrapolates the steps, which shrink slowly against strong wind.
     def solve_task(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
         line = task.rendezvous_n - task.position_n
         initial_duration = jnp.maximum(jnp.sqrt(jnp.sum(line**2)) / speed, 5.0)
@@ -356,10 +348,9 @@ def _open_times(
 ) -> Bool[np.ndarray, "active n"]:
     """Return the mask of the reachable times of `grid`, (aircraft, time), s; `fleet` has the indices of the aircraft.
 
-    Every time is tested with the cheap candidates, `ALONE_STANDARD`. Times that remain are tested with turn-and-leg
-    paths, then with splines: those near a time that is reachable or inadmissible, again and again until no near time is
-    left, or all times of an aircraft without a reachable time. `splines_for` selects the aircraft for splines: "none",
-    "all", or "unreached" (aircraft without a reachable time so far).
+    Every time is tested with the cheap candidates, `ALONE_STANDARD`. Turn-and-leg paths, then splines, are tried for
+    times near a reachable or an inadmissible time, and for all times of an aircraft without a reachable time.
+    `splines_for` selects aircraft: "unreached" are the aircraft without a reachable time so far.
     """
     aircraft = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(tasks, airspace, aircraft.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
@@ -394,13 +385,13 @@ def arrival_sets(
 ) -> list[list[tuple[float, float]]]:
     """Return each aircraft's intervals (first, last) of reachable arrival times, s after the start.
 
-    Arrival times are tested on a grid: `count` times in geometric steps from the earliest conceivable time to
-    `latest_s`, or 12 uniform times in each aircraft's window (`windows_s`: earliest and latest time, s). Every edge of
-    an interval is refined by `rounds` bisections. Gaps and islands narrower than the grid can be missed. If `latest_s`
-    is reachable, the last interval ends at infinity; an inactive aircraft has no intervals.
+    Arrival times are tested on a grid: `count` times in geometric steps up to `latest_s`, or 12 uniform times in each
+    aircraft's window (`windows_s`: earliest and latest time, s). Gaps and islands narrower than the grid can be missed.
+    Every edge of an interval is refined by `rounds` bisections. If `latest_s` is reachable, the last interval ends at
+    infinity; an inactive aircraft has no intervals.
 
-    With `with_splines`, splines are tried where the other generators of paths fail; in windows, splines are always
-    tried for an aircraft without any reachable time.
+    If `with_splines` is True, splines are tried where the other generators of paths fail. In windows, splines are
+    always tried for an aircraft without any reachable time.
     """
     if windows_s is not None:
         low = windows_s[:, 0]
@@ -448,7 +439,7 @@ def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Inte
 def sample_interval(low: float, high: float) -> list[float]:
     """Return 11 times, s, in an interval of arrival times from `low` to `high` (s), the denser the nearer to `low`.
 
-    Times later than 2.5 `low` + 10 s are left out; an interval without length gives `low` alone.
+    Times later than 2.5 `low` + 10 s are left out; an interval of length 0 gives `low` alone.
     """
     if not high > low:
         return [low]

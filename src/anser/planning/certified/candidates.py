@@ -66,8 +66,8 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
 def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
     """Convert a profile and a route to a timed path that starts at a time (s).
 
-    Knots are at equal intervals and at every kink of curvature, climb or speed. Profile and route have the same length
-    through the air to a part in a million; the airspeed is scaled by the difference.
+    Profile and route must have the same length through the air to a part in a million; the airspeed is scaled by the
+    difference. Knots are at equal intervals and at every kink of curvature, climb or speed.
     """
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
@@ -118,26 +118,21 @@ class Routes(NamedTuple):
 
 
 class Candidates(eqx.Module):
-    """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last.
+    """Candidate paths of a fleet, (aircraft, candidate, ...), or of one aircraft, (candidate, ...); splines last."""
 
-    `valid` tells whether the candidate exists within its aircraft's limits; a smaller `cost` (no unit) is preferred;
-    `penetration` is the depth inside keep-outs, m. `generator` is `DETOUR`, `TURN_LEG_PATH` or `SPLINE`. `routes` and
-    `profiles` are those of the candidates that are no splines.
-    """
-
-    generator: Int[Array, "*aircraft candidates"]
-    valid: Bool[Array, "*aircraft candidates"]
-    cost: Float[Array, "*aircraft candidates"]
+    generator: Int[Array, "*aircraft candidates"]  # `DETOUR`, `TURN_LEG_PATH` or `SPLINE`
+    valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists within its aircraft's limits
+    cost: Float[Array, "*aircraft candidates"]  # no unit; a smaller cost is preferred
     # sum of the absolute turn angles, rad, and mean airspeed, m/s
     total_turn: Float[Array, "*aircraft candidates"]
     speed: Float[Array, "*aircraft candidates"]
     tracks: Track  # positions at the sample times that are common to the fleet
-    penetration: Float[Array, "*aircraft candidates"]
+    penetration: Float[Array, "*aircraft candidates"]  # depth inside keep-outs, m
     # routes of all candidates except the splines, and their profiles of altitude and airspeed, shape (aircraft,
     # profile); None if all candidates are splines
     routes: Routes | None
     profiles: TabulatedProfile | None
-    splines: TimedPath | None  # paths of the spline candidates, from time 0; None without a spline search
+    splines: TimedPath | None  # paths of the spline candidates, from time 0; None if there are none
 
     def paths(self, start_time: ScalarLike, chosen: Int[Array, " aircraft"]) -> TimedPath:
         """Return the timed path of one candidate per aircraft (index `chosen`), from a start time (s) on, stacked.
@@ -162,7 +157,7 @@ class Candidates(eqx.Module):
 
 
 class _Routed(NamedTuple):
-    """Candidates made of turns and legs (no splines); each field is that of the same name in `Candidates`."""
+    """Candidates made of turns and legs (no splines); fields as in `Candidates`."""
 
     generator: Integer
     valid: Flag
@@ -199,9 +194,8 @@ def routed_candidates(
 ) -> tuple[_Routed, TabulatedProfile]:
     """Generate the detours and turn-and-leg paths with which one aircraft arrives after a duration (s).
 
-    Returns the candidates, stacked, only the cheapest if there are more than `candidate_set.max_candidates`; and their
-    profiles of airspeed and altitude, stacked. `routes.profile` of a candidate is the index of its profile in
-    `candidate_set`, even if `numbers` selects only some profiles.
+    Returns the candidates and their profiles, both stacked; at most `candidate_set.max_candidates`, the cheapest.
+    `routes.profile` of a candidate is the index of its profile in `candidate_set`, even if `numbers` selects some.
     """
     duration = jnp.asarray(duration, dtype=float)
     if speeds is None:
@@ -250,11 +244,11 @@ def _candidates_within_limits(
     costs: Float[Array, " profiles"],
     numbers: Int[Array, " profiles"],
 ) -> _Routed:
-    """Generate the candidates of those profiles that are within limits, one profile after another.
+    """Generate the candidates of the profiles that are within limits, one after another; (profile, candidate).
 
-    Often only a fifth of the profiles is within limits. Returns candidates of shape (profile, candidate); those of the
-    remaining profiles are invalid, with the cost `ABSENT`.
+    The candidates of the remaining profiles are invalid, with the cost `ABSENT`.
     """
+    # Often only a fifth of the profiles is within limits.
     of_profile = jax.jit(of_profile)  # traced once, for its shapes and for the loop
     profiles = timed, costs, numbers
     shapes = jax.eval_shape(of_profile, *jax.tree.map(lambda leaf: leaf[0], profiles))
@@ -282,10 +276,9 @@ def _detours(
 ) -> _Routed:
     """Generate the detours of one `kind` to one `side` (1 right, -1 left) of a direct path, as long as the profile.
 
-    The direct path is entry `word` of `timed.direct`; for the `kind` `RACETRACK` the detours are racetracks. Returns
-    two candidates, stacked: with the tightest and with wide turns; the first alone unless
-    `candidate_set.with_wide_turns`. `cost_and_profile` are cost and index of the profile. If the task prescribes the
-    opposite side, both are invalid.
+    `word` is the index of the direct path in `timed.direct`. Returns the detour with the tightest turns and, if
+    `candidate_set.with_wide_turns`, with wide turns; stacked. `cost_and_profile` are cost and index of the profile. If
+    the task prescribes the opposite side, the detours are invalid.
     """
     endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
@@ -310,8 +303,7 @@ def _turn_leg_paths(
 ) -> _Routed:
     """Generate turn-and-leg paths as long as the profile, stacked, from `starts` initial guesses.
 
-    The paths are invalid if the task prescribes a side of detours. `cost_and_profile` are cost and index of the
-    profile.
+    If the task prescribes a side, the paths are invalid. `cost_and_profile` are cost and index of the profile.
     """
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
@@ -368,7 +360,7 @@ def _tracked(
 ) -> tuple[Any, ...]:
     """Return generator, validity, cost, total turn, speed and tracks (at `times`, s) of detours and turn-and-leg paths.
 
-    A candidate is valid if its track keeps the limits at the sample times, too.
+    A valid candidate keeps its limits at the sample times, too.
     """
     samples = map_rows(lambda profile: sample_profile(profile, times), profiles)
 
@@ -394,7 +386,7 @@ def fleet_candidates(
     # candidates of the other profiles are absent. None: all profiles, as one batch
     profile_count: Integer | None = None,
 ) -> Candidates:
-    """Generate the candidates of a fleet, one aircraft after another; those of unselected aircraft are absent."""
+    """Generate the candidates of a fleet, one aircraft after another; candidates of unselected aircraft are absent."""
     times = jnp.max(durations) / intervals * jnp.arange(intervals + 1)
 
     @jax.jit  # traced once, for its shapes and for the loop
@@ -421,7 +413,7 @@ def fleet_candidates(
 def _first_profiles(
     generate: Callable[..., Candidates], candidate_set: CandidateSet, profile_count: Integer
 ) -> Candidates:
-    """Generate the candidates of the first `profile_count` profiles of a set; those of later profiles are absent.
+    """Generate the candidates of the first `profile_count` profiles of a set; candidates of later profiles are absent.
 
     `generate` generates the candidates of one aircraft for the profiles with the indices `numbers`.
     """
@@ -442,10 +434,7 @@ def _first_profiles(
 
 
 def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, ...]]) -> Candidates:
-    """Return absent candidates: zeros with the cost `ABSENT`.
-
-    The shape of each array is the result of `resize` for the shape of the array in `shapes`.
-    """
+    """Return absent candidates: zeros with the cost `ABSENT`; `resize` changes the shapes of the arrays in `shapes`."""
     absent = jax.tree.map(lambda leaf: jnp.zeros(resize(leaf.shape), leaf.dtype), shapes)
     return eqx.tree_at(lambda c: c.cost, absent, jnp.full_like(absent.cost, ABSENT))
 
@@ -453,7 +442,7 @@ def _absent(shapes: Candidates, resize: Callable[[tuple[int, ...]], tuple[int, .
 def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidates:
     """Return absent candidates for the fleet of `base`, as many as `candidate_set` has; NumPy arrays.
 
-    Absent candidates fill arguments of a compiled program: the cost `ABSENT` keeps them from being chosen.
+    Absent candidates fill arguments of a compiled program; they are never chosen, because their cost is `ABSENT`.
     """
     routed, profiles, splines = candidate_set.routed_count, len(candidate_set.speeds), candidate_set.max_splines
 
@@ -475,13 +464,13 @@ def knot_count(candidates: Candidates) -> int:
 
 
 def _common_fields(candidates: Candidates) -> tuple[Any, ...]:
-    """Return the first seven fields of `Candidates`, in order: those that candidates of every generator have."""
+    """Return the first seven fields of `Candidates`, which candidates of every generator have."""
     c = candidates
     return c.generator, c.valid, c.cost, c.total_turn, c.speed, c.tracks, c.penetration
 
 
 def concatenate_candidates(base: Candidates, extra: Candidates) -> Candidates:
-    """Append the candidates `extra` to those of every aircraft in `base`; only `extra` may contain splines."""
+    """Append the candidates `extra` to the candidates of every aircraft in `base`; only `extra` may contain splines."""
 
     def joined(first: Any, second: Any) -> Any:
         return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, second)

@@ -1,7 +1,7 @@
 """Certified plans: one candidate path per aircraft, chosen for separation, and the certificate of these paths.
 
 Aircraft choose one after another: each takes its cheapest candidate that is separated from the paths chosen before.
-Then aircraft still in conflict choose again, until no conflict is left or the number of rounds is reached.
+Then aircraft in conflict choose again, until no conflict is left or the number of rounds is reached.
 """
 
 import functools
@@ -168,7 +168,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
 
 
 def choice_order(candidates: Candidates) -> Int[Array, " aircraft"]:
-    """Return the indices of the aircraft, those with the fewest valid candidates outside of keep-outs first."""
+    """Return the indices of the aircraft in rising order of the number of valid candidates outside of keep-outs."""
     return jnp.argsort(jnp.sum(candidates.valid & (candidates.penetration <= 0.0), axis=1))
 
 
@@ -177,22 +177,19 @@ TIMES_PER_INTERVAL = 4
 
 
 class Certificate(eqx.Module):
-    """Proven bounds of flight quantities and distances for a fleet's paths, valid between the sample times, too.
-
-    `excess` is relative to each limit, in the order of `CERTIFIED_LIMITS` (positive: violated); `clearance_ratio` is a
-    lower bound of distance over required separation of each pair, `keep_out_clearance` of the distance to keep-outs, m.
-    """
+    """Proven bounds of flight quantities and distances for a fleet's paths, valid between the sample times, too."""
 
     bounds: PathBounds  # bounds of each path
+    # excess over each of `CERTIFIED_LIMITS`, relative to the limit; positive: violated
     excess: Float[Array, "aircraft limits"]
-    # lower bound on each pair's ratio of distance to separation; at least 1 is required. Infinite on the diagonal. In a
-    # large fleet close for the nearest pairs only, see `anser.planning.certified.clearance`
+    # lower bound of each pair's ratio of distance to separation; at least 1 is required. Infinite on the diagonal. In a
+    # large fleet, the bound is close for the nearest pairs only, see `anser.planning.certified.clearance`
     clearance_ratio: Float[Array, "aircraft aircraft"]
-    keep_out_clearance: Float[Array, "aircraft volumes"]
+    keep_out_clearance: Float[Array, "aircraft volumes"]  # lower bound of the distance to each keep-out, m
 
     @property
     def satisfied_individually(self) -> Bool[Array, " aircraft"]:
-        """Whether each path is proven to keep its aircraft's limits and the keep-outs; separation is not considered."""
+        """Whether each path is proven to keep its aircraft's limits and the keep-outs, regardless of separation."""
         xp = namespace(self)
         excess, clearance = xp.asarray(self.excess), xp.asarray(self.keep_out_clearance)
         return xp.all(excess <= _ROUNDING, axis=1) & xp.all(clearance >= -_ROUNDING_M, axis=1)
@@ -211,16 +208,19 @@ _ROUNDING_M = 1e-3
 class CertifiedPlan(eqx.Module):
     """Paths of a fleet with their certificate; leading axis aircraft.
 
-    Four masks grade the paths: `valid`, within the aircraft's limits at sample times;
-    `certificate.satisfied_individually`, limits and keep-outs are proven at all times; `certificate.satisfied`, the
-    separation from the other aircraft is proven, too; `feasible`, `valid` and `certificate.satisfied`.
+    Four masks grade the paths:
+
+    - `valid`: within the aircraft's limits at sample times
+    - `certificate.satisfied_individually`: limits and keep-outs are proven at all times
+    - `certificate.satisfied`: the separation from the other aircraft is proven, too
+    - `feasible`: `valid` and `certificate.satisfied`
     """
 
     paths: TimedPath  #: Position over time.
     arrival_times: Float[Array, " aircraft"]  #: Times of arrival at each rendezvous, s.
     certificate: Certificate  #: Rigorous bounds on the paths.
     valid: Bool[Array, " aircraft"]  #: Whether the path is within the aircraft's limits at sample times.
-    #: Three-dimensional path lengths through the air, from the latest replanning to the arrival, m.
+    #: Three-dimensional lengths of the paths through the air, from the latest replanning to the arrival, m.
     lengths: Float[Array, " aircraft"]
     total_turn: Float[Array, " aircraft"]  #: Sum of the absolute turn angles of each planned path, rad.
     speeds: Float[Array, " aircraft"]  #: Mean airspeeds, m/s.
@@ -248,7 +248,7 @@ class FixedPaths(eqx.Module):
 
 def fleet_bounds(paths: TimedPath, airspace: Airspace) -> PathBounds:
     """Compute proven bounds of the flight quantities (`PathBounds`) along each of the stacked paths."""
-    # A loop over the aircraft is traced and compiled in less time than a batch, and takes no longer.
+    # A loop over the aircraft compiles in less time than a batch, and runs as fast.
     return jax.lax.map(lambda path: path_bounds(path, airspace.wind, airspace.gravity), paths)
 
 
@@ -267,7 +267,7 @@ def certify(
 ) -> Certificate:
     """Compute the certificate of a fleet's paths, each with `intervals` equal intervals between its knots.
 
-    Limits are checked over the whole paths; distances only from the time `from_time` (s) to the arrivals, for active
+    Limits are checked over the whole paths; distances are checked from `from_time` (s) to the arrivals, for active
     aircraft. `bounds` are the bounds of the paths; None: computed here.
     """
     bounds = fleet_bounds(paths, airspace) if bounds is None else bounds
@@ -316,7 +316,7 @@ def _choose_and_certify(
     fixed_paths: FixedPaths | None,
     members: Bool[Array, " candidates"] | None = None,  # candidates to choose from; None: all
     extra: tuple[Candidates, ...] = (),  # further candidates, the splines last
-    # time after its arrival, s, in which each aircraft flies straight on and is kept separated as far as possible; None
+    # time after its arrival, s, in which each aircraft counts as flying straight on and is separated if possible; None
     # or 0: separation up to the arrivals only
     look_ahead: ScalarLike | None = None,
 ) -> CertifiedPlan:
@@ -365,8 +365,8 @@ _generate = compiled_by_older_generator(("intervals", "candidate_set"), "paths")
 _choose = compiled_by_older_generator(("intervals",), "choice of paths")(_choose_and_certify)
 
 
-# Time after the arrivals, s, in which the second choice of `plans_at` keeps aircraft separated that fly straight on: an
-# F-16 in its tightest hold leaves the straight line by 15 m in 2 s and 110 m in 5 s, while two aircraft head-on at
+# Time after the arrivals, s, in which the second choice of `plans_at` separates aircraft as if they flew straight on.
+# An F-16 in its tightest hold leaves the straight line by 15 m in 2 s and 110 m in 5 s, while two aircraft head-on at
 # 190 m/s close by 760 m and 1,900 m.
 _LOOK_AHEAD_S = 5.0
 
@@ -381,8 +381,8 @@ def standard_candidates(
 ) -> Candidates:
     """Generate the candidates of the set `STANDARD`, by one compiled program for `STANDARD` and smaller sets.
 
-    For a smaller `candidate_set`, such as `MINIMAL`, candidates are generated only up to the last profile (altitude and
-    airspeed) of this set; the candidates of later profiles are absent.
+    For a smaller `candidate_set`, such as `MINIMAL`, the candidates after the last profile (altitude and airspeed) of
+    this set are absent.
     """
     speeds = _find_speeds(tasks, airspace, durations, intervals, *_speed_flags(STANDARD, candidate_set))
     arguments = as_array(start_time), tasks, airspace, durations
@@ -402,11 +402,10 @@ def plans_at(
     # fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned
     fixed_paths: FixedPaths | None = None,
 ) -> Iterator[CertifiedPlan]:
-    """Yield two certified plans: separated up to the arrivals; then separated, as far as possible, after them, too.
+    """Yield two certified plans: separated up to the arrivals; separated after the arrivals, too, as far as possible.
 
-    The second plan is for fleets whose first plan has no separated holds: its candidates are chosen as if each aircraft
-    flew straight on for `_LOOK_AHEAD_S` after its arrival. Each kind of extra candidates has a compiled program; one
-    more program chooses and certifies, with absent candidates and fixed paths where none are requested.
+    The second plan is for fleets whose first plan has no separated holds. Its candidates are chosen as if each aircraft
+    flew straight on for `_LOOK_AHEAD_S` after its arrival.
     """
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
@@ -433,7 +432,7 @@ def plan_at(
 ) -> CertifiedPlan:
     """Generate candidates with which each aircraft arrives after its duration (s), choose among them, and certify.
 
-    The plan is separated up to the arrivals: the first plan of `plans_at`.
+    The result is the first plan of `plans_at`: separated up to the arrivals.
     """
     arguments = start_time, tasks, airspace, durations, intervals, candidate_set
     return next(plans_at(*arguments, standard_candidates(*arguments), fixed_paths=fixed_paths))
@@ -454,7 +453,7 @@ def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> 
 
 
 def prepare_extra_candidates(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
-    """Yield the compiled programs that generate extra candidates when the standard candidates fail, one at a time."""
+    """Yield the compiled programs that generate extra candidates, one at a time."""
     durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
     selected = jax.ShapeDtypeStruct(tasks.active.shape, np.bool_)
     for kind in EXTRA_SETS:
@@ -568,10 +567,9 @@ def _choose_best_placement(
 ) -> CertifiedPlan:
     """Choose candidates for the fleet and certify them, repeatedly; return the plan with the fewest failing aircraft.
 
-    The choice checks limits at discrete times only, the certificate at all times. A chosen candidate without proven
-    limits and keep-outs is excluded from later rounds, as are all candidates of the aircraft in the mask `withdrawn`.
-    The rounds end when no aircraft fails, no candidate is excluded, or after `rounds`; `valid` is the mask for the
-    first round.
+    A chosen candidate that lacks proven limits and keep-outs is excluded from later rounds, as are all candidates of
+    its aircraft in the mask `withdrawn`. The rounds end when no aircraft fails, no candidate is excluded, or after
+    `rounds`; `valid` is the mask for the first round.
     """
     fleet = jnp.arange(valid.shape[0])
 

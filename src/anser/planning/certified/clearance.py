@@ -2,7 +2,7 @@
 
 Over a short interval a path stays within acceleration x interval^2 / 8 of the chord between its ends, and two straight
 motions have their least distance in closed form. In a large fleet, the cylinders that enclose parts of the paths give a
-first lower bound (the broad phase), and the bound by chords is computed for the nearest pairs only.
+first lower bound (the broad phase); the bound by chords is computed for the nearest pairs only.
 
 A clearance ratio is the ratio of distance to required separation: at least 1 means separated.
 """
@@ -30,15 +30,12 @@ _ROUNDING_S = 1e-6  # tolerance of comparisons of times
 
 
 class Track(eqx.Module):
-    """Positions of a path at equally spaced times, with an error bound for the motion in the intervals between them.
-
-    `error_bound` is the greatest distance of the path from its chord in each interval, m: proven from `path_track`, an
-    estimate from `route_track`. `included` is 1 in the intervals whose distances count (up to the arrival), else 0.
-    """
+    """Positions of a path at equally spaced times, with an error bound for the motion in the intervals between them."""
 
     positions_n: Float[Array, "*batch instants 3"]  # over the ground, (time, axis), NED, m
+    # greatest distance of the path from its chord, m: proven from `path_track`, an estimate from `route_track`
     error_bound: Float[Array, "*batch intervals"]
-    included: Float[Array, "*batch intervals"]
+    included: Float[Array, "*batch intervals"]  # 1 in the intervals whose distances count, up to the arrival; 0 after
 
 
 def _vector_length_min(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
@@ -56,9 +53,8 @@ def _magnitude_min(begin: Float[Array, "*b"], end: Float[Array, "*b"]) -> Float[
 def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separation) -> Float[Array, "*batch"]:
     """Return a lower bound of the ratio of distance to required separation between two paths over all their times.
 
-    At least 1 means separated. The bound is proven if both tracks are from `path_track`, and an estimate for the choice
-    of candidates with a track from `route_track`. In each interval the larger of the horizontal and the vertical ratio
-    counts; the result is infinite without a required separation or a common interval. Batches of equal rank broadcast.
+    The bound is proven if both tracks are from `path_track`; with a track from `route_track`, the bound is an estimate.
+    The result is infinite if no separation is required or no interval is common. Batches of equal rank broadcast.
     """
     offset = neighbour.positions_n - subject.positions_n
     error_bound = subject.error_bound + neighbour.error_bound
@@ -124,30 +120,26 @@ def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scal
 INTERVALS_PER_CYLINDER = 4
 """Number of intervals of a track that one bounding cylinder encloses; divides every number of intervals in use."""
 CHORD_BOUNDED_PAIRS = 24
-"""Number of neighbours for which the closer bound by chords is computed at once; the cylinders show the nearest."""
+"""Number of neighbours for which the closer bound by chords is computed at once."""
 _CYLINDER_TINY = (
     1e-9  # m^2: keeps the derivatives of roots finite; added to radii as well, so that the bound stays a lower bound
 )
 
 
 class BoundingCylinders(eqx.Module):
-    """Upright cylinders that enclose a path and its error bounds, one per group of consecutive intervals.
+    """Upright cylinders that enclose a path and its error bounds, one per group of consecutive intervals."""
 
-    `centre` (north, east) and `radius` in m; `low` and `high` are the least and the greatest down coordinate, m;
-    `included` is 1 if a distance of the group counts, else 0.
-    """
-
-    centre: Float[Array, "*batch cylinders 2"]
-    radius: Float[Array, "*batch cylinders"]
-    low: Float[Array, "*batch cylinders"]
-    high: Float[Array, "*batch cylinders"]
-    included: Float[Array, "*batch cylinders"]
+    centre: Float[Array, "*batch cylinders 2"]  # north and east, m
+    radius: Float[Array, "*batch cylinders"]  # m
+    low: Float[Array, "*batch cylinders"]  # least down coordinate, m
+    high: Float[Array, "*batch cylinders"]  # greatest down coordinate, m
+    included: Float[Array, "*batch cylinders"]  # 1 if a distance of the group counts, else 0
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
     """Return cylinders that enclose a track, one per `size` intervals.
 
-    Raises ValueError if the number of intervals is no multiple of `size`.
+    Raises ValueError if the number of intervals is not a multiple of `size`.
     """
     batch, count = track.error_bound.shape[:-1], track.error_bound.shape[-1]
     if count % size:
@@ -171,7 +163,7 @@ def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> Boun
 def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
     """Return the cylinders of `tracks`, one per `size` intervals, for `fleet_clearance_ratio`.
 
-    The result has no cylinders for a `fleet` of at most `CHORD_BOUNDED_PAIRS` aircraft: chords bound every pair there.
+    For a `fleet` of at most `CHORD_BOUNDED_PAIRS` aircraft the result is empty: chords bound every pair.
     """
     if fleet > CHORD_BOUNDED_PAIRS:
         return bounding_cylinders(tracks, size)
@@ -182,9 +174,9 @@ def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDE
 def cylinder_clearance_ratio(
     subject: BoundingCylinders, neighbour: BoundingCylinders, separation: Separation
 ) -> Float[Array, "*batch"]:
-    """Return a lower bound of the clearance ratio of two paths, at least 0, from the cylinders that enclose the paths.
+    """Return a lower bound of the clearance ratio of two paths from their cylinders: at least 0.
 
-    Infinite without a required separation.
+    The bound is infinite if no separation is required.
     """
     offset = neighbour.centre - subject.centre
     radius = subject.radius + neighbour.radius
@@ -205,10 +197,11 @@ def fleet_clearance_ratio(
     neighbours: Bool[Array, " aircraft"],  # mask of the aircraft to compare with; the ratio is infinite elsewhere
     separation: Separation,
 ) -> Float[Array, " aircraft"]:
-    """Return lower bounds of the clearance ratio between one path and each path of a fleet, close for near neighbours.
+    """Return lower bounds of the clearance ratio between one path and each path of a fleet.
 
     The bound is that of `pair_clearance_ratio` for at least the `CHORD_BOUNDED_PAIRS` aircraft with the nearest
-    cylinders and for every aircraft whose cylinders are nearer than the separation; otherwise that of the cylinders.
+    cylinders, and for every aircraft whose cylinders are nearer than the separation. For other aircraft, the bound
+    follows from the cylinders.
     """
     count = neighbours.shape[0]
 
@@ -262,23 +255,19 @@ _LIMIT_FRACTION = 0.995  # of the limits: a margin for the motion between the sa
 
 
 class ProfileSamples(eqx.Module):
-    """Samples of one profile at equally spaced times, used by all candidates with this profile.
+    """Samples of one profile at equally spaced times; after the end of the profile, the values at the end."""
 
-    `length` is the horizontal length flown through the air, m; `drift_n` the displacement of the air, `wind_n` the
-    wind, NED, with the rate `wind_dot_n`; `climb` the vertical speed over the ground, `speed` the horizontal airspeed,
-    m/s, with their rates. After the end of the profile the values are those at the end; `since_end` is the time since
-    then, s.
-    """
-
-    since_end: Float[Array, " instants"]
-    length: Float[Array, " instants"]
-    drift_n: Float[Array, "instants 3"]
+    since_end: Float[Array, " instants"]  # time since the end of the profile, s
+    length: Float[Array, " instants"]  # horizontal length flown through the air, m
+    drift_n: Float[Array, "instants 3"]  # displacement of the air, NED, m
+    # wind and its rate, NED, m/s, m/s^2
     wind_n: Float[Array, "instants 3"]
     wind_dot_n: Float[Array, "instants 3"]
     # altitude, vertical speed over the ground, up positive, and its rate, m, m/s, m/s^2
     altitude: Float[Array, " instants"]
     climb: Float[Array, " instants"]
     climb_dot: Float[Array, " instants"]
+    # horizontal airspeed and its rate, m/s, m/s^2
     speed: Float[Array, " instants"]
     speed_dot: Float[Array, " instants"]
 
@@ -299,24 +288,18 @@ def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) ->
 
 
 class _CandidatePoint(eqx.Module):
-    """Position (NED, m) of a candidate at one time, and magnitude of the acceleration over the ground, m/s^2.
+    """Motion of a candidate at one time."""
 
-    `within_limits` tells whether bank angle, load factor and acceleration along the path keep their limits; always true
-    after the end of the path.
-    """
-
-    position_n: Vector3
-    acceleration: Scalar
+    position_n: Vector3  # NED, m
+    acceleration: Scalar  # magnitude of the acceleration over the ground, m/s^2
+    # whether bank angle, load factor and acceleration along the path keep their limits; true after the end of the path
     within_limits: Flag
 
 
 def _candidate_point(
     sample: ProfileSamples, horizontal: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike
 ) -> _CandidatePoint:
-    """Evaluate a candidate at one sample of its profile.
-
-    `scale` is the length of the route over the length through the air in the profile.
-    """
+    """Evaluate a candidate at one sample; `scale` is the length of the route over the length in the profile."""
     route_position, heading, curvature = horizontal.at(scale * sample.length)
     direction = cis(heading)
     horizontal_position = route_position + sample.since_end * sample.speed * direction
@@ -357,10 +340,9 @@ def route_track(
 ) -> tuple[Track, Flag]:
     """Return the track of a candidate at `times` (s), and whether the candidate keeps its limits at these times.
 
-    The candidate is made of a route (`endpoints`, `turns_and_legs`) and a profile (`table`, sampled in `samples`). The
-    limits are those of bank angle, load factor and acceleration along the path, up to the end of the path; altitude,
-    airspeed and climb were checked with the profile. `speed` is the mean airspeed, m/s; `active` is 0 for an aircraft
-    whose track is not included.
+    The candidate is a route (`endpoints`, `turns_and_legs`) with a profile (`table`, sampled in `samples`). The limits
+    are bank angle, load factor and acceleration along the path, up to the end of the path. `speed` is the mean
+    airspeed, m/s. If `active` is 0, the track is not included.
     """
     horizontal = route(endpoints, turns_and_legs)
     scale = horizontal.length / jnp.maximum(table.length, 1.0)
@@ -386,8 +368,8 @@ def path_track(
 ) -> Track:
     """Return the track of a timed path at equally spaced times (s), with a proven error bound in each interval.
 
-    `accelerations` bounds the acceleration in each cell of the path, m/s^2. The track is included from `from_time` (s)
-    or the path's start, whichever is later, to the arrival; nowhere if `active` is 0.
+    `accelerations` are bounds of the acceleration in each cell of the path, m/s^2. The track is included from
+    `from_time` (s) or the path's start, whichever is later, to the arrival; nowhere if `active` is 0.
     """
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)

@@ -1,9 +1,8 @@
 """Direct paths of two turns, and detours from direct paths with a target length, with tight or with wide turns.
 
-A direct path turns, flies straight and turns. Its word gives the senses of the two turns, as for Dubins' paths, so that
-there are four words; curvature ramps at the turns make the path longer than Dubins' path. A detour leaves the straight
-part by an angle and returns: its leg lengths have two unknowns, which follow linearly from the endpoint, and the angle
-follows from the target length. If the legs are long enough, turns are widened to reduce the bank angle.
+A direct path turns, flies straight and turns. Its word gives the senses of the two turns, as for Dubins' paths;
+curvature ramps at the turns make the path longer than Dubins' path. A detour leaves the straight part by an angle and
+returns: two unknown leg lengths follow linearly from the endpoint, and the angle follows from the target length.
 """
 
 from typing import NamedTuple
@@ -60,18 +59,14 @@ _PARALLEL = 1e-9
 
 
 class DirectPath(eqx.Module):
-    """Direct path of one word (senses of its two turns): a turn, a straight line, a turn.
+    """Direct path of one word (senses of its two turns): a turn, a straight line, a turn."""
 
-    `heading` (rad) is that of the straight line; `angles` are the turn angles, rad, right positive; `scales` the radii
-    of the turns over the tightest radius; `straight` and `length` the lengths of the line and of the whole path, m.
-    """
-
-    heading: Scalar
-    angles: Float[Array, "2"]
-    straight: Scalar
-    length: Scalar
+    heading: Scalar  # heading of the straight line, rad
+    angles: Float[Array, "2"]  # turn angles, rad, right positive
+    straight: Scalar  # length of the straight line, m
+    length: Scalar  # length of the whole path, m
     exists: Flag  # whether the path reaches its end
-    scales: Float[Array, "2"]
+    scales: Float[Array, "2"]  # radii of the turns over the tightest radius
 
 
 def _four_values(outer: Float[Array, "2"], inner: float = 0.0) -> Float[Array, "4"]:
@@ -100,8 +95,8 @@ class _Aim(NamedTuple):
 def _aim(endpoints: PathEndpoints, initial: RollOut, angles: Float[Array, "2"], scales: Float[Array, "2"]) -> _Aim:
     """Compute straight part, miss distance and length (m) of a direct path whose turns have the given `angles`.
 
-    The path begins with the roll-out `initial` from the initial turn. `angles` are the turn angles (rad, right
-    positive), `scales` the radius of each turn over the tightest radius.
+    The path begins with the roll-out `initial` from the initial turn. `angles` in rad, right positive; `scales` is the
+    radius of each turn over the tightest radius.
     """
     # A direct path has two turns; the four turns of a detour would add two of zero length.
     turns, turn_length, headings = chain_turns(endpoints, initial.heading, angles, scales)
@@ -115,7 +110,7 @@ def _aim_error(angle: Scalar, data: tuple[PathEndpoints, RollOut, Float[Array, "
 
 
 def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath:
-    """Find the shortest direct path of one word, with the tightest turns; without a path `exists` is false.
+    """Find the shortest direct path of one word, with the tightest turns; `exists` is false if there is no path.
 
     The word gives the senses of the first and of the last turn, +1 right, -1 left. If the end heading is free, there is
     no last turn, and only the words with +1 for the last turn have a path.
@@ -141,10 +136,7 @@ def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath
 
 
 def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
-    """Return the derivatives of both turn angles by the heading of the straight part.
-
-    The derivative of the last turn's angle is 0 if the end heading is free.
-    """
+    """Return the derivatives of both turn angles by the heading of the straight part."""
     return jnp.where(endpoints.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
 
 
@@ -153,8 +145,8 @@ def _make_direct(
 ) -> DirectPath:
     """Build the direct path from its turn angles (rad), turn scales and lengths (`aim`, m).
 
-    The path exists if `may_exist` is set, its straight part is not negative and it reaches its end, to rounding.
-    Otherwise its length is `_LENGTH_MAX`.
+    The path exists if `may_exist` is set, the straight part is not negative and the end is reached. If the path does
+    not exist, the length is `_LENGTH_MAX`.
     """
     is_hit = jnp.abs(aim.miss) <= _END_TOLERANCE * jnp.abs(aim.length) + 1e-6
     exists = may_exist & is_hit & (aim.straight >= 0.0)
@@ -163,15 +155,12 @@ def _make_direct(
 
 
 def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"]) -> DirectPath:
-    """Adapt the direct path `base` to other endpoints or turn scales, by the secant method.
-
-    The unknown is the heading of the straight part; `exists` is false if the method misses the end.
-    """
+    """Adapt the direct path `base` to other endpoints or turn scales; `exists` is false if the end is missed."""
     angle_rates, initial = _angle_rates(endpoints), roll_out(endpoints)
     straight = jnp.maximum(base.straight, 1.0 / endpoints.curvature_max)
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, _Aim]) -> tuple[Scalar, Scalar, _Aim]:
-        """Evaluate the path with the straight part of `base` turned by `x` (rad), and choose the next angle."""
+        """Evaluate the path with the straight part of `base` turned by `x` (rad); return the next angle too."""
         previous, x, former_aim = carry
         aim = _aim(endpoints, initial, base.angles + x * angle_rates, scales)
         gap = aim.miss - former_aim.miss
@@ -187,23 +176,23 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
 class Detour(eqx.Module):
     """Shape of a detour of three legs, in place of the straight part of a direct path.
 
-    `headings` of the legs are relative to the straight part, in units of the detour's angle, right positive. The leg
-    lengths are `first_parts` and `second_parts` times two unknown lengths, plus `fixed_parts` times the length of the
-    straight part. `angle_max` is the greatest angle of the detour, rad.
+    leg length = first_parts * x + second_parts * y + fixed_parts * (length of the straight part), with unknowns x, y.
     """
 
+    # headings of the legs relative to the straight part, over the angle of the detour, right positive
     headings: Float[Array, "3"]
     first_parts: Float[Array, "3"]
     second_parts: Float[Array, "3"]
     fixed_parts: Float[Array, "3"]
-    angle_max: Scalar
+    angle_max: Scalar  # greatest angle of the detour, rad
 
 
 def detour(kind: Integer | int, side: ScalarLike) -> Detour:
-    """Return the shape of a detour to one side (+1 right, -1 left).
+    """Return the shape of a detour to one side (+1 right, -1 left); `kind` may be a batch.
 
-    Kinds: 0 to 2, one corner (in the middle, near the start, near the end); 3, along a parallel line; 4, first to this
-    side, then to the other. A batch of kinds is one computation.
+    - 0, 1, 2: one corner, in the middle, near the start, near the end
+    - 3: along a parallel line
+    - 4: first to this side, then to the other
     """
     headings, *parts_and_limit = (
         jnp.asarray(table)[kind] for table in (HEADINGS, FIRST_PARTS, SECOND_PARTS, FIXED_PARTS, ANGLE_MAX)
@@ -257,8 +246,8 @@ def solve_detour(
 ) -> TurnsAndLegs:
     """Find the detour of least angle that has a target length (m), to a part in a million.
 
-    `base` is the direct path from which the detour departs, and the result if its length is the target. `scales` are
-    the turn radii in units of the tightest turn's (None: the tightest turns). Without a solution `exists` is false.
+    The detour departs from the direct path `base`, which is the result if its length is the target. `scales` are the
+    turn radii over the tightest radius (None: 1). If there is no solution, `exists` is false.
     """
     target_length = jnp.asarray(target_length, dtype=float)
     scales = jnp.ones(4) if scales is None else scales
@@ -289,7 +278,7 @@ def solve_detour(
     )
 
 
-_LEG_M = 4000.0  # greatest leg of a racetrack: a longer target length adds laps
+_LEG_M = 4000.0  # greatest leg of a racetrack, m: a longer target length adds laps
 
 
 def solve_racetrack(
@@ -297,8 +286,8 @@ def solve_racetrack(
 ) -> TurnsAndLegs:
     """Return a path of a target length (m): a racetrack to a side (+1 right, -1 left), then the direct path `base`.
 
-    The path exists if the target length leaves room for one lap. `scale` is the turn radius of the racetrack in units
-    of the tightest turn's. For a longer target, full turns are added, so that the legs stay short.
+    `exists` is false if the target length leaves no room for one lap. `scale` is the turn radius of the racetrack over
+    the tightest radius.
     """
     target_length = jnp.asarray(target_length, dtype=float)
     curvature, sharpness = turn_limits(endpoints, scale)
@@ -318,7 +307,7 @@ def solve_racetrack(
 GENTLE_BANK = 0.0873
 """Bank angle of the widest turn, rad (5 deg): an even wider turn takes longer without a noticeable benefit."""
 WIDTHS = (1.0, 0.6, 0.3)
-"""Widths of turns that are tried, the widest first: exponents of the greatest scale for which the legs have room."""
+"""Widths of turns to try, the widest first: exponents of the greatest scale (radius) for which the legs have room."""
 _PART_OF_LEG, _PART_OF_STRAIGHT = (
     0.4,
     0.2,
@@ -332,8 +321,8 @@ def _widest_scales(
 ) -> Float[Array, " turns"]:
     """Return the widest turns by `angles` (rad) for which the legs have room, as radius over tightest radius.
 
-    The tangents of a turn, from its corner to its start and end, may be longer than those of the tightest turn by
-    `lengths`, m. The result is between 1 and `endpoints.scale_max`.
+    `lengths` (m) is how much longer the tangents of a turn, from its corner to its start and end, may be than those of
+    the tightest turn. The result is between 1 and `endpoints.scale_max`.
     """
     size = jnp.abs(angles)
     corner = jnp.tan(0.5 * jnp.minimum(size, _CORNER_MAX)) / endpoints.curvature_max
@@ -344,15 +333,15 @@ def _widest_scales(
 def widen_direct(endpoints: PathEndpoints, base: DirectPath, width: ScalarLike) -> DirectPath:
     """Return a direct path with the word of `base` and wider turns, which shorten the straight part.
 
-    `width` (0..1) interpolates the turn radii geometrically: 0 for the tightest turns, 1 for the widest that the
-    straight part allows.
+    `width` interpolates the turn radii geometrically: 0 for the tightest turns, 1 for the widest that the straight part
+    allows.
     """
     widest = _widest_scales(endpoints, base.angles, _PART_OF_STRAIGHT * jnp.broadcast_to(base.straight, (2,)))
     return reaim(endpoints, base, widest**width)
 
 
 def widen_directs(endpoints: PathEndpoints, base: DirectPath) -> DirectPath:
-    """Return the direct path `base` with turns widened by `widen_direct` to each of `WIDTHS`; stacked, widest first."""
+    """Return the direct paths with turns widened by `widen_direct` to each of `WIDTHS`; stacked, widest first."""
     return jax.vmap(lambda width: widen_direct(endpoints, base, width))(jnp.array(WIDTHS))
 
 
@@ -367,8 +356,8 @@ def widen_detour(
 ) -> TurnsAndLegs:
     """Return the detour of a target length (m) with turns as wide as its legs allow.
 
-    `wide` are the direct paths of `widen_directs`; `tight` is the detour with the tightest turns, and the result if no
-    wider turns fit.
+    `wide` are the direct paths of `widen_directs`. `tight` is the detour with the tightest turns, which is the result
+    if no wider turns fit.
     """
     legs_before, legs_after = jnp.append(tight.legs[:1], tight.legs), jnp.append(tight.legs, tight.legs[-1:])
     widest = _widest_scales(endpoints, tight.angles, _PART_OF_LEG * jnp.minimum(legs_before, legs_after))
@@ -388,8 +377,7 @@ def widen_racetrack(
 ) -> TurnsAndLegs:
     """Return the racetrack of a target length (m) with turns as wide as one lap allows.
 
-    `wide` are the direct paths of `widen_directs`; `tight` is the racetrack with the tightest turns, and the result if
-    no wider turns fit. `side` is +1 for a racetrack to the right, -1 to the left.
+    Arguments as in `widen_detour`; `side` is +1 for a racetrack to the right, -1 to the left.
     """
 
     def solve_width(base: DirectPath) -> TurnsAndLegs:

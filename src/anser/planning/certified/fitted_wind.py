@@ -1,9 +1,8 @@
 """Layers of wind fitted to a wind field for planning, with rigorous bounds of the difference between field and layers.
 
 A wind field is linear in time, in both horizontal coordinates and between its levels, and so is the altitude of a
-level. In a part of a cell in which the layers are linear in altitude, too, the length of the difference is a convex
-function of each coordinate alone: it is greatest at a vertex. The remaining deviation of the layers from a straight
-line within a part is bounded separately.
+level. Where the layers are linear in altitude, too, the length of the difference is a convex function of each
+coordinate: the greatest value is at a vertex. The deviation of the layers from a straight line is bounded separately.
 """
 
 from itertools import pairwise, product
@@ -20,8 +19,8 @@ from anser.numerics.arrays import as_array
 from anser.shapes import ScalarLike, Vector3
 
 BEYOND_FIELD_M_S = 1e3
-"""Bound of the difference outside of the blocks: so great that no path there satisfies its limits."""
-_BLOCKS = 8  # blocks along each axis of the box `Way`; one more on each side reaches to the ends
+"""Bound of the difference outside of the blocks, m/s: no path there satisfies its limits."""
+_BLOCKS = 8  # blocks along each axis of the box `Way`; one more block on each side reaches to the ends
 _LAYERS = 8  # number of layers, with the padding: one shape, so that another field does not compile again
 _MISSED_M_S = 1e-6  # deviation of a level from the chosen layers below which it is left out
 _PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
@@ -42,7 +41,7 @@ class FittedWind(AbstractWind):
     altitude_edges: Float[Array, " altitude_edges"]  #: Edges of the blocks, geometric altitude, m, rising.
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Return the wind of the layers, NED, m/s: the altitude of the position counts, the time has no effect."""
+        """Return the wind of the layers at the altitude of a position, NED, m/s; the time has no effect."""
         return self.layers.at(position_n, time)
 
     def residual_max(
@@ -70,11 +69,7 @@ class FittedWind(AbstractWind):
 
 
 class FieldSamples(NamedTuple):
-    """Wind field (one member of an ensemble) at its nodes in time, horizontal coordinates and levels.
-
-    `columns` has wind (NED, m/s) and altitude (m) of each level at each node. The horizontal coordinates are m on the
-    chart, or latitude and longitude (rad) from its origin, with the chart's `radii_m`.
-    """
+    """Wind field (one member of an ensemble) at its nodes in time, horizontal coordinates and levels."""
 
     times: Float[np.ndarray, " time"]  #: Times, s after the start of the flight, at least one.
     north: Float[np.ndarray, " north"]  #: Northward coordinates: m on the chart, or rad from its origin.
@@ -88,11 +83,7 @@ class FieldSamples(NamedTuple):
 
 
 class Way(NamedTuple):
-    """Region of a flight: box around starts, goals and rendezvous, and the distance that paths can go beyond it.
-
-    The corners of the box are northward and eastward position and altitude, m; `reach_m` is horizontal. `end_s` is the
-    end of the flight, s.
-    """
+    """Region of a flight: box around starts, goals and rendezvous, and the distance that paths can go beyond it."""
 
     least_m: Float[np.ndarray, "3"]  #: Least northward and eastward position and altitude, m.
     greatest_m: Float[np.ndarray, "3"]  #: Greatest northward and eastward position and altitude, m.
@@ -108,7 +99,7 @@ def wind_layers(wind: AbstractWind) -> AbstractWind:
 def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
     """Fit layers of wind to a wind field, and bound the difference of field and layers in blocks of the airspace.
 
-    The layers are the field's mean over the flight's time and the horizontal extent of the box `way`, at the mean
+    The layers are the mean of the field over the flight's time and the horizontal extent of the box `way`, at the mean
     altitudes of up to eight levels. The bounds hold wherever the flight can go within the field, to rounding.
     """
     times = np.unique(np.clip([0.0, *field.times, way.end_s], 0.0, way.end_s))
@@ -148,11 +139,7 @@ def _to_coordinate(field: FieldSamples, axis: int, length_m: np.ndarray) -> np.n
 
 
 def _to_length_m(field: FieldSamples, axis: int, coordinates: np.ndarray) -> np.ndarray:
-    """Convert coordinates along a horizontal axis to lengths on the local map, m.
-
-    Coordinates of a field by longitude and latitude are angles from the map's origin, rad, clipped to 45 degrees; those
-    of other fields are lengths already.
-    """
+    """Convert coordinates of a horizontal axis of the field to lengths on the chart, m; angles are cut at 45 deg."""
     if field.radii_m is None:
         return coordinates
     return field.radii_m[axis] * np.tan(np.clip(coordinates, -0.25 * np.pi, 0.25 * np.pi))
@@ -169,10 +156,9 @@ def _field_altitude(field: FieldSamples, altitude: np.ndarray) -> np.ndarray:
 
 
 def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east: np.ndarray) -> np.ndarray:
-    """Interpolate the columns of a field at times (s) and horizontal coordinates.
+    """Interpolate the columns of a field at times (s) and horizontal coordinates; shape (time, north, east, level, 4).
 
-    Boundary values hold beyond the nodes. Returns the shape (time, north, east, level, 4). A field with `is_held` gets
-    a level far below and a level far above, with the winds of its lowest and highest level.
+    Boundary values hold beyond the nodes. A field with `is_held` gets one more level far below and one far above.
     """
     columns = field.columns
     for axis, (nodes, at) in enumerate(((field.times, times), (field.north, north), (field.east, east))):
@@ -193,8 +179,8 @@ def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east:
 def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np.ndarray, np.ndarray]:
     """Return altitudes (geometric, m) and velocities (NED, m/s) of `_LAYERS` layers: the mean profile of `columns`.
 
-    The layers lie at levels of the field: first the levels that enclose the altitudes of `way`, then one by one the
-    level at which linear interpolation between the layers so far has the greatest error. The last layer is repeated.
+    The layers lie at levels of the field: the levels that enclose the altitudes of `way`, then one by one the level
+    with the greatest error of linear interpolation. The last layer is repeated.
     """
     columns = columns.reshape(-1, *columns.shape[-2:])
     heights = _geometric(field, columns[..., 3])
@@ -222,8 +208,8 @@ def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np
 def _divide_levels(columns: np.ndarray) -> np.ndarray:
     """Insert levels between those of the field by linear interpolation, so that the bounds of the cells are tight.
 
-    Every interval between two levels is divided into the same number of parts, at most `_PARTS_MAX`, so that the parts
-    are at most `_PART_M` (m) thick in an interval of median thickness.
+    Every interval has the same number of parts, at most `_PARTS_MAX`; the parts of an interval of median thickness are
+    at most `_PART_M` (m) thick.
     """
     parts = int(np.clip(np.ceil(np.median(np.diff(columns[..., 3], axis=-1)) / _PART_M), 1, _PARTS_MAX))
     steps = np.arange(parts)[:, None] / parts

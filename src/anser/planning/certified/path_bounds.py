@@ -1,8 +1,8 @@
 """Bounds of airspeed, bank angle, load factor and other quantities along a timed path, valid between the knots too.
 
 Each cell of the path is a polynomial in time. Its Bernstein coefficients bound position, velocity, acceleration and
-their products; interval arithmetic gives the bounds of the remaining quantities. The bounds are rigorous except for
-rounding; with cells of one second they exceed the true extremes by about one per cent.
+products of these; interval arithmetic gives the other bounds. The bounds are rigorous except for rounding. With cells
+of one second, they exceed the true extremes by about one per cent.
 """
 
 from typing import Any
@@ -27,13 +27,7 @@ _EDGE_M = 1e-6
 
 
 class PathBounds(eqx.Module):
-    """Proven bounds of the flight quantities along one path in coordinated flight, from start to arrival.
-
-    SI units, rad. `acceleration_max` bounds V_dot + g sin(gamma) from above, and may be negative; `deceleration_max`,
-    at least 0, bounds its negative. Climb rates are relative to the air, up or down. `wind_error_max` is the greatest
-    difference between the wind of the path (the slope of its drift) and the wind at the aircraft. The fields
-    `cell_...` are bounds in each cell between two knots.
-    """
+    """Proven bounds of the flight quantities along one path in coordinated flight; SI units, rad."""
 
     # airspeed, m/s
     speed_min: Scalar
@@ -42,13 +36,14 @@ class PathBounds(eqx.Module):
     bank_max: Scalar
     load_factor_max: Scalar
     load_factor_min: Scalar  # least lift (`Demand.lift`) over weight
-    climb_rate_max: Scalar
+    climb_rate_max: Scalar  # relative to the air, up or down
     # altitude, m
     altitude_min: Scalar
     altitude_max: Scalar
+    # V_dot + g sin(gamma): upper bound, which may be negative; upper bound of its negative, at least 0
     acceleration_max: Scalar
     deceleration_max: Scalar
-    wind_error_max: Scalar
+    wind_error_max: Scalar  # greatest |slope of the path's drift - wind at the aircraft|
     # acceleration over the ground in each cell, m/s^2; for distances between paths
     cell_acceleration: Float[Array, " cells"]
     # per cell: `acceleration_max` and `deceleration_max` (-inf and 0 in an empty cell); least and greatest airspeed;
@@ -60,9 +55,8 @@ class PathBounds(eqx.Module):
     def along_at_start(self, limits: PathLimits) -> tuple[Any, Any]:
         """Return the path's greatest acceleration and deceleration, m/s^2, converted to level flight at the start.
 
-        The limits of both change with airspeed and load factor (`limits.idle`). Each cell's values are converted to
-        level flight at the start airspeed such that the path keeps the limits everywhere if and only if the results are
-        at most `limits.acceleration_max` and `limits.deceleration_max`.
+        The path keeps the limits along the path (`limits.idle`) everywhere if and only if the results are at most
+        `limits.acceleration_max` and `limits.deceleration_max`.
         """
         idle, xp = limits.idle, namespace(self, limits)
         if idle is None:
@@ -110,10 +104,10 @@ def _square(a: Float[Array, "cells axes n"]) -> Cells:
 def _wind_error(
     wind: AbstractWind, ground: Float[Array, "cells 3 6"], slope: Float[Array, "cells 3 5"], drifting: Array
 ) -> Float[Array, " cells"]:
-    """Return an upper bound, in each cell, of the difference between the slope of the drift and the wind, m/s.
+    """Return an upper bound, in each cell, of |slope of the drift - wind|, m/s; 0 in cells outside the mask `drifting`.
 
-    `ground` has the Bernstein coefficients of the position over the ground, `slope` those of the drift's slope. The
-    bound is 0 in cells outside the mask `drifting`. Raises TypeError for a wind that is not steady, layered or fitted.
+    `ground` has the Bernstein coefficients of the position over the ground, `slope` the coefficients of the drift's
+    slope. Raises TypeError for a wind that is not steady, layered or fitted.
     """
     if isinstance(wind, FittedWind):
         residual = wind.residual_max(jnp.min(ground, axis=2), jnp.max(ground, axis=2))
@@ -160,10 +154,9 @@ def _bank_and_load(
 ) -> tuple[Float[Array, " cells"], Float[Array, " cells"], Float[Array, " cells"]]:
     """Return bounds per cell in coordinated flight: greatest bank angle (rad), greatest and least load factor.
 
-    With L the horizontal and V the three-dimensional airspeed, the force across the velocity is A / L and the lift is
-    D / (V L) per mass, with A = v x a, D = L^2 up - climb (v . a), horizontal v and a, and up = gravity plus upward
-    acceleration. A ratio of two polynomials in Bernstein form is a weighted mean of the coefficients' ratios if the
-    denominator's coefficients are positive. The bound of the bank angle is pi/2 where the lift may be negative.
+    With the horizontal airspeed L and the airspeed V: side force A / L and lift D / (V L), per mass. A = v x a and
+    D = L^2 up - climb (v . a), with horizontal v and a, and up = gravity plus upward acceleration. The bound of the
+    bank angle is pi/2 if the lift may be negative.
 
     The arguments are Bernstein coefficients of the velocity through the air, of the acceleration over the ground, and
     of V^2 and L^2; `error` is the error bound of the velocity, m/s.
@@ -208,6 +201,7 @@ def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Floa
 
     In a `sound` cell the coefficients of the denominator `lower` must be positive; in the other cells the result is 1.
     """
+    # The ratio of two polynomials is a weighted mean of the ratios of their coefficients.
     safe = jnp.where(sound[:, None] & (lower > 0.0), lower, 1.0)
     return jnp.where(sound, jnp.max(upper / safe, axis=1), 1.0)
 
@@ -215,11 +209,7 @@ def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Floa
 def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> PathBounds:
     """Compute proven bounds of the flight quantities along a path in a steady, layered or fitted wind.
 
-    `gravity` in m/s^2. Raises TypeError for another type of wind.
-
-    Notes
-    -----
-    Airspeed is the velocity over the ground less the wind at the aircraft's altitude, not the path's nominal airspeed.
+    Airspeeds are relative to the wind at the aircraft. `gravity` in m/s^2. Raises TypeError for another type of wind.
     """
     spans = path.times[1:] - path.times[:-1]
     nonempty = spans > 0.0
@@ -278,10 +268,10 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Return an upper bound, per cell, of `upper` divided by the root of `square`.
+    """Return an upper bound, per cell, of `upper` divided by the root of `square`, which is between `slow` and `fast`.
 
-    Both are Bernstein coefficients of polynomials; the root is between `slow` and `fast`. For any m the root of s is at
-    least 2 m s / (m^2 + s), a close bound if m is close to the root. A negative ratio is bounded with the root `fast`.
+    `upper` and `square` are Bernstein coefficients. For any m, sqrt(s) >= 2 m s / (m^2 + s), a close bound if m is
+    close to sqrt(s).
     """
     middle = 0.5 * (slow + fast)
     scaled = square / (middle**2)[:, None]
@@ -294,10 +284,7 @@ def _ratio_to_root_max(
 
 
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:
-    """Return lower and upper bound of a vector's length per cell, widened by `error`.
-
-    `square` has the Bernstein coefficients of the squared length.
-    """
+    """Return bounds of a vector's length per cell, widened by `error`, from the coefficients of its square."""
     low, high = bernstein.bounds(square)
     return jnp.maximum(safe_sqrt(low) - error, 0.0), safe_sqrt(high) + error
 
@@ -305,10 +292,7 @@ def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, A
 def excess(
     bounds: PathBounds, limits: PathLimits, limits_checked: tuple[Limit, ...] = CERTIFIED_LIMITS
 ) -> Float[Array, " limits"]:
-    """Return the relative excess of a path's bounds over each of `limits_checked`; at most 0 within the limit.
-
-    The excess is that of `Limit.excess`.
-    """
+    """Return the relative excess (`Limit.excess`) of a path's bounds over each limit; at most 0 within the limit."""
     along: dict[str, Any] = dict(
         zip(("acceleration_max", "deceleration_max"), bounds.along_at_start(limits), strict=True)
     )

@@ -48,8 +48,8 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Integer, Scalar, ScalarLike
 from anser.steady.performance import ACCELERATION_FLOOR
 
-# Greatest acceleration, m/s^2, along the paths of a search in flight after no separated holds were found: with more, an
-# aircraft with a longer path first accelerates and then decelerates with idle thrust, without reserve for corrections.
+# Greatest acceleration, m/s^2, along the paths of a search in flight after no separated holds were found. If it were
+# greater, an aircraft with a longer path would accelerate, then decelerate with idle thrust and without reserve.
 _ACCELERATION_M_S2 = 1.0
 _WITHOUT_SPLINES = STANDARD, WITH_TURN_LEG_PATHS
 
@@ -74,26 +74,18 @@ def _assign_holds(
 
 
 class CertifiedPlanState(eqx.Module):
-    """State of the certified planner: plan in force, its holds, and the flight limits of the paths.
+    """State of the certified planner: plan in force, its holds, and the flight limits of the paths."""
 
-    `replanning` tells how the plan was made (`FIRST_PLAN`, `CORRECTED`, ...: `anser.planning.certified.replanning`).
-    `replan_needed` tells whether the plan or its holds must be replaced between two steps. `limits` include the
-    accelerations that the engine allows. `holds` None: each aircraft's hold is that of its mission.
-    """
-
-    plan: CertifiedPlan  # current plan
-    replanning: Integer
-    holds: PlannedHolds | None
-    limits: PathLimits
+    plan: CertifiedPlan  # plan in force
+    replanning: Integer  # origin of the plan: `FIRST_PLAN`, ... of `anser.planning.certified.replanning`
+    holds: PlannedHolds | None  # None: each aircraft's hold is the hold of its mission
+    limits: PathLimits  # include the accelerations that the engine allows
+    # whether the plan or its holds must be replaced between two steps
     replan_needed: Flag = eqx.field(default_factory=lambda: as_array(False, bool))
 
 
 class CertifiedPlanner(AbstractPlanner):
-    """Planner whose paths are proven to keep flight limits, separation and keep-outs, before and during the flight.
-
-    `speed` is the preferred mean airspeed, m/s. In the last `freeze` seconds before the arrival a path no longer
-    changes. `acceleration_reserve` is the fraction of the acceleration limits that a new path leaves for corrections.
-    """
+    """Planner whose paths are proven to keep flight limits, separation and keep-outs, before and during the flight."""
 
     sides: Int[Array, " aircraft"]  #: Side of each aircraft's detour: +1 right, -1 left, 0 either.
     speed: Float[Array, " aircraft"]  #: Preferred mean airspeed per aircraft, m/s.
@@ -103,8 +95,8 @@ class CertifiedPlanner(AbstractPlanner):
     guidance: GuidanceSettings  #: Settings of the guidance, among them radius and sense of the holds.
     latest_arrival: Scalar  #: Latest allowed arrival time, s after the start of the flight.
     freeze: Scalar  #: Duration before the arrival in which a path is frozen, s.
-    #: Fraction of the acceleration and deceleration along the path that a new path leaves to the autopilot, mainly for
-    #: the engine's spool-down, and to corrections of the path.
+    #: Fraction of the limits of acceleration and deceleration that a new path leaves to the autopilot and to
+    #: corrections.
     acceleration_reserve: Scalar = eqx.field(default_factory=lambda: as_array(0.0))
 
     @property
@@ -115,10 +107,8 @@ class CertifiedPlanner(AbstractPlanner):
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
         """Search for a plan with a common arrival time, and for holds that last until `latest_arrival`.
 
-        Not traceable by JAX. `anser.missions` calls `search_plan` instead, which takes any arrival rule;
-        `anser.missions.refusal` finds the reason for a missing plan.
-
-        Raises ValueError if no plan is found.
+        Not traceable by JAX. Raises ValueError if no plan is found; `anser.missions.refusal` finds the reason. For
+        other arrival rules see `search_plan`.
         """
         latest = float(self.latest_arrival)
         tasks = self.aircraft_tasks(reports, self.resolve_limits(performance))
@@ -130,9 +120,9 @@ class CertifiedPlanner(AbstractPlanner):
     def resolve_limits(self, performance: Performance) -> PathLimits:
         """Return the flight limits with an acceleration and a deceleration limit for every aircraft.
 
-        Limits that the scenario leaves open (infinite) follow from the engine, at least `ACCELERATION_FLOOR`: the
-        acceleration with full thrust at the start, the deceleration with idle thrust by airspeed and load factor. Then
-        all of them, prescribed or not, are multiplied by 1 - `acceleration_reserve`.
+        Limits that the scenario leaves open (infinite) follow from the engine, at least `ACCELERATION_FLOOR`:
+        acceleration with full thrust at the start, deceleration with idle thrust by airspeed and load factor. Both
+        limits, prescribed or not, are multiplied by 1 - `acceleration_reserve`.
         """
 
         def resolve(prescribed: Array, available: Array) -> Array:
@@ -154,8 +144,7 @@ class CertifiedPlanner(AbstractPlanner):
     def correction_limits(self, limits: PathLimits) -> PathLimits:
         """Return the limits of a path corrected in flight: the `limits` of a new path plus the `acceleration_reserve`.
 
-        The acceleration limit may be negative, for an aircraft that decelerates even at its remaining full thrust; the
-        reserve raises this limit, too.
+        A negative acceleration limit, of an aircraft that decelerates even at full thrust, is raised as well.
         """
 
         def with_reserve(limit: Array) -> Array:
@@ -179,9 +168,8 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
         """Search for a plan with holds that keep separation, keep-outs, altitude limits and distance from the goals.
 
-        Returns the outcome and the holds of its plan; without a plan, the holds of `outcome.plan_without_holds`, or
-        None if no attempt was feasible up to the arrivals. For the reason of a missing plan see
-        `anser.missions.refusal`.
+        Returns the outcome and the holds of its plan. If there is no plan, the holds of `outcome.plan_without_holds`
+        are returned, or None if no attempt was feasible up to the arrivals.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
         hold_tasks = tasks if hold_tasks is None else hold_tasks
@@ -216,14 +204,14 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> PlannedHolds:
         """Assign a hold to each path of a plan made at a time (s), by a compiled program.
 
-        Aircraft that have arrived keep their holds of `former`, which follow the goals. If no active aircraft has
-        arrived, `former` is ignored, and the program is that of the first plan.
+        Aircraft that have arrived keep their holds of `former`, which follow the goals.
         """
         return _assign_holds(*self._hold_arguments(paths, tasks, time, end_time, former))
 
     def _hold_arguments(
         self, paths: TimedPath, tasks: AircraftTask, time: float, end_time: float, former: PlannedHolds | None = None
     ) -> tuple[Any, ...]:
+        # If no active aircraft has arrived, `former` has no effect, and the program is that of the first plan.
         cells = choose_cell_count(end_time) if former is None else former.paths.times.shape[1] - 1
         if former is not None and not np.any(
             (np.asarray(paths.times)[:, -1] <= time) & (np.asarray(tasks.active) > 0.0)
@@ -234,7 +222,8 @@ class CertifiedPlanner(AbstractPlanner):
     def prepare_programs(
         self,
         tasks: AircraftTask,  # the fleet's tasks, or their shapes
-        # rough flight time of the last aircraft, s: no program if a slightly other time needs other sizes of paths
+        # rough flight time of the last aircraft, s. If 0.95 or 1.2 of this time need another number of intervals, no
+        # program is compiled
         longest: float,
         end_time: float,
     ) -> Iterator[PreparedProgram]:
@@ -278,10 +267,7 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def _holds_are_outdated(self, holds: PlannedHolds | None, in_flight: PlanInFlight) -> Flag:
-        """Return whether a goal has shifted too far for the holds in use, and an aircraft can still change its hold.
-
-        An active aircraft can change its hold until its path is frozen.
-        """
+        """Return whether a goal has shifted too far for the holds, and any active aircraft's path is not frozen."""
         if holds is None:
             return jnp.asarray(False)
         tasks, arrivals, time = in_flight.tasks, in_flight.plan.arrival_times, in_flight.time
@@ -299,7 +285,7 @@ class CertifiedPlanner(AbstractPlanner):
         """Correct, replace or keep the plan, in the order of `correct_or_replace_plan`; return the new planner state.
 
         A new plan, or a plan with outdated holds, gets new holds. If a hold violates separation, keep-outs or altitude
-        limits, a plan with other paths is searched (`_search_in_flight`), unless an arrival is too near.
+        limits, a plan with other paths is searched, unless an arrival is too near.
         """
         former, has_left = planner_state.holds, np.asarray(reports.has_left)
         in_flight, planned_tasks, is_outdated = _replanning_inputs(self, planner_state, as_array(time), reports)
@@ -335,8 +321,8 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> tuple[CertifiedPlan, PlannedHolds] | None:
         """Search for a plan with other paths and with holds that keep all limits; None if the search fails.
 
-        The planned arrival times are tried first, then later ones if the arrival rule allows a delay; splines, which
-        take the most time, last. The acceleration along the paths is limited to `_ACCELERATION_M_S2`.
+        The planned arrival times are tried first, then later ones if the arrival rule allows a delay; splines last. The
+        acceleration along the paths is limited to `_ACCELERATION_M_S2`.
         """
         latest_to_go = float(self.latest_arrival) - time
         all_aircraft = as_array(np.ones(times_to_go.shape), bool)
@@ -366,11 +352,9 @@ class CertifiedPlanner(AbstractPlanner):
         return planner_state.replan_needed
 
     def plans(self, planner_state: CertifiedPlanState) -> AircraftPlan:
-        """Return the plan in force for the closed loop: path, arrival time (s) and hold of each aircraft.
-
-        The status is always 0 (success): a fleet without a plan is refused before the flight.
-        """
+        """Return the plan in force for the closed loop: path, arrival time (s) and hold of each aircraft; status 0."""
         plan = planner_state.plan
+        # Success: a fleet without a plan is refused before the flight.
         planned = jnp.zeros(plan.lengths.shape, dtype=jnp.int32)
         return AircraftPlan(
             trajectory=plan.paths,
@@ -400,7 +384,7 @@ class CertifiedPlanner(AbstractPlanner):
 
 
 def _end_of_holds(holds: PlannedHolds) -> float:
-    """Return the time, s, at which the holds end, limited so that new holds to this time have as many cells."""
+    """Return the time, s, at which the holds end, limited to the time that new holds with as many cells can reach."""
     times = np.asarray(holds.paths.times)
     cells = times.shape[1] - 1
     return min(float(np.max(times)), CELL_S * cells)
@@ -410,11 +394,7 @@ def _end_of_holds(holds: PlannedHolds) -> float:
 def _replanning_inputs(
     planner: CertifiedPlanner, planner_state: CertifiedPlanState, time: Scalar, reports: AircraftReport
 ) -> tuple[PlanInFlight, AircraftTask, Flag]:
-    """Return the inputs of `CertifiedPlanner.replan_between_steps`.
-
-    These are the plan in flight, the planning problems that start at its planned states at `time` (s), and whether the
-    holds are outdated (`_holds_are_outdated`).
-    """
+    """Return the plan in flight, the tasks from the planned states at `time` (s), and whether holds are outdated."""
     in_flight = planner._plan_in_flight(planner_state, time, reports)
     is_outdated = planner._holds_are_outdated(planner_state.holds, in_flight)
     return in_flight, tasks_from_plan(in_flight.plan, in_flight.tasks, time), is_outdated

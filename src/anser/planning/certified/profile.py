@@ -1,8 +1,7 @@
 """Profiles: altitude and airspeed over time, chosen before the horizontal route, and the drift of the air on the way.
 
 Vertical speed and airspeed change by smoothsteps, so that the acceleration is continuous; the aircraft's initial
-acceleration fades out. The length of the horizontal path and the drift of the air follow by quadrature on a uniform
-grid of times.
+acceleration fades out.
 """
 
 import equinox as eqx
@@ -17,15 +16,13 @@ from anser.planning.limits import PathLimits
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 CURVATURE_FRACTION = 0.98
-"""Fraction, used by the paths, of the greatest curvature that bank angle and load factor allow.
-
-The remaining part is a margin for the bounds of the certificate and for the conversion to timed paths."""
+"""Fraction, used by the paths, of the greatest curvature that bank angle and load factor allow."""
 _RULE = gauss_legendre(4)
 _FADE_S = 3.0  # duration in which the initial acceleration fades out
 CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, with little effect on the bank angle
 _SPEED_RATES = (0.8, 0.8)  # m/s^2, gain and loss
 _SHORTEST_RAMP_S = 2.0
-_GENTLE_RAMP_S = 20.0  # for a small change of climb: a shorter ramp costs more lift than it saves time
+_GENTLE_RAMP_S = 20.0  # greatest duration of the ramp of a small change of climb
 _LEVEL_OFF_ROUNDS = 3
 _DETOUR_RATE, _DETOUR_ACCELERATION = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
 _FADING_RATE = 0.053  # greatest slope of t^2/2 (1 - t)^4
@@ -48,8 +45,8 @@ class Profile(eqx.Module):
     """Altitude and airspeed as functions of time, from 0 to `duration` (s); `at` evaluates both.
 
     The vertical speed over the ground changes from `climb_0` to `plateau` and to `climb_1` (m/s), each in `climb_ramp`
-    seconds; `detour` is the greatest additional altitude, m. The airspeed changes from `speed_0` to `speed_1` in
-    `speed_ramp` seconds, and to `speed_2` in `speed_ramp_2` seconds. Initial rates have the suffix `_dot_0`.
+    seconds. The airspeed changes from `speed_0` to `speed_1` (m/s) in `speed_ramp` seconds, and to `speed_2` in
+    `speed_ramp_2` seconds. Initial rates have the suffix `_dot_0`.
     """
 
     duration: Scalar
@@ -59,7 +56,7 @@ class Profile(eqx.Module):
     climb_dot_0: Scalar
     plateau: Scalar
     climb_ramp: Scalar
-    detour: Scalar
+    detour: Scalar  # greatest additional altitude, m
     speed_0: Scalar
     speed_1: Scalar
     speed_2: Scalar
@@ -71,8 +68,8 @@ class Profile(eqx.Module):
     def kinks(self) -> Float[Array, "5"]:
         """Times, s after the start, at which higher derivatives jump.
 
-        In order: the ends of the first change of climb, of the first change of airspeed and of the initial
-        acceleration; the starts of the last change of climb and of the last change of airspeed.
+        - ends of: first change of climb, first change of airspeed, initial acceleration
+        - starts of: last change of climb, last change of airspeed
         """
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])
@@ -148,10 +145,7 @@ def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """Return t^2/2 (1 - t/fade)^4 and its first two derivatives with respect to t; all are 0 from t = fade on.
-
-    The second derivative is 1 at t = 0.
-    """
+    """Return t^2/2 (1 - t/fade)^4 and its first two derivatives by t; all are 0 after t = fade."""
     q = jnp.maximum(1.0 - t / fade, 0.0)
     k = 1.0 / fade
     return (
@@ -162,7 +156,7 @@ def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Return t (1 - t/fade)^3 and its derivative, which is 1 at t = 0; both are 0 from t = fade on."""
+    """Return t (1 - t/fade)^3 and its derivative; both are 0 after t = fade."""
     q = jnp.maximum(1.0 - t / fade, 0.0)
     return t * q**3, q**3 - 3 * t / fade * q**2
 
@@ -173,7 +167,7 @@ Rates = tuple[ScalarLike, ScalarLike]
 def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES) -> Scalar:
     """Return the duration, s, of a change of airspeed from `begin` to `end` (m/s) within rates of gain and loss.
 
-    `rates` are the greatest gain and loss, m/s^2. The duration is at least 2 s and at most 0.8 times the flight's.
+    `rates` are the greatest gain and loss, m/s^2. The duration is at least 2 s and at most 0.8 `duration`.
     """
     rate = jnp.where(jnp.asarray(end) > begin, rates[0], rates[1])
     return jnp.clip(1.5 * jnp.abs(end - begin) / rate, _SHORTEST_RAMP_S, 0.8 * duration)
@@ -184,10 +178,9 @@ def mean_to_last_speed(
 ) -> Scalar:
     """Return the final airspeed, m/s, of a profile with one change of airspeed whose mean airspeed is `mean` (m/s).
 
-    The change begins at the start, with the airspeed `speed_0`. The final change is d / (1 - ramp / (2 duration)), with
-    d = mean - speed_0 and `ramp` the duration of the change, which is proportional to the final change: a quadratic
-    equation. `rates` are the greatest gain and loss of airspeed, m/s^2.
+    The change begins at the start, with the airspeed `speed_0`. `rates` are the greatest gain and loss, m/s^2.
     """
+    # final change = (mean - speed_0) / (1 - ramp / (2 duration)), with a ramp in proportion to the final change
     change = jnp.asarray(mean - speed_0, dtype=float)
     size = jnp.abs(change)
     rate = jnp.where(change > 0.0, rates[0], rates[1])
@@ -214,7 +207,7 @@ def make_profile(
     climbs: tuple[ScalarLike, ScalarLike],
     climb_dot_0: ScalarLike,
     detour: ScalarLike,  # greatest additional altitude in the middle, m
-    # initial, middle and final airspeed, m/s; its initial rate, and greatest rates of gain and loss, m/s^2
+    # initial, middle and final airspeed, m/s; initial rate, and greatest rates of gain and loss, m/s^2
     speeds: tuple[ScalarLike, ScalarLike, ScalarLike],
     speed_dot_0: ScalarLike,
     rates: Rates = _SPEED_RATES,
@@ -300,8 +293,8 @@ def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tup
 def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
     """Return the horizontal length flown through the air, m, and the displacement of the air, NED, m, in a time span.
 
-    The span begins `begin` seconds after the start and lasts `span` seconds. The quadrature is accurate if the profile
-    has no kink within the span.
+    The span begins `begin` seconds after the start and lasts `span` seconds. The profile must have no kink within the
+    span for an accurate result.
     """
     speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
     weights = span * jnp.asarray(_RULE.weights)
@@ -325,8 +318,10 @@ def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedP
 def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
     """Return the six greatest excesses over the limits at the times of the table; negative within the limit.
 
-    In order: least and greatest airspeed (m/s), climb rate through the air (m/s), least and greatest altitude (m),
-    acceleration or deceleration along the path (m/s^2).
+    - least and greatest airspeed, m/s
+    - climb rate through the air, m/s
+    - least and greatest altitude, m
+    - acceleration or deceleration along the path, m/s^2
     """
     profile = table.profile
     times = profile.duration * jnp.linspace(0.0, 1.0, table.lengths.shape[0])

@@ -35,22 +35,26 @@ from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
 FIRST_PLAN, CORRECTED, REPLANNED, UNCHANGED, AWAITING_GOAL, PARTLY_CORRECTED = range(6)
-"""Origins of a plan, in order: first plan; plan in force, corrected to the expected rendezvous; new plan from the
-planned state; plan in force, unchanged because no correction and no new plan satisfies every limit; plan in force, with
-uncorrected paths to goals whose estimates are not accurate enough to justify a new plan; plan in force, corrected as
-far as the limits allow."""
+"""Origins of a plan:
+
+- FIRST_PLAN: first plan
+- CORRECTED: plan in force, corrected to the expected rendezvous
+- REPLANNED: new plan from the planned state
+- UNCHANGED: plan in force, because no correction and no new plan satisfies every limit
+- AWAITING_GOAL: plan in force; some paths are uncorrected, because their goals' estimates justify no new plan
+- PARTLY_CORRECTED: plan in force, corrected as far as the limits allow
+"""
 COMMITTED_S = 15.0
 """Time to the arrival, s, below which an aircraft's path may be corrected, but not replaced."""
 _SAME_POSITION_M = 1e-6
 SIGNIFICANT_DEVIATIONS = 3.0
-"""Least shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan: the next
-measurements may well reverse a smaller shift."""
+"""Least shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan."""
 _INHERITED_SHARE = 0.98
-"""Least ratio of the new to the present clearance ratio between a path and an exit path that are too near already."""
+"""Least ratio of the new to the present clearance ratio, of a path and an exit path that are too near already."""
 CORRECTION_FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-"""Fractions of a path's correction that are tried if the whole correction is infeasible and no new plan is found."""
+"""Fractions of a path's correction to try if the whole correction is infeasible and no new plan is found."""
 DELAY_FRACTIONS = (0.0, 0.03, 0.08, 0.15)
-"""Delays that are tried if the arrival rule leaves the times open, as fractions of the longest time to the arrival."""
+"""Delays to try if the arrival rule leaves the times open, as fractions of the longest time to the arrival."""
 
 
 def interval_count(paths: TimedPath) -> int:
@@ -67,9 +71,9 @@ def correct_path(
 ) -> TimedPath:
     """Return the path with its end moved to the rendezvous expected from the goal measured now (in `task`).
 
-    From the first knot after `time` + `lead` on (s, on the path's clock) to the end, the displacement d of the end is
+    From the first knot after `time` + `lead` (s, on the path's clock) to the end, the displacement d of the end is
     blended in by d (10 u^3 - 15 u^4 + 6 u^5), u from 0 to 1 in proportion to the time. Position, velocity and
-    acceleration stay continuous; each cell's quintic represents the correction exactly.
+    acceleration stay continuous.
     """
     end = path.times[-1]
     to_go = end - time if to_go is None else to_go
@@ -100,13 +104,8 @@ def rendezvous_has_moved(
 ) -> Flag:
     """Return whether the rendezvous is farther from the end of the path than the uncertainty of its goal explains.
 
-    The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations of the goal's position at the arrival, along the
-    offset. The task has the currently measured goal; `to_go` is the time to the arrival, s.
-
-    Parameters
-    ----------
-    covariance
-        Covariance of the goal's current position and velocity, NED, m and m/s; extrapolated at steady velocity.
+    `task` has the currently measured goal; `to_go` is the time to the arrival, s. `covariance` and threshold: see
+    `exceeds_uncertainty`.
     """
     return exceeds_uncertainty(rendezvous_offset_n(path, task, to_go), covariance, to_go)
 
@@ -124,20 +123,14 @@ def exceeds_uncertainty(offset: Vector3, covariance: Float[Array, "6 6"], to_go:
 
 
 def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """Return the planning problem that starts at position, velocity and acceleration of a path at a time (s).
-
-    Velocity and acceleration of a new path thus continue without a jump.
-    """
+    """Return the planning problem that starts at position, velocity and acceleration of a path at a time (s)."""
     air, drift = path.states_n(time)
     return dataclasses.replace(task, position_n=air[0] + drift[0], air_velocity_n=air[1], air_acceleration_n=air[2])
 
 
 def tasks_from_plan(plan: CertifiedPlan, tasks: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """Return the planning problems of a fleet that start at the planned states at a time (s).
-
-    The preferred airspeeds are the mean airspeeds of the plan, because idle thrust may not suffice for a deceleration
-    in a descent.
-    """
+    """Return the planning problems of a fleet that start at the planned states at a time (s)."""
+    # The preferred airspeed is the plan's: idle thrust may not suffice for a deceleration in a descent.
     planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
     return eqx.tree_at(lambda t: t.speed, planned_tasks, jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed))
 
@@ -152,9 +145,8 @@ def arrival_delays(
 ) -> tuple[Float[Array, " delays"], Integer]:
     """Return the delays to try for a fleet's arrivals, s, rising from zero, and how many of them are allowed.
 
-    The first delays are allowed: zero, and those with which the last aircraft arrives by `latest_arrival`; zero alone
-    if an aircraft can no longer be replanned, or if the arrival rule fixes the times. A delay applies to the whole
-    fleet, so that common arrivals stay common and a sequence keeps its spacing.
+    A delay of the whole fleet is allowed if the last aircraft then arrives by `latest_arrival`. If an aircraft cannot
+    be replanned or the arrival rule fixes the times, only the delay zero is allowed. Zero is always allowed.
     """
     last_arrival = jnp.max(arrival_times)
     delays = jnp.asarray(parts) * jnp.maximum(last_arrival - time, 0.0)
@@ -163,16 +155,12 @@ def arrival_delays(
 
 
 class AttemptLadder(eqx.Module):
-    """Order of the attempts at a new plan in flight: every allowed delay with `limits`, then with `relaxed_limits`.
+    """Order of the attempts at a new plan in flight: every allowed delay with `limits`, then with `relaxed_limits`."""
 
-    The first `delay_count` of `delays` (s) are allowed. `limits` are those of a new path, `relaxed_limits` the wider
-    ones of a corrected path; None: no attempts with wider limits.
-    """
-
-    delays: Float[Array, " tries"]
-    delay_count: Integer
-    limits: PathLimits
-    relaxed_limits: PathLimits | None
+    delays: Float[Array, " tries"]  # delays of the arrivals, s
+    delay_count: Integer  # number of allowed delays, the first ones
+    limits: PathLimits  # limits of a new path
+    relaxed_limits: PathLimits | None  # wider limits, of a corrected path; None: no attempts with wider limits
 
     def attempts(self) -> Iterator[tuple[float, PathLimits]]:
         """Yield the delay of the arrivals (s) and the path limits of each attempt; not traceable by JAX."""
@@ -183,28 +171,22 @@ class AttemptLadder(eqx.Module):
 
 
 class PlanInFlight(eqx.Module):
-    """A certified plan in flight, with the data for its correction or replacement at the current time (s).
-
-    `tasks` have the currently measured goals, `covariances` their uncertainty (None: exact). A path is frozen in the
-    last `freeze` seconds before its arrival. `has_left` is the mask of the aircraft on exit paths, which the fleet
-    avoids. `arrival_is_free` tells whether arrivals may be postponed, at most to `latest_arrival`, s.
-    """
+    """A certified plan in flight, with the data for its correction or replacement at the current time."""
 
     plan: CertifiedPlan
-    time: ScalarLike
+    time: ScalarLike  # current time, s
     # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
     # its last path and arrival time; active aircraft avoid this path only if the aircraft has left the fleet
     tasks: AircraftTask
     airspace: Airspace
-    freeze: ScalarLike
-    # covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
-    # (`rendezvous_has_moved`) causes no new plan, and the path to the goal stays if a correction is not feasible. None:
-    # the goals are exact
+    freeze: ScalarLike  # duration before the arrival in which a path is frozen, s
+    # covariances of the goals' positions and velocities, NED, m and m/s; None: the goals are exact. If a goal has not
+    # shifted significantly (`rendezvous_has_moved`) and the correction is not feasible, the path stays; no new plan
     covariances: Float[Array, "aircraft 6 6"] | None
-    correction_limits: PathLimits | None  # limits of a corrected path; None: those of the tasks
-    has_left: Bool[Array, " aircraft"]
-    arrival_is_free: Flag
-    latest_arrival: ScalarLike
+    correction_limits: PathLimits | None  # limits of a corrected path; None: limits of the tasks
+    has_left: Bool[Array, " aircraft"]  # mask of the aircraft on exit paths, which the fleet avoids
+    arrival_is_free: Flag  # whether arrivals may be postponed
+    latest_arrival: ScalarLike  # latest allowed arrival time, s
 
     @property
     def under_way(self) -> Bool[Array, " aircraft"]:
@@ -219,7 +201,7 @@ class PlanInFlight(eqx.Module):
 
     @property
     def path_limits(self) -> PathLimits:
-        """Limits of a corrected path: `correction_limits`, or those of the tasks if None."""
+        """Limits of a corrected path."""
         return self.tasks.limits if self.correction_limits is None else self.correction_limits
 
     def certified(
@@ -231,7 +213,7 @@ class PlanInFlight(eqx.Module):
     ) -> CertifiedPlan:
         """Return a plan with other paths and arrival times (s), certified with the limits of a corrected path.
 
-        Distances count from the current time on, for aircraft under way and on exit paths. `valid` is set to true;
+        Distances count from the current time on, for aircraft under way and on exit paths. `valid` is set to True;
         `bounds` are the bounds of the paths, None: computed here.
         """
         active = jnp.where(self.under_way | self.has_left, 1.0, 0.0)
@@ -250,10 +232,10 @@ class PlanInFlight(eqx.Module):
     def accepts(self, plan: CertifiedPlan) -> Flag:
         """Return whether a certified plan satisfies every constraint of the aircraft under way.
 
-        One exception: a path that is already too near to an exit path in the plan in force may stay so, because no plan
-        resolved this conflict at the event. Its clearance ratio must then be at least `_INHERITED_SHARE` of the present
-        one.
+        One exception: a path that is already too near to an exit path in the plan in force may stay so. The clearance
+        ratio must then be at least `_INHERITED_SHARE` of the present one.
         """
+        # No plan resolved such a conflict at the event.
         ratios, in_force = plan.certificate.clearance_ratio, self.plan.certificate.clearance_ratio
         is_inherited = self.has_left[None, :] & (in_force < 1.0) & (ratios >= _INHERITED_SHARE * in_force)
         ratios = jnp.where(is_inherited, jnp.inf, ratios)
@@ -265,8 +247,8 @@ def correct_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, Integer, Flag]
     """Correct the paths that are not frozen so that they end at the rendezvous expected from the goals measured now.
 
     A path stays as it is if its correction exceeds a limit and the shift of its goal is not significant. Returns the
-    plan, its origin (`CORRECTED`, or `AWAITING_GOAL` if a path stayed for this reason), and whether the plan satisfies
-    every constraint.
+    plan, its origin (`AWAITING_GOAL` if such a path exists, else `CORRECTED`), and whether the plan satisfies every
+    constraint.
     """
     plan, tasks, time, under_way = in_flight.plan, in_flight.tasks, in_flight.time, in_flight.under_way
     paths = jax.vmap(correct_path, in_axes=(0, 0, None))(plan.paths, tasks, time)
@@ -285,23 +267,19 @@ def correct_plan(in_flight: PlanInFlight) -> tuple[CertifiedPlan, Integer, Flag]
 
 
 class ReplanningProblem(eqx.Module):
-    """Data of the attempts at another plan, if the plan in force cannot be corrected to the expected rendezvous.
-
-    `paths` are the corrected paths; new paths start from `planned_tasks` and take `times_to_go` (s) plus the delays of
-    the `ladder`.
-    """
+    """Data of the attempts at another plan, if the plan in force cannot be corrected to the expected rendezvous."""
 
     in_flight: PlanInFlight
-    paths: TimedPath
-    planned_tasks: AircraftTask
-    times_to_go: Float[Array, " aircraft"]
+    paths: TimedPath  # corrected paths
+    planned_tasks: AircraftTask  # tasks from which new paths start
+    times_to_go: Float[Array, " aircraft"]  # durations of new paths before the delays of the `ladder`, s
     ladder: AttemptLadder
 
     def accept(self, new_plan: CertifiedPlan, durations: Float[Array, " aircraft"]) -> tuple[Flag, CertifiedPlan]:
         """Return whether a new plan is feasible for the fleet, and the fleet's plan with its certificate.
 
         The new paths take `durations` (s). Aircraft that may not be replanned keep their corrected paths and arrival
-        times. The plan is feasible if every new path is valid and every aircraft under way satisfies the constraints.
+        times.
         """
         plan, replannable = self.in_flight.plan, self.in_flight.replannable
         # Aircraft with a fixed path keep its length, turn and speed.
@@ -417,9 +395,9 @@ def exit_path(
 ) -> TimedPath:
     """Return the path of `knot_count` knots from `start_time` to `end_time` (s) on which an aircraft leaves the fleet.
 
-    Velocity and acceleration continue without a jump; the initial acceleration is added and fades out in 4 s. The
-    aircraft levels off in 12 s, turns by `turn` from its current heading at a bank angle of at most 40 deg and 0.9 of
-    its limit, and keeps its horizontal airspeed. Limits, separation and keep-outs are not checked.
+    Velocity and acceleration continue without a jump. The aircraft levels off in 12 s, turns by `turn` at a bank angle
+    of at most 40 deg and 0.9 of its limit, and keeps its horizontal airspeed. Limits, separation and keep-outs are not
+    checked.
     """
     position_n, velocity_n, acceleration_n = start.position_n, start.air_velocity_n, start.air_acceleration_n
     level_speed = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
@@ -470,10 +448,8 @@ def _blend(u: Scalar) -> Scalar:
 def _integrated(
     times: Float[Array, " knots"], slopes: Float[Array, "knots 3"], rates: Float[Array, "knots 3"]
 ) -> Float[Array, "knots 3"]:
-    """Integrate `slopes` over `times` (s) from the first knot to each knot, by the corrected trapezoidal rule.
-
-    `rates` are the derivatives of the slopes with respect to time.
-    """
+    """Integrate `slopes` over `times` (s) from the first knot to each knot; `rates` are derivatives of `slopes`."""
     span = (times[1:] - times[:-1])[:, None]
+    # corrected trapezoidal rule
     steps = 0.5 * span * (slopes[1:] + slopes[:-1]) + span**2 / 12.0 * (rates[:-1] - rates[1:])
     return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, axis=0)])

@@ -31,16 +31,12 @@ def cis(angle: ScalarLike) -> Plane:
 
 
 class Turn(eqx.Module):
-    """A turn by `angle` (rad, right positive): a ramp of growing curvature, an arc, and a ramp back to zero curvature.
+    """A turn: a ramp of growing curvature, an arc, and a ramp back to zero curvature."""
 
-    `ramp` is the length of each ramp, `arc` that of the arc, m; `peak` is the curvature of the arc, 1/m, right
-    positive.
-    """
-
-    angle: Scalar
-    ramp: Scalar
-    arc: Scalar
-    peak: Scalar
+    angle: Scalar  # rad, right positive
+    ramp: Scalar  # length of each ramp, m
+    arc: Scalar  # length of the arc, m
+    peak: Scalar  # curvature of the arc, 1/m, right positive
 
     @property
     def length(self) -> Scalar:
@@ -60,10 +56,10 @@ def smooth_turn(angle: ScalarLike, curvature_max: ScalarLike, sharpness: ScalarL
 
 
 def along_ramp(length: ScalarLike, sharpness: ScalarLike) -> Plane:
-    """Return the displacement along a ramp of a length (m), from zero curvature on, if the start points north.
+    """Return the displacement, north + i east, m, along a ramp of a length (m) that starts north with zero curvature.
 
-    The result is north + i east, m: the integral of exp(i sharpness u^2 / 2) over the length u, by its power series. A
-    positive sharpness (1/m^2) bends to the right; a negative length gives the displacement backward.
+    The result is the integral of exp(i sharpness u^2 / 2) over the length u. A positive sharpness (1/m^2) bends to the
+    right; a negative length gives the displacement backward.
     """
     x = 0.5 * sharpness * jnp.square(length)
     square = x * x
@@ -86,8 +82,7 @@ def along_arc(length: ScalarLike, curvature: ScalarLike) -> Plane:
 def displacement(turn: Turn, sharpness: ScalarLike) -> Plane:
     """Return the displacement of a whole turn (ramp, arc, ramp), m, as a complex number.
 
-    The real part is along the initial heading, the imaginary part to the right. `sharpness` is the magnitude of the
-    curvature's rate on the ramps, 1/m^2.
+    The real part is along the initial heading, the imaginary part to the right. `sharpness` (1/m^2) is positive.
     """
     sign = jnp.where(turn.angle < 0.0, -1.0, 1.0)
     ramp = along_ramp(turn.ramp, sign * sharpness)
@@ -103,35 +98,29 @@ _PIECE_KINDS = np.array([_DOWN, *([_UP, _FLAT, _DOWN, _FLAT] * LEGS), _UP, _FLAT
 
 
 class PathEndpoints(eqx.Module):
-    """Start and end conditions of a horizontal path in the frame of the drifting air, and the limits of its turns.
+    """Start and end conditions of a horizontal path in the frame of the drifting air, and the limits of its turns."""
 
-    Positions are north + i east, m; headings rad; `curvature` at the start, 1/m. `end_free` tells whether the end
-    heading is free. `curvature_max` (1/m) and `sharpness` (greatest rate of the curvature along the path, 1/m^2) are
-    those of the tightest turn; `scale_max` is the radius of the widest turn over that of the tightest.
-    """
-
+    # start: position (north + i east, m), heading (rad), curvature (1/m)
     start: Plane
     heading: Scalar
     curvature: Scalar
+    # end: position (north + i east, m), heading (rad), and whether the heading is free
     end: Plane
     end_heading: Scalar
     end_free: Flag
+    # tightest turn: curvature (1/m), and greatest rate of the curvature along the path (1/m^2)
     curvature_max: Scalar
     sharpness: Scalar
-    scale_max: Scalar
+    scale_max: Scalar  # radius of the widest turn over the radius of the tightest turn
 
 
 class TurnsAndLegs(eqx.Module):
-    """Four turns with three straight legs between them, which describe a route; with a leading axis, several routes.
+    """Four turns with three straight legs between them, which describe a route; with a leading axis, several routes."""
 
-    `angles` rad, right positive; `scales`: radius of each turn over the tightest radius; `legs` in m. If `exists` is
-    false, no path to the end conditions was found, and the numbers are arbitrary.
-    """
-
-    angles: Float[Array, "4"]
-    scales: Float[Array, "4"]
-    legs: Float[Array, "3"]
-    exists: Flag
+    angles: Float[Array, "4"]  # turn angles, rad, right positive
+    scales: Float[Array, "4"]  # radius of each turn over the tightest radius
+    legs: Float[Array, "3"]  # m
+    exists: Flag  # False: no path to the end conditions was found, and the numbers are arbitrary
 
 
 class RollOut(eqx.Module):
@@ -153,17 +142,15 @@ def roll_out(endpoints: PathEndpoints) -> RollOut:
 
 
 class Route(eqx.Module):
-    """A horizontal path as a chain of pieces of constant or linearly changing curvature.
+    """A horizontal path as a chain of pieces of constant or linearly changing curvature."""
 
-    `marks` are the lengths from the start to the ends of the pieces, m, with position (north + i east, m), heading
-    (rad) and curvature (1/m) there; `sharpness` is the rate of the curvature in each piece, 1/m^2.
-    """
-
+    # at the start and the ends of the pieces: length from the start (m), position (north + i east, m), heading (rad),
+    # curvature (1/m)
     marks: Float[Array, " marks"]
     positions: Complex[Array, " marks"]
     headings: Float[Array, " marks"]
     curvatures: Float[Array, " marks"]
-    sharpness: Float[Array, " pieces"]
+    sharpness: Float[Array, " pieces"]  # rate of the curvature in each piece, 1/m^2
 
     @property
     def length(self) -> Float[Array, "*batch"]:
@@ -201,8 +188,7 @@ class Route(eqx.Module):
 def turn_limits(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Scalar]:
     """Return the limits of curvature (1/m) and sharpness (1/m^2) for a turn `scale` times as wide as the tightest.
 
-    Sharpness is the rate of the curvature along the path. Both limits are divided by `scale`, so that the parts in
-    which the curvature grows and decays keep their length.
+    Sharpness is the rate of the curvature along the path. The lengths of the ramps do not depend on `scale`.
     """
     return endpoints.curvature_max / scale, endpoints.sharpness / scale
 
@@ -248,8 +234,7 @@ def chain_turns(
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
     """Return displacement (north + i east, m) and length (m) of a chain of turns, and the heading after each turn, rad.
 
-    Displacement and length are sums over the turns. `heading` is the initial heading, `angles` are the turn angles
-    (rad), `scales` the radii in units of the tightest turn's (see `turn_limits`).
+    `heading` is the initial heading, `angles` are the turn angles (rad), `scales` the radii over the tightest radius.
     """
     curvatures, sharpness = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpness)

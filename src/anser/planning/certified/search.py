@@ -48,7 +48,7 @@ _DELAY_BOUNDS = (1.0, DELAY_RATIO**1.5, 1.03, 1.3, 3.0)
 _LONG_DELAY = 1.3  # factor up to which the standard candidates are tried in single steps
 # Slightly later than by the direct path: a path of exactly its length may not exist, to rounding.
 _DIRECT_TIME_FACTOR = 1.0002
-# Greatest mean airspeed in windows, as a factor of the preferred one: it makes up for the turns of the direct path.
+# Greatest mean airspeed in windows over the preferred airspeed: makes up for the turns of the direct path.
 _WINDOW_SPEED_FACTOR = 1.005
 _LIST_FRACTIONS = (0.0, 0.1, 0.25, 0.5, 0.8)  # positions in the list of open times for further candidates
 _GRID_S = 0.25  # spacing of the arrival times tested for the necessary conditions
@@ -104,10 +104,10 @@ class FleetTask:
 
     @cached_property
     def preferred_times(self) -> ArrivalTimes:
-        """Flight time of each direct path at the preferred mean airspeed, s; the time of the climb if this is longer.
+        """Preferred flight time of each aircraft, s: direct path at the preferred mean airspeed, or climb if longer.
 
-        With windows, the time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least that of the straight line.
-        Where `direct_times` does not converge, the time of the straight line counts.
+        If `direct_times` does not converge, the straight line replaces the direct path. In windows, the direct path's
+        time is divided by up to `_WINDOW_SPEED_FACTOR`, but stays at least the straight line's time.
         """
         tasks, windows_s = self.tasks, self.request.windows_s
         direct, converged = (np.asarray(x) for x in direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS))
@@ -160,7 +160,7 @@ def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal
 
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
-    """Propose the preferred times with `MINIMAL`; if admissible, with `STANDARD` or (times prescribed) larger sets."""
+    """Propose the preferred times with `MINIMAL` and, if admissible, with larger candidate sets."""
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
         return
@@ -171,11 +171,9 @@ def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
 
 
 def later_stage(fleet: FleetTask) -> Stage:
-    """Propose the preferred arrival times and later ones, to find the earliest feasible times.
+    """Propose the preferred arrival times and later ones; the last plan found is the earliest.
 
-    In each range of delays, short ones first, the standard candidates are tried up to a feasible time, then all other
-    candidate sets before this time, because a loop is better than an arrival at twice the time. With windows, each
-    aircraft is delayed individually. The last plan found is the earliest.
+    In windows, each aircraft is delayed individually.
     """
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
@@ -183,6 +181,8 @@ def later_stage(fleet: FleetTask) -> Stage:
     individually = fleet.request.rule == "windows"
     times = preferred_times.copy()
     groups = [fleet.indices[k : k + 1] for k in range(fleet.indices.size)] if individually else [fleet.indices]
+    # In each range of delays, other candidate sets are tried before the first feasible time of the standard candidates,
+    # because a loop is better than an arrival at twice the time.
     for delay_min, delay_max in itertools.pairwise(_DELAY_BOUNDS):
         delays = [_delays(fleet, indices, preferred_times, delay_min, delay_max) for indices in groups]
         in_single_steps = fleet.is_small and delay_max <= _LONG_DELAY
@@ -207,7 +207,7 @@ class _DelayedTimes:
     times: Float[np.ndarray, "n group"]  # sets of arrival times, s
 
     def truncated(self, index: int | None) -> "_DelayedTimes":
-        """Return the times before an index (None: all); none if that time is within 1.5 steps of the first."""
+        """Return the times before an index (None: all); none if the time at `index` is close to the first time."""
         is_close = index is not None and self.times[index, 0] <= DELAY_RATIO**1.5 * self.times[0, 0]
         return _DelayedTimes(self.indices, self.times[: 0 if is_close else index])
 
@@ -217,8 +217,8 @@ def _delays(
 ) -> _DelayedTimes:
     """Return the admissible arrival times of a group of aircraft that are delayed together.
 
-    The delay factors, powers of `DELAY_RATIO` from `delay_min` to below `delay_max`, multiply `first_times` (s) less
-    the offsets of the arrival rule.
+    times = offset + factor * (`first_times` - offset), with the offsets of the arrival rule and the powers of
+    `DELAY_RATIO` in [`delay_min`, `delay_max`) as factors.
     """
     windows, offsets = fleet.request.windows_s, fleet.offsets
     factors = DELAY_RATIO ** np.arange(
@@ -236,7 +236,7 @@ def _delays(
 def _find_first_open(
     delays: Sequence[_DelayedTimes], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
 ) -> Generator[Proposal, FailedAircraft, list[int | None]]:
-    """Search the first feasible time of each entry of `delays`; return the indices, None without a feasible time.
+    """Search the first feasible time of each entry of `delays`; return the indices, None if no time is feasible.
 
     Each proposal tests one time per entry; feasible times are put into `times` (s). `one_by_one`: see `first_index`.
     """
@@ -281,7 +281,7 @@ def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
 
 
 def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
-    """Propose common arrival times before `plan_arrival_s`, the arrival of a plan found already, s after the start."""
+    """Propose common arrival times before `plan_arrival_s`, the arrival time of the plan found, s after the start."""
     times, is_feasible = fleet.requested_times(), None
     search = earlier_times(times[fleet.admissible(times), 0], plan_arrival_s)
     with contextlib.suppress(StopIteration):
@@ -328,7 +328,7 @@ def _preferred_first_arrival(fleet: FleetTask) -> float:
 
 
 def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
-    """Yield sets of times, s, at which each aircraft alone can arrive: ascending, or in windows the preferred first."""
+    """Yield sets of times, s, at which each aircraft alone can arrive: ascending; in windows, preferred times first."""
     request = fleet.request
     if request.windows_s is not None:
         yield from _window_times(fleet.preferred_times, request.windows_s, arrivals)
@@ -349,16 +349,13 @@ def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Itera
 def _window_times(
     preferred_times: ArrivalTimes, windows_s: Float[np.ndarray, "aircraft 2"], arrivals: Sequence[Intervals]
 ) -> Iterator[ArrivalTimes]:
-    """Yield sets of reachable arrival times within the windows (s), one time per aircraft, the preferred first.
-
-    From set to set, every aircraft takes the next nearest time to its preferred time; later sets combine times of
-    different ranks, which resolves remaining conflicts.
-    """
+    """Yield sets of reachable arrival times within the windows (s), one time per aircraft, the preferred first."""
     grids = []
     for (low, high), intervals, preferred_time in zip(windows_s, arrivals, preferred_times, strict=True):
         inside = [(max(a, low), min(b, high)) for a, b in intervals if max(a, low) <= min(b, high)] or [(low, high)]
         times = {float(a + (b - a) * u) for a, b in inside for u in _WINDOW_FRACTIONS}
         grids.append(sorted(times, key=lambda t: abs(t - preferred_time)))
+    # Every aircraft takes the next nearest time to its preferred time.
     for shift in range(max(len(grid) for grid in grids)):
         yield np.array([grid[min(shift, len(grid) - 1)] for grid in grids])
     # Each aircraft at a different index of its grid: resolves conflicts that remain under a common shift.
@@ -377,18 +374,18 @@ FailedAfterArrival = Callable[[CertifiedPlan], np.ndarray]
 class SearchOutcome:
     """Result of a search: the plan, or the attempts that came closest to a plan."""
 
-    plan: CertifiedPlan | None  #: The plan; None if the search failed.
+    plan: CertifiedPlan | None  #: None if the search failed.
     attempts: int  #: Number of attempts, each with a set of arrival times and a candidate set.
-    best_attempt: CertifiedPlan | None = None  #: Without a plan: the attempt with the fewest failed aircraft.
+    best_attempt: CertifiedPlan | None = None  #: If there is no plan: attempt with the fewest failed aircraft.
     #: Each aircraft's intervals of arrival times that it can reach alone, s after the start; None if not computed.
     arrivals: list[Intervals] | None = None
-    #: Without a plan: an attempt that satisfies every constraint up to the arrivals, but lacks holds; else None.
+    #: If there is no plan: attempt that satisfies every constraint up to the arrivals, but lacks holds.
     plan_without_holds: CertifiedPlan | None = None
-    #: With a plan: the failed attempt with the latest arrival times before those of the plan; None without any.
+    #: If there is a plan: failed attempt with the latest arrival times before the plan's arrival times.
     earlier_attempt: CertifiedPlan | None = None
 
     def leading(self, count: int) -> "SearchOutcome":
-        """Return the result for the first `count` aircraft: without the padding aircraft."""
+        """Return the result for the first `count` aircraft."""
         plan, best_attempt, plan_without_holds, earlier_attempt = (
             None if plan is None else plan.leading(count)
             for plan in (self.plan, self.best_attempt, self.plan_without_holds, self.earlier_attempt)
@@ -400,18 +397,18 @@ class SearchOutcome:
 class _Attempt(NamedTuple):
     times: ArrivalTimes
     candidate_set: CandidateSet
-    failed: FailedAircraft  # without a valid path or without a hold at these times
-    plan: CertifiedPlan  # the paths of the attempt, proven or not
-    fails_after_arrival: bool  # whether the paths are proven, and aircraft fail for want of a hold alone
+    failed: FailedAircraft  # mask of the aircraft that lack a valid path or a hold at these times
+    plan: CertifiedPlan  # paths of the attempt, proven or not
+    fails_after_arrival: bool  # whether all paths are proven, and only holds are missing
 
 
 class FailedAttempt(str):
-    """Progress message before further kinds of candidates are tried, with the failed attempt with standard ones."""
+    """Progress message before further kinds of candidates are tried; `attempt` is the failed attempt."""
 
     attempt: CertifiedPlan  #: Paths of the standard candidates, for all aircraft of the search.
 
     def __new__(cls, text: str, attempt: CertifiedPlan) -> "FailedAttempt":
-        """Make the message `text` with an attempt."""
+        """Return the message `text` with an attempt."""
         message = super().__new__(cls, text)
         message.attempt = attempt
         return message
@@ -422,7 +419,7 @@ class _Search:
     """Search in progress: the arguments of `search`, the attempts so far, and the results as in `SearchOutcome`."""
 
     start_time: float
-    fleet: FleetTask  # with the keep-outs where they are at `start_time`
+    fleet: FleetTask  # with the keep-outs at their positions at `start_time`
     airspace: Airspace
     on_progress: Progress
     failed_after_arrival: FailedAfterArrival
@@ -432,7 +429,7 @@ class _Search:
     plan: CertifiedPlan | None = None
     best_attempt: CertifiedPlan | None = None
     plan_without_holds: CertifiedPlan | None = None
-    standard: tuple[ArrivalTimes, Candidates] | None = None  # the last arrival times, and candidates for these
+    standard: tuple[ArrivalTimes, Candidates] | None = None  # the last arrival times, and their standard candidates
 
     def outcome(self, arrivals: list[Intervals] | None = None) -> SearchOutcome:
         if self.plan is not None:
@@ -441,7 +438,7 @@ class _Search:
         return SearchOutcome(None, len(self.tried), self.best_attempt, arrivals, self.plan_without_holds)
 
     def _latest_failure_before(self, times: ArrivalTimes) -> CertifiedPlan | None:
-        """Return the failed attempt with the greatest sum of arrival times below that of `times`; None without any."""
+        """Return the failed attempt with the latest arrival times (by their sum) before `times`; None if none."""
         failures = [past for past in self.tried if past.failed.any() and np.sum(past.times) < np.sum(times)]
         return max(reversed(failures), key=lambda past: float(np.sum(past.times))).plan if failures else None
 
@@ -462,7 +459,6 @@ class _Search:
                 proposal = stage.send(np.zeros_like(self.fleet.active) if failed is None else failed)
 
     def failed_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> FailedAircraft | None:
-        """Mask of the aircraft that failed with the arrival times (s) and the candidate set; None if not attempted."""
         past = self.attempt_at(times, candidate_set)
         return None if past is None else past.failed
 
@@ -476,9 +472,8 @@ class _Search:
     def attempt(self, times: ArrivalTimes, candidate_set: CandidateSet) -> CertifiedPlan | None:
         """Plan the fleet for arrival times (s) and a candidate set; return the plan, or None if an aircraft fails.
 
-        None also if both were attempted before. Extra candidates are generated only for aircraft that fail with the
-        standard candidates; not if holds alone are missing, because the choice is by cost, and extra candidates mostly
-        cost more.
+        None also if both were attempted before. Extra candidates are generated only for aircraft that lack a proven
+        path with the standard candidates.
         """
         if self.failed_at(times, candidate_set) is not None:
             return None
@@ -491,6 +486,7 @@ class _Search:
             standard = self.attempt_at(times, STANDARD)
             assert standard is not None
             if standard.fails_after_arrival:
+                # Extra candidates would not be chosen: the choice is by cost, and they mostly cost more.
                 self.tried.append(standard._replace(times=times, candidate_set=candidate_set))
                 return None
             extra_for = standard.failed
@@ -510,11 +506,10 @@ class _Search:
     def _make_plan(
         self, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
     ) -> _Attempt:
-        """Make a plan for arrival times (s); return the plan with the mask of failed aircraft.
+        """Make a plan for arrival times (s); return the attempt with the mask of failed aircraft.
 
-        If every path is proven and only holds are missing, the plan is stored as `plan_without_holds`, and paths are
-        chosen once more with regard to the time after the arrivals; this second plan is returned if no aircraft fails
-        with it, else the first. Extra candidates are for the aircraft `extra_for`.
+        If only holds are missing, the plan is stored as `plan_without_holds`, and paths are chosen once more with
+        regard to the time after the arrivals. Extra candidates are for the aircraft `extra_for`.
         """
         arguments = (
             self.start_time,
@@ -543,13 +538,13 @@ class _Search:
         return attempt
 
     def _standard_candidates(self, times: ArrivalTimes, arguments: tuple[Any, ...]) -> Candidates:
-        """Return standard candidates for arrival times (s), generated anew only if the times have changed."""
+        """Return standard candidates for arrival times (s); the candidates of the last times are kept."""
         if self.standard is None or not np.array_equal(times, self.standard[0]):
             self.standard = times.copy(), standard_candidates(*arguments)
         return self.standard[1]
 
     def _judge(self, times: ArrivalTimes, candidate_set: CandidateSet, plan: CertifiedPlan) -> _Attempt:
-        """Return the attempt with its failed aircraft: without a proven path or, if all are proven, without a hold."""
+        """Return the attempt with the mask of failed aircraft; holds are checked only if every path is proven."""
         failed = self.fleet.active & ~np.asarray(plan.feasible)
         if failed.any():
             return _Attempt(times, candidate_set, failed, plan, fails_after_arrival=False)
@@ -574,9 +569,12 @@ def search(
 ) -> SearchOutcome:
     """Find a plan that keeps limits, separation and keep-outs, proven by its certificate.
 
-    Arrival times are tried in this order: the times that the arrival rule of `request` prefers, with few candidate
-    paths per aircraft; later times up to the earliest feasible ones; times at which each aircraft alone can arrive,
-    with increasingly thorough candidate sets; for the rule "earliest", finally, times before those of the plan.
+    Arrival times are tried in this order:
+
+    1. the times that the arrival rule of `request` prefers
+    2. later times, up to the earliest feasible ones
+    3. times at which each aircraft alone can arrive
+    4. for the rule "earliest", times before the arrival times of the plan
     """
     fleet = FleetTask(tasks, airspace.at_start(start_time), request, candidate_sets)
     progress = _Search(start_time, fleet, airspace, on_progress, failed_after_arrival, fixed_paths, intervals)

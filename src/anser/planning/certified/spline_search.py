@@ -1,7 +1,7 @@
 """Search for spline trajectories: candidates without a prescribed shape.
 
-Within narrow limits or short times, shape, altitude and airspeed must be adjusted together. Damped least squares lead
-from many random detours as initial guesses to splines in time, over the ground, within the limits.
+Shape, altitude and airspeed are adjusted together, for narrow limits or short times. Damped least squares lead from
+many random detours to splines in time, over the ground, within the limits.
 """
 
 import functools
@@ -51,25 +51,21 @@ _TINY_M = 1e-6
 
 
 class Guess(NamedTuple):
-    """Random parameters of one initial guess of the spline search; with a leading axis, of several.
+    """Random parameters of one initial guess of the spline search, stacked for several: polyline with a detour."""
 
-    The guess is a polyline through the air with a detour: at each point, `line_fraction` along the straight line, the
-    detour along and across, and the `angle` (rad) flown in full circles. `speed` is a fraction of the range of
-    airspeeds, `limit_fraction` of the limits; the legs at both ends are in turn radii; `hump` is a detour in altitude,
-    m.
-    """
-
-    line_fraction: Float[Array, " points"]
+    line_fraction: Float[Array, " points"]  # fraction along the straight line
+    # detour along and across the line
     along_detour: Float[Array, " points"]
     across_detour: Float[Array, " points"]
-    angle: Float[Array, " points"]
+    angle: Float[Array, " points"]  # angle flown in full circles, rad
     circle_fraction: Scalar  # number of circles as a fraction of the possible number; negative: to the left
-    speed: Scalar
+    speed: Scalar  # airspeed as a fraction of the range of airspeeds
+    # legs at both ends, in turn radii
     first_leg: Scalar
     last_leg: Scalar
     course: Scalar  # course of arrival unless prescribed, rad
-    hump: Scalar
-    limit_fraction: Scalar
+    hump: Scalar  # detour in altitude, m
+    limit_fraction: Scalar  # fraction of the limits
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
@@ -121,7 +117,7 @@ def make_guesses(count: int, seed: int = 0) -> Guess:
 def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
     """Return the matrix that smooths the coefficients of a spline with `cells` intervals; n = cells + 3.
 
-    The smoothing is a least-squares fit with a penalty on third differences; three coefficients at either end stay.
+    Third differences are penalized; three coefficients at either end stay.
     """
     count = cells + 3
     jumps = np.diff(np.eye(count), 3, axis=0)
@@ -139,9 +135,8 @@ def _last_velocity(
     """Return the velocity over the ground at the arrival (NED, m/s), and the frame of its allowed changes.
 
     If a course or a path angle is prescribed, the velocity has the horizontal direction `direction_2d` (north, east)
-    and the prescribed path angle, or is level; its horizontal magnitude is that of the sum of airspeed `speed` (m/s) in
-    this direction and `wind` (north, east, m/s). Otherwise the velocity is `free_velocity`. The columns of the frame
-    are the directions in which the search may change the velocity, see `SplineStart.frame`.
+    and the prescribed path angle, or is level. Its horizontal magnitude is |`speed` * direction + `wind`|, m/s. If
+    neither is prescribed, the velocity is `free_velocity`. Frame: see `SplineStart.frame`.
     """
     rendezvous = problem.task.rendezvous
     angle_prescribed = rendezvous.path_angle_prescribed
@@ -156,11 +151,7 @@ def _last_velocity(
 
 
 def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStart:
-    """Build the initial spline of a search, with `cells` equal intervals, from a guess.
-
-    The path through the air runs straight on from the start, makes the detour of the guess, and ends with a straight
-    leg in the direction of arrival. Airspeed and climb are constant; the mean wind is added.
-    """
+    """Build the initial spline of a search, with `cells` equal intervals, from a guess."""
     task, airspace, duration = problem
     limits, rendezvous = task.limits, task.rendezvous
     state, meeting = initial_state_n(problem), task.meeting_n(duration)
@@ -237,7 +228,7 @@ _COST_CONVERGED = 1e-9  # cost at which violations are small against the tighten
 def _spline_step(context: tuple[SplineStart, BlockTridiagonal], equations: NormalEquations, damping: Scalar) -> Array:
     """Return the damped Gauss-Newton step, to be subtracted from the unknowns.
 
-    `context` has the start of the search and the `step_metric`, which measures the size of the step for the damping.
+    `context` has the start of the search and the `step_metric` for the damping.
     """
     damped = jax.tree.map(lambda block, size: block + damping * size, equations.form, context[1])
     return solve_tridiagonal(damped, equations.gradient)
@@ -252,7 +243,7 @@ class Splines(eqx.Module):
     valid: Bool[Array, "*splines"]
     total_turn: Float[Array, "*splines"]  # sum of the absolute changes of heading, rad
     speeds: Float[Array, "*splines"]  # mean airspeeds, m/s
-    accelerations: Float[Array, "*splines cells"]  # acceleration bound in each interval of each path, m/s^2
+    accelerations: Float[Array, "*splines cells"]  # bound of the acceleration in each interval of each path, m/s^2
 
 
 def find_splines(
@@ -261,7 +252,7 @@ def find_splines(
     """Find spline trajectories with which one aircraft arrives after a duration (s), from `starts` random guesses.
 
     Returns the `max_splines` with the smallest violations of the limits, valid or not. `intervals`, the number of equal
-    intervals between the knots of a path, is a multiple of `CELLS`. Not differentiable: plans are selected, not tuned.
+    intervals between the knots of a path, must be a multiple of `CELLS`. Not differentiable.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem

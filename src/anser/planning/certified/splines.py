@@ -1,7 +1,7 @@
 """Cubic splines in time of the position over the ground, and least-squares equations for violations of the limits.
 
-The acceleration is linear between the knots. Position, velocity and acceleration are linear in the coefficients and in
-each interval depend on four coefficients, so that the normal equations are sums over the intervals.
+The acceleration is linear between the knots. In each interval, position, velocity and acceleration are linear in four
+coefficients; the normal equations are sums over the intervals.
 """
 
 import functools
@@ -33,7 +33,7 @@ Coefficients = Float[Array, "coefficients 3"]
 class Spline(eqx.Module):
     """Position of one aircraft over the ground as a function of time: a uniform cubic B-spline."""
 
-    duration: Scalar  # duration, s
+    duration: Scalar  # s
     coefficients: Coefficients  # coefficients, one for each interval and three more, (coefficient, NED axis), m
 
     @property
@@ -50,8 +50,7 @@ class Spline(eqx.Module):
 def basis_values(fractions: Float[np.ndarray, " fractions"] | Float[Array, " fractions"]) -> Any:
     """Return values, first and second derivatives of the four B-splines in an interval, at fractions (0 to 1) of it.
 
-    The derivatives are with respect to the fraction. The result has the shape (order of derivative, fraction, B-spline)
-    and is a NumPy or JAX array like the argument.
+    The derivatives are with respect to the fraction. Shape of the result: (order of derivative, fraction, B-spline).
     """
     stack = np.stack if isinstance(fractions, np.ndarray) else jnp.stack
     u, v = fractions, 1.0 - fractions
@@ -69,7 +68,7 @@ def coefficient_windows(coefficients: Coefficients) -> Float[Array, "cells 4 3"]
 def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) -> Float[Array, "cells fractions 3 3"]:
     """Return position, velocity and acceleration over the ground (NED, SI) at fractions (0 to 1) of each interval.
 
-    The result has the shape (interval, fraction, order of derivative, axis).
+    Shape of the result: (interval, fraction, order of derivative, axis).
     """
     scale = jnp.stack([spline.cell**-order for order in range(3)])
     return jnp.einsum(
@@ -80,7 +79,7 @@ def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) ->
 def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
     """Return position, velocity and acceleration over the ground (NED, SI) at times, s after the start.
 
-    The result has the shape (time, order of derivative, axis).
+    Shape of the result: (time, order of derivative, axis).
     """
     share = times / spline.cell
     interval = jnp.clip(jnp.floor(share), 0, spline.cells - 1)
@@ -106,9 +105,9 @@ def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 @functools.cache
 def mean_squares() -> Float[np.ndarray, "3 4 4"]:
-    """Return matrices for mean squares over an interval of 1 s of position, velocity and acceleration, in this order.
+    """Return matrices M for mean squares over an interval of 1 s of position, velocity and acceleration, in this order.
 
-    With the interval's four coefficients c of one axis, the mean square is c^T M c.
+    The mean square is c^T M c, for the interval's four coefficients c of one axis.
     """
     basis = basis_values(np.asarray(_RULE.nodes))
     return np.einsum("ouk,oul,u->okl", basis, basis, np.asarray(_RULE.weights))
@@ -134,9 +133,8 @@ def _crossings(
     """Find the first `max_count` crossings of the altitudes of the wind layers (`edges`, m) by the spline.
 
     Returns the times, s, and the directions (1 climbing, -1 descending); for missing crossings, the duration and 0.
-    A crossing is detected between two neighbouring points of a grid of `intervals` equal time intervals that lie on
-    different sides of an edge, and refined by bisection.
     """
+    # Changes of side between neighbouring points of a time grid, refined by bisection.
     times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
     heights = -states_at(spline, times)[:, 0, 2]
     over = heights[:, None] > edges[None, :]
@@ -159,7 +157,7 @@ def _crossings(
 def _with_sides_at_ends(
     side: Float[Array, " knots"], spline: Spline, times: Float[Array, " knots"], edges: Float[Array, " layers"]
 ) -> Float[Array, " knots"]:
-    """Return `side`, with the side on which the path flies set at a first and last knot at the edge of a wind layer.
+    """Return `side` with the values at the first and last knot set if these knots lie at the edge of a wind layer.
 
     The side, 1 above the edge and -1 below, selects the wind layer whose rate of the wind holds at the knot.
     """
@@ -176,7 +174,7 @@ def spline_path(
     spline: Spline,
     wind: AbstractWind,
     intervals: int,  # number of equal intervals of the path, a multiple of the spline's
-    knots: int,  # number of knots, more than `intervals`; each crossing of an edge of a layer takes two of the excess
+    knots: int,  # number of knots; must exceed `intervals` by 1 and 2 more per crossing of an edge of a wind layer
 ) -> TimedPath:
     """Convert a spline to a timed path in a wind.
 
@@ -239,18 +237,16 @@ class SplineProblem(NamedTuple):
 
 
 class TightenedLimits(NamedTuple):
-    """Limits of a spline search: narrower than the aircraft's, so that these hold between the sample points, too.
-
-    SI units; `bank` is the tangent of the bank angle; accelerations are those along the path.
-    """
+    """Limits of a spline search, SI units: the aircraft's limits with a margin for the times between sample points."""
 
     speed_min: Scalar
     speed_max: Scalar
-    bank: Scalar
+    bank: Scalar  # tangent of the bank angle
     # load factor, greatest and least
     load_factor: Scalar
     load_factor_min: Scalar
     climb_rate: Scalar
+    # along the path
     acceleration: Scalar
     deceleration: Scalar
 
@@ -258,9 +254,9 @@ class TightenedLimits(NamedTuple):
 class SplineStart(NamedTuple):
     """Initial spline of a search, the allowed changes of its arrival velocity, and the limits of the search."""
 
-    # spline with the start's and the rendezvous's prescribed motion at its ends: (coefficient, axis)
+    # spline with the prescribed motion at start and rendezvous: (coefficient, axis)
     coefficients: Float[Array, "coefficients 3"]
-    # columns: unit vectors of the allowed changes of the velocity at the arrival, NED; 0 for forbidden changes
+    # columns: unit vectors of the allowed changes of the velocity at the arrival, NED; columns of 0 allow no change
     frame: Float[Array, "3 3"]
     allowed: TightenedLimits  # limits of the search
 
@@ -274,10 +270,10 @@ class NormalEquations(NamedTuple):
 
 
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
-    """Return the limits at the start of a search: `fraction` times those of bank, load factor and accelerations.
+    """Return the limits at the start of a search: `fraction` times the limits of bank, load factor and accelerations.
 
     Airspeed and climb rate are limited slightly more than by the aircraft's limits. A negative limit of acceleration is
-    lowered by as much as a positive one of its size.
+    lowered, see `reduced_limit`.
     """
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
@@ -297,8 +293,8 @@ def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
 def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "10"]) -> TightenedLimits:
     """Return the limits of a search, tightened because the path violated the aircraft's limits between sample points.
 
-    Lower limits are raised and upper limits are lowered, by the violation times a safety factor. `over` is the relative
-    excess over each of the aircraft's limits (0.1 is 10 %), in the order of `CERTIFIED_LIMITS`.
+    Each limit changes by the violation times a safety factor. `over` is the relative excess over each of the aircraft's
+    limits (0.1 is 10 %), in the order of `CERTIFIED_LIMITS`.
     """
     limits = problem.task.limits
     fields = (limit.field for limit in CERTIFIED_LIMITS)
@@ -332,7 +328,7 @@ def _limit_violations(
     velocity: Float[Array, "3"],
     acceleration: Float[Array, "3"],
 ) -> Float[Array, "8"]:
-    """Return the violations of the flight limits at one sample point, each in units of equal weight; 0 if satisfied.
+    """Return the violations of the flight limits at one sample point, in units of equal weight; 0 if satisfied.
 
     `altitude` in m, `velocity` and `acceleration` over the ground, NED, m/s and m/s^2. In order: least and greatest
     airspeed, bank angle, load factor, force along the path, climb rate, least and greatest altitude.
@@ -362,10 +358,9 @@ def _limit_violations(
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[Array, "3"]) -> Scalar:
-    """Return how deep a position (NED, m) is inside keep-outs with a margin, dimensionless: depths over 200 m, summed.
+    """Return the sum of the depths of a position (NED, m) inside the keep-outs with a margin, over 200 m.
 
-    The depth in one keep-out is the least of the horizontal distance to the outside and three times the distance to
-    the outside upward or downward.
+    The depth is the least of the horizontal distance to the outside and three times the distance upward or downward.
     """
     limits, volumes = problem.task.limits, problem.airspace.keep_outs
     altitude = -position[2]
@@ -433,14 +428,14 @@ def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiago
 def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) -> BlockTridiagonal:
     """Convert a quadratic form of the coefficients to a form of the unknowns.
 
-    Both differ only in the last group, whose derivative with respect to the unknowns is `end_jacobian`.
+    Only the last group differs; its derivative by the unknowns is `end_jacobian`.
     """
     diagonal = form.diagonal.at[-1].set(end_jacobian.T @ form.diagonal[-1] @ end_jacobian)
     return BlockTridiagonal(diagonal, form.subdiagonal.at[-1].set(end_jacobian.T @ form.subdiagonal[-1]))
 
 
 def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
-    """Return whether the velocity at the arrival points along the prescribed course, not opposite; true if free."""
+    """Return whether the velocity at the arrival points along the prescribed course; True if the course is free."""
     is_free = jnp.all(jnp.any(start.frame != 0.0, axis=0))
     return is_free | (start.frame[:2, 0] @ velocity_n[:2] > 0.0)
 
@@ -448,8 +443,8 @@ def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
 def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
     """Return the quadratic form that measures the size of a step of the unknowns, for the damping.
 
-    The form is the mean square over time of the changes of position, velocity and acceleration, each divided by a
-    reference change (`_STEP_M`, `_STEP_SPEED`, `_STEP_ACCELERATION`). Unknowns without effect get a diagonal of 1.
+    The form is the mean square over time of the changes of position, velocity and acceleration, each over a reference
+    change (`_STEP_M`, `_STEP_SPEED`, `_STEP_ACCELERATION`). Unknowns without effect get a diagonal of 1.
     """
     cells = start.coefficients.shape[0] - 3
     cell = problem.duration / cells

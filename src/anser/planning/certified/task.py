@@ -15,25 +15,21 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 
 
 class AircraftTask(eqx.Module):
-    """Planning problem of one aircraft: start, goal and flight limits; with a leading axis, of a fleet.
+    """Planning problem of one aircraft: start, goal and flight limits; with a leading axis, of a fleet."""
 
-    The start has position, velocity relative to the air and its rate; the goal moves at constant velocity; NED, m, m/s,
-    m/s^2. `speed` is the preferred mean airspeed, m/s; `side` is that of detours (positive right, negative left, 0
-    either); `roll_rate_max` in rad/s. `active` is 0 for an aircraft that gets no plan and does not constrain the
-    others.
-    """
-
+    # start: position, velocity relative to the air and its rate; NED, m, m/s, m/s^2
     position_n: Vector3
     air_velocity_n: Vector3
     air_acceleration_n: Vector3
+    # goal at the start of the plan, which moves at constant velocity; NED, m, m/s
     goal_position_n: Vector3
     goal_velocity_n: Vector3
     rendezvous: Rendezvous  # stand-off and arrival conditions at the goal
-    speed: Scalar
-    side: Int[Array, ""]
+    speed: Scalar  # preferred mean airspeed, m/s
+    side: Int[Array, ""]  # side of detours: positive right, negative left, 0 either
     limits: PathLimits  # flight limits of the path
-    roll_rate_max: Scalar
-    active: Scalar
+    roll_rate_max: Scalar  # rad/s
+    active: Scalar  # 1; 0 for an aircraft that gets no plan and does not constrain the other aircraft
 
     @property
     def rendezvous_n(self) -> Vector3:
@@ -77,21 +73,16 @@ Intervals = list[tuple[float, float]]
 
 @dataclass(frozen=True)
 class ArrivalRequest:
-    """Arrival rule of a fleet ("together", "earliest", "at", "sequence", "times", "windows") and its times.
+    """Arrival rule of a fleet, and its times in s after the start of the plan."""
 
-    All times are s after the start of the plan, one per aircraft: `times_s` are prescribed (for "at" and "times"),
-    `offsets_s` are delays after the first arrival ("sequence"), `windows_s` earliest and latest times ("windows").
-    """
-
-    #: "together": one common time, first the time at which the last aircraft arrives at its preferred airspeed, then
-    #: later times. "earliest": the earliest feasible common time, see `anser.planning.certified.arrival_times`. "at":
-    #: a prescribed common time. "sequence": prescribed delays after the first arrival, whose time is chosen as for
-    #: "together". "times": a prescribed time per aircraft. "windows": a window per aircraft, first its preferred time.
+    #: "together": a common time, at which the last aircraft arrives at its preferred airspeed, or later. "earliest":
+    #: the earliest feasible common time. "at": a prescribed common time. "sequence": prescribed delays after the first
+    #: arrival, whose time is chosen as for "together". "times": a prescribed time per aircraft. "windows": a window
+    #: per aircraft.
     rule: str
     latest_s: float  #: Latest allowed arrival time, s after the start of the plan.
-    #: For "at" and "times": arrival time per aircraft, s after the start of the plan.
-    times_s: ArrivalTimes | None = None
-    offsets_s: ArrivalTimes | None = None  #: For "sequence": delay after the first arrival per aircraft, s; else None.
+    times_s: ArrivalTimes | None = None  #: For "at" and "times": arrival time per aircraft, s.
+    offsets_s: ArrivalTimes | None = None  #: For "sequence": delay after the first arrival per aircraft, s.
     #: For "windows": earliest and latest arrival time per aircraft, shape (aircraft, 2), s.
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None
 

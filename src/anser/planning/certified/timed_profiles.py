@@ -1,8 +1,4 @@
-"""Candidate sets, and profiles of altitude and airspeed that last a required duration.
-
-Contents: tables of the candidates to generate; the motion at the arrival; profiles with the turn radii and direct paths
-that their airspeeds allow.
-"""
+"""Candidate sets, and profiles of altitude and airspeed that last a required duration."""
 
 import dataclasses
 import functools
@@ -47,26 +43,28 @@ from anser.planning.demand import side_force_max
 from anser.shapes import Flag, Integer, Scalar, ScalarLike, Vector3
 
 RACETRACK = DETOUR_KINDS
-# Choices of the airspeed, in order. With one change of airspeed: the mean is the preferred airspeed; the direct path
-# takes the required duration; the final airspeed is the least; the greatest; the mean is halfway between the preferred
-# airspeed and the mean of the slowest profile; of the fastest. With two changes: first slow, then fast; first fast,
-# then slow; first unchanged, then fast; first unchanged, then slow.
+# Choices of the airspeed.
+# One change of airspeed:
+#   PREFERRED  the mean is the preferred airspeed
+#   MATCHED    the direct path takes the required duration
+#   SLOWEST    the final airspeed is the least; FASTEST: the greatest
+#   SLOWER     the mean is halfway between the preferred airspeed and the mean of SLOWEST; FASTER: of FASTEST
+# Two changes: SLOW_FAST, FAST_SLOW; LATE_FAST and LATE_SLOW: first unchanged, then fast or slow
 PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE_FAST, LATE_SLOW = range(10)
 
 
 class CandidateSet(NamedTuple):
     """Selection of the candidates that are generated for each aircraft: profiles, and detours for each profile.
 
-    A profile has an entry in `speeds` (`PREFERRED` to `LATE_SLOW`) and in `altitude_detours` (greatest additional
-    altitude, m). A detour has an entry in `direct_ranks` (rank of its direct path by length, 0: the shortest), in
-    `detour_kinds` (or `RACETRACK`) and in `sides` (1 right, -1 left).
+    A profile has an entry in `speeds` and one in `altitude_detours`. A detour has an entry in `direct_ranks`, in
+    `detour_kinds` and in `sides`.
     """
 
-    speeds: tuple[int, ...]
-    altitude_detours: tuple[float, ...]
-    direct_ranks: tuple[int, ...]
-    detour_kinds: tuple[int, ...]
-    sides: tuple[int, ...]
+    speeds: tuple[int, ...]  # `PREFERRED` to `LATE_SLOW`
+    altitude_detours: tuple[float, ...]  # greatest additional altitudes, m
+    direct_ranks: tuple[int, ...]  # ranks of the direct paths by length; 0: the shortest
+    detour_kinds: tuple[int, ...]  # see `detour`; or `RACETRACK`
+    sides: tuple[int, ...]  # 1 right, -1 left
     turn_leg_starts: int = 0  # number of initial guesses of the search for turn-and-leg paths, per profile
     # greatest number of detours and turn-and-leg paths per aircraft, the cheapest; None: no limit
     max_candidates: int | None = None
@@ -90,7 +88,7 @@ class CandidateSet(NamedTuple):
         return self.size if self.max_candidates is None else min(self.size, self.max_candidates)
 
     def leading_profiles(self, smaller: "CandidateSet") -> int:
-        """Return how many of the first profiles of this set contain all profiles of a smaller set."""
+        """Return the number of profiles of this set, from the first on, that contain all profiles of a smaller set."""
         profiles = list(zip(self.speeds, self.altitude_detours, strict=True))
         return 1 + max(
             profiles.index(profile) for profile in zip(smaller.speeds, smaller.altitude_detours, strict=True)
@@ -122,8 +120,7 @@ def make_candidate_set(
 ) -> CandidateSet:
     """Build a candidate set of all combinations.
 
-    The profiles are the pairs of an airspeed and an altitude detour; the detours are the triples of a direct path
-    (rank), a kind of detour and a side.
+    Profiles are pairs (airspeed, altitude detour); detours are triples (rank of direct path, kind of detour, side).
     """
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
     detours = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
@@ -144,9 +141,7 @@ _TURN_LEG_PATHS = make_candidate_set(
 )
 _SPLINES = CandidateSet((), (), (), (), (), spline_starts=48, max_splines=12)
 EXTRA_SETS = (_TURN_LEG_PATHS, _SPLINES)
-"""Candidate sets for aircraft without a feasible standard candidate: turn-and-leg paths; splines.
-
-One compiled program generates the candidates of each set."""
+"""Candidate sets for aircraft without a feasible standard candidate: turn-and-leg paths; splines."""
 
 MINIMAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4), with_wide_turns=True)
 STANDARD = make_candidate_set(
@@ -167,23 +162,19 @@ _LEVEL_MIN = 1.0  # m/s: keeps the horizontal airspeed of a vertical arrival fin
 
 
 class ArrivalMotion(eqx.Module):
-    """Vertical speed over the ground (`climb`, m/s) and heading through the air (rad) at the arrival.
+    """Vertical speed over the ground and heading through the air at the arrival."""
 
-    `heading_free` tells whether the heading is not prescribed; it is then that of the straight line over the ground.
-    `attainable` tells whether the prescribed motion can be flown at this airspeed in this wind.
-    """
-
-    climb: Scalar  # vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's
-    heading: Scalar
-    heading_free: Flag
-    attainable: Flag
+    climb: Scalar  # vertical speed over the ground, up positive, m/s
+    heading: Scalar  # rad
+    heading_free: Flag  # True: not prescribed; `heading` then follows from the straight line over the ground
+    attainable: Flag  # whether the prescribed motion can be flown at this airspeed in this wind
 
 
 def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike, speed: ScalarLike) -> ArrivalMotion:
     """Compute vertical speed and heading at the arrival after a duration (s) at an airspeed (m/s).
 
-    Without a prescribed path angle, the aircraft climbs as its goal. In wind the climb rate of a prescribed path angle
-    depends on the course; unless prescribed, this is the course of the straight line over the ground to the rendezvous.
+    If no path angle is prescribed, the aircraft climbs as its goal. In wind the climb rate of a prescribed path angle
+    depends on the course: the prescribed course, or the course of the straight line to the rendezvous.
     """
     rendezvous = task.rendezvous
     meeting = task.meeting_n(duration)
@@ -196,7 +187,7 @@ def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike,
         course=jnp.where(rendezvous.course_prescribed, rendezvous.course, polar(line, jnp.zeros(3)).chi),
         course_prescribed=rendezvous.course_prescribed | (angle_prescribed & windy),
     )
-    # Without a prescribed angle the aircraft has its goal's climb rate; the level airspeed is the rest.
+    # If no angle is prescribed, the level airspeed follows from the airspeed and the goal's climb rate.
     air_descent = task.goal_velocity_n[2] - wind_n[2]
     square = speed**2 - air_descent**2
     level = jnp.sqrt(jnp.maximum(square, _LEVEL_MIN**2))
@@ -216,10 +207,8 @@ def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike,
 
 
 def climb_acceleration(task: AircraftTask, wind: AbstractWind) -> Scalar:
-    """Return the initial vertical acceleration over the ground, up positive, m/s^2.
-
-    The change of the vertical wind along the path is included.
-    """
+    """Return the initial vertical acceleration over the ground, up positive, m/s^2."""
+    # including the change of the vertical wind along the path
     velocity_n = task.air_velocity_n + wind.at(task.position_n, 0.0)
     _, wind_dot_n = jax.jvp(lambda p: wind.at(p, 0.0), (task.position_n,), (velocity_n,))
     return -task.air_acceleration_n[2] - wind_dot_n[2]
@@ -242,8 +231,8 @@ def _plane(vector_n: Vector3) -> Array:
 def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
     """Return the greatest curvature, 1/m, and its greatest rate along the path, 1/m^2, of a path with a profile.
 
-    Both apply to the whole path: they follow from the limits of bank angle, load factor and bank rate at the greatest
-    airspeed, in the steepest climb and with the strongest vertical acceleration of the profile.
+    Both apply to the whole path: they follow from bank angle, load factor and bank rate at the greatest airspeed, in
+    the steepest climb and with the strongest vertical acceleration of the profile.
     """
     limits = task.limits
     speed = profile.speed_max
@@ -263,8 +252,8 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
     """Return the rates of gain and loss of airspeed in profiles, m/s^2.
 
-    The rates are a part of the limits of acceleration along the path; climb and descent need the remaining part. With
-    a negative limit, airspeed can be gained in a descent only: the rate of gain is `_RATE_MIN`.
+    The rates are a part of the limits of acceleration along the path; climb and descent need the remaining part. If the
+    acceleration limit is negative, the rate of gain is `_RATE_MIN`.
     """
     limits = task.limits
     gain = jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max)
@@ -285,9 +274,9 @@ def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) 
 def _profile(
     task: AircraftTask, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], altitude_detour: ScalarLike
 ) -> tuple[Profile, ArrivalMotion]:
-    """Make the profile with a duration (s) and the middle and final airspeeds `speeds` (m/s).
+    """Make the profile with a duration (s) and the middle and final airspeeds `speeds` (m/s); also return the arrival.
 
-    `altitude_detour` is the greatest additional altitude, m. Also returns the motion at the arrival.
+    `altitude_detour` is the greatest additional altitude, m.
     """
     begin = task.position_n
     end_down = task.meeting_n(duration)[2]
@@ -397,13 +386,10 @@ def timed_profile(
 
 
 class _NearbyPath(NamedTuple):
-    """Shortest direct path at a mean airspeed near the solution, with the tightest turns.
-
-    `width` is the width to which the turns can be widened, see `widen_direct`; 0: not at all.
-    """
+    """Shortest direct path at a mean airspeed near the solution, with the tightest turns."""
 
     shortest: DirectPath
-    width: Scalar
+    width: Scalar  # width to which the turns can be widened, see `widen_direct`; 0: not at all
 
 
 def _approach_direct_length(
@@ -419,7 +405,7 @@ def _approach_direct_length(
     """Approach the mean airspeed at which the shortest direct path takes the duration (s), by fixed-point iteration.
 
     Returns this airspeed, m/s, and the direct path there, with the greatest of `WIDTHS` for which the path is at most
-    `_SPEED_FACTOR_MAX` times as long as the profile. `_match_direct_length` refines the airspeed.
+    `_SPEED_FACTOR_MAX` times as long as the profile.
     """
 
     def evaluate(mean: Scalar) -> tuple[Scalar, _NearbyPath]:
@@ -449,8 +435,8 @@ def _match_direct_length(
 ) -> tuple[Scalar, Flag]:
     """Return the mean airspeed, m/s, at which the direct path takes the duration (s), and whether the search converged.
 
-    The secant method starts at the mean airspeed `mean` and stays within 10 percent of this airspeed; `nearby` is the
-    direct path at a nearby airspeed.
+    The secant method starts at the mean airspeed `mean`, and stays within 10 percent of it; `nearby` is the direct path
+    at a nearby airspeed.
     """
 
     def mismatch_at(mean: Scalar) -> Scalar:
@@ -462,7 +448,7 @@ def _match_direct_length(
         return widen_direct(endpoints, aimed, nearby.width).length / table.length - 1.0
 
     def evaluate_and_step(k: Integer, carry: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
-        """Evaluate the mismatch of length at the mean airspeed `current` (m/s), and choose the next airspeed."""
+        """Evaluate the mismatch of length at the mean airspeed `current` (m/s); return the next airspeed too."""
         previous, current, previous_mismatch = carry
         mismatch = mismatch_at(current)
         gap = mismatch - previous_mismatch
@@ -506,8 +492,8 @@ def profile_speeds(
     def match(mean: Scalar, bounds: tuple[Scalar, Scalar], rounds: Integer, fallback_factor: Scalar) -> Scalar:
         """Return the mean airspeed, m/s, at which the direct path takes the duration.
 
-        An approximation starts at `mean` (m/s), takes a number of rounds and stays within `bounds` (m/s); the exact
-        solution is returned if close to the approximation, else the approximation times `fallback_factor`.
+        An approximation starts at `mean` (m/s), takes a number of rounds and stays within `bounds` (m/s). If the exact
+        solution is not close to the approximation, the result is the approximation times `fallback_factor`.
         """
         where = task, airspace, duration, intervals
         mean, nearby = _approach_direct_length(*where, mean, bounds, rounds, with_wide_turns)
@@ -517,8 +503,8 @@ def profile_speeds(
         )
         return jnp.where(converged & is_near, matched_mean, fallback_factor * mean)
 
-    # The preferred airspeed stays where it is in the approximation. The matched one is slightly faster than the
-    # approximation, so that a detour slightly longer than the direct path exists.
+    # The preferred airspeed does not change in the approximation. The fallback of the matched airspeed is slightly
+    # faster than the approximation, so that a detour slightly longer than the direct path exists.
     choices = (
         (preferred_speed, (preferred_speed, preferred_speed), 0, 1.0),
         (preferred, (slowest, fastest), _SPEED_ROUNDS, 1.0 + 2e-4),

@@ -1,9 +1,8 @@
 """Turn-and-leg paths of a target length: four turns of any sense and radius and three legs, solved simultaneously.
 
-Among these candidates are shapes that detours lack: three consecutive turns, loops, turns wider than necessary, turns
-that tighten as the aircraft slows down, paths around keep-outs. Four equations (end position, end heading, length) and
-one per keep-out contain eleven unknowns: from each of many random starts, damped Gauss-Newton steps of minimum norm
-lead to a near solution.
+These candidates have shapes that detours lack: three consecutive turns, loops, wide turns, paths around keep-outs. Four
+equations (end position, end heading, length) and one per keep-out contain eleven unknowns. Damped Gauss-Newton steps of
+minimum norm start from many random guesses.
 """
 
 import dataclasses
@@ -45,14 +44,14 @@ _RADIUS_ROUNDS = 4
 _LEG_FRACTIONS = (0.0, 0.2, 0.4, 0.6, 0.8)  # points of a leg checked against keep-outs
 Unknowns = Float[Array, "11"]
 Spot = Float[Array, "3"]
-"""Point of a path: north and east, m, and length along the path up to this point, m."""
+"""Point of a path: north, east, and length along the path up to this point, m."""
 
 
 def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Integer, Scalar]:
     """Return the index of the grid point before a length (m), and the fraction of a step beyond this point.
 
-    The grid has `count` points from zero, with the spacing `step` (m); a length outside the grid is limited to its
-    ends. At the last point the index is count - 2, and the fraction is 1.
+    The grid has `count` points from zero, with the spacing `step` (m). A length outside the grid is limited to its
+    ends; the index is at most count - 2.
     """
     grid_position = jnp.clip(length / step, 0.0, count - 1.0)
     k = jnp.minimum(grid_position.astype(jnp.int32), count - 2)
@@ -60,21 +59,15 @@ def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Integer, Scal
 
 
 class RadiusSchedule(eqx.Module):
-    """Least turn radius that the limits allow, tabulated over the length along a path.
+    """Least turn radius that the limits allow, tabulated over the length along a path."""
 
-    The table has one value every `step` metres, in units of the radius allowed everywhere on the path, 1 /
-    `PathEndpoints.curvature_max`.
-    """
-
-    step: Scalar
-    scales: Float[Array, " intervals"]
+    step: Scalar  # spacing of the table, m
+    scales: Float[Array, " intervals"]  # radius in units of 1 / `PathEndpoints.curvature_max`
 
     def least_radius(self, length: ScalarLike, span: ScalarLike) -> Scalar:
-        """Return the least radius, in units of `scales`, of a turn from a length along the path (m), `span` (m) long.
+        """Return the least radius (unit as `scales`) of a turn from a length along the path (m), `span` (m) long."""
 
-        The radius is the greatest of those at start, middle and end of the turn.
-        """
-
+        # greatest of the radii at start, middle and end
         def radius_at(position: Scalar) -> Scalar:
             k, fraction = _grid_index(position, self.step, self.scales.shape[0])
             return (1.0 - fraction) * self.scales[k] + fraction * self.scales[k + 1]
@@ -85,20 +78,21 @@ class RadiusSchedule(eqx.Module):
 class KeepOutsAlongPath(eqx.Module):
     """Keep-outs in the frame of the drifting air, tabulated over the length along a path of known profile.
 
-    One value every `step` metres: position of the centres, m, and whether the path is at the altitudes of each keep-out
-    (1) or not (0). Radii and altitudes include a margin.
+    Radii and altitudes include a margin.
     """
 
-    step: Scalar
+    step: Scalar  # spacing of the table, m
+    # centres, m
     norths: Float[Array, "volumes intervals"]
     easts: Float[Array, "volumes intervals"]
-    radii: Float[Array, " volumes"]
+    radii: Float[Array, " volumes"]  # m
+    # 1 where the path is at the altitudes of the keep-out, else 0
     in_altitude_band: Float[Array, "volumes intervals"]
 
     def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
-        """Return the depth of a point inside each keep-out over the keep-out's radius, 0 outside, and its derivative.
+        """Return the depth of a point inside each keep-out over the keep-out's radius, and its derivative by `spot`.
 
-        The derivative is with respect to the three numbers of `spot`.
+        The depth is 0 outside.
         """
         k, fraction = _grid_index(spot[2], self.step, self.in_altitude_band.shape[1])
         centres, next_centres = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
@@ -138,11 +132,7 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 def make_radius_schedule(
     table: TabulatedProfile, endpoints: PathEndpoints, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
-    """Tabulate the least turn radius that the limits of bank angle and load factor allow along a path.
-
-    The radius, in units of 1 / `endpoints.curvature_max`, follows from airspeed, vertical speed and the rates of both
-    in the profile `table`.
-    """
+    """Tabulate the least turn radius that the limits of bank angle and load factor allow along a path."""
     step, times = _even_times(table)
 
     def least_radius_at(t: Scalar) -> Scalar:
@@ -156,20 +146,17 @@ def make_radius_schedule(
 
 
 class Starts(NamedTuple):
-    """Initial values of the searches for turn-and-leg paths, one row per search.
+    """Initial values of searches for turn-and-leg paths; leading axis search."""
 
-    `senses` of the four turns: 1 right, -1 left. The eleven `unknowns` are the square roots of four turn angles (rad),
-    three leg lengths (as fractions of the path) and four excess radii. `circling_fraction` is the fraction of the spare
-    length (target length less straight line) that each turn flies in full circles.
-    """
-
-    senses: Float[ArrayLike, "*starts 4"]
+    senses: Float[ArrayLike, "*starts 4"]  # senses of the turns: 1 right, -1 left
+    # square roots of four turn angles (rad), three leg lengths (fractions of the path) and four excess radii
     unknowns: Float[ArrayLike, "*starts 11"]
+    # fraction of the spare length (target length less straight line) that each turn flies in full circles
     circling_fraction: Float[ArrayLike, "*starts 4"]
 
 
 def make_starts(count: int) -> Starts:
-    """Draw the initial values of `count` searches, the same in each call; about half of the paths have circles."""
+    """Draw the initial values of `count` searches, the same in each call."""
     rng = np.random.default_rng([11, 0])
     number = np.arange(count)
     senses = np.where(number[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
@@ -191,7 +178,7 @@ class TurnLegProblem(eqx.Module):
 
 
 class _Flown(eqx.Module):
-    """Motion from the start to a point of a path, with derivatives with respect to the unknowns (`..._by`)."""
+    """Motion from the start to a point of a path; fields `..._by` are derivatives by the unknowns."""
 
     position: Float[Array, "2"]  # position of the point, north and east, m
     heading: Scalar  # heading at the point, rad
@@ -209,7 +196,7 @@ def _rotate(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 .
 
 
 def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Return the vector turned by 90 deg from north towards east: the derivative by the vector's direction angle."""
+    """Return the vector turned by 90 deg from north towards east."""
     return jnp.stack([-vector[1], vector[0]])
 
 
@@ -232,10 +219,12 @@ def _evaluate_path(
     """Compute the path for the unknowns `x`, the residuals of the equations, and their derivatives by the unknowns.
 
     `senses` are the senses of the turns (1 right, -1 left), `circles` the angles flown in full circles, rad. Residuals:
-    miss distance (north, east) and excess length over the target length; heading error in half turns; weighted depth
-    inside each keep-out. The derivatives are composed by hand, because a turn depends on three numbers only, not on
-    eleven unknowns.
+
+    - miss distance (north, east) and excess length, over the target length
+    - heading error in half turns
+    - weighted depth inside each keep-out
     """
+    # The derivatives are composed by hand, because a turn depends on three numbers only, not on eleven unknowns.
     endpoints, target_length = problem.endpoints, problem.target_length
     squares, slopes = x * x, 2.0 * x
     squares_by = jnp.eye(_UNKNOWNS) * slopes[:, None]
@@ -249,9 +238,9 @@ def _evaluate_path(
     def turn(parameters: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
         """Return five lengths of a turn, m, and, as auxiliary output of `jacfwd`, these lengths and the turn's scale.
 
-        The lengths are the displacements to the end and to the middle of the turn (ahead, right; each two), and the
-        length of the turn. `parameters` are angle (rad), excess radius and length of the path before the turn (m);
-        `circled` is the angle flown in full circles, rad.
+        The lengths are the displacements (ahead, right) to the end and to the middle of the turn, and the turn's
+        length. `parameters` are angle (rad), excess radius and length of the path before the turn (m); `circled` is the
+        angle flown in full circles, rad.
         """
         angle, excess_radii, length = parameters
         # The length of a turn depends on its radius, and the radius on the schedule over that length: iterate.
@@ -338,16 +327,14 @@ def _evaluate_path(
 def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int | None = None) -> TurnsAndLegs:
     """Find turn-and-leg paths of a target length: one damped Gauss-Newton search from each of the `starts`.
 
-    The depth inside keep-outs is a residual of the search, summed over the middle and end of each turn and four points
-    of each leg. The flag `exists` of a path tells whether end position, end heading, length and turn angles are met,
-    but not whether the path avoids the keep-outs. Not differentiable: plans are selected, not tuned.
+    Returns one path per continued search, in no particular order. The flag `exists` of a path tells whether end
+    position, end heading, length and turn angles are met, not whether the path avoids the keep-outs. Not
+    differentiable.
 
     Parameters
     ----------
     max_paths
         Number of searches that are continued after the first steps, those with the smallest residuals; None: all.
-
-    Returns one path per continued search, in no particular order.
     """
     problem = dataclasses.replace(jax.lax.stop_gradient(problem), target_length=jnp.maximum(problem.target_length, 1.0))
     count = 4 + problem.keep_outs.radii.shape[0]

@@ -1,8 +1,4 @@
-"""The decentralised planner: each aircraft plans for itself, and the fleet agrees by messages.
-
-``planner`` is the planner in the loop, ``path_exchange`` the agreement on paths, ``time_coordination`` the common
-progress along the paths, ``network`` the radio links and messages.
-"""
+"""The decentralised planner: each aircraft plans for itself, and the fleet agrees by messages."""
 
 import lazy_loader
 

@@ -15,61 +15,48 @@ LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """Latest data that each receiver (row) holds about each subject (column); diagonal: current data on itself.
+    """Latest data that each receiver (row) has about each subject (column); diagonal: current data on itself."""
 
-    `clocks` (s) of the subjects, `times` (s) at which they sent the data, `tokens` of their offers (see
-    `path_exchange`), `delays` (s) that they request for the fleet's arrivals. `acknowledged` (receiver, subject,
-    owner): the last token of the owner that the subject has acknowledged.
-    """
-
-    clocks: Float[Array, "aircraft aircraft"]
-    times: Float[Array, "aircraft aircraft"]
-    tokens: Int[Array, "aircraft aircraft"]
+    clocks: Float[Array, "aircraft aircraft"]  # clocks of the subjects, s
+    times: Float[Array, "aircraft aircraft"]  # times at which the subjects sent the data, s
+    tokens: Int[Array, "aircraft aircraft"]  # tokens of the subjects' offers, see `path_exchange`
+    # (receiver, subject, owner): last token of the owner that the subject has acknowledged
     acknowledged: Int[Array, "aircraft aircraft aircraft"]
-    delays: Float[Array, "aircraft aircraft"]
+    delays: Float[Array, "aircraft aircraft"]  # delays that the subjects request for the fleet's arrivals, s
 
 
 class Broadcast(eqx.Module):
-    """Data that each aircraft sends about itself in one exchange; leading axis aircraft.
-
-    `clocks` (s), `tokens` of its offers (see `path_exchange`), `delays` (s) requested for the fleet's arrivals, and
-    `acknowledged` (aircraft, owner): the last token of the owner that the aircraft has acknowledged.
-    """
+    """Data that each aircraft sends about itself in one exchange, as in `KnowledgeMatrix`; leading axis aircraft."""
 
     clocks: Float[Array, " aircraft"]
     tokens: Int[Array, " aircraft"]
-    acknowledged: Int[Array, "aircraft aircraft"]
+    acknowledged: Int[Array, "aircraft aircraft"]  # (aircraft, owner)
     delays: Float[Array, " aircraft"]
 
 
 class NetworkState(eqx.Module):
-    """State of a network between two exchanges: knowledge, outages, and messages that have not arrived.
+    """State of a network between two exchanges; links are (receiver, sender)."""
 
-    Links are (receiver, sender). `hears` are the links over which a message arrived in the last exchange; `messages`
-    and `message_links` are a ring buffer over the exchanges: messages under way, and the links that carry them.
-    """
-
-    outages: LinkMatrix  # links in an outage, (aircraft, aircraft)
-    hears: LinkMatrix
-    messages: KnowledgeMatrix
-    message_links: Bool[Array, "slots aircraft aircraft"]
+    outages: LinkMatrix  # links in an outage
+    hears: LinkMatrix  # links over which a message arrived in the last exchange
+    messages: KnowledgeMatrix  # messages under way: ring buffer over the exchanges
+    message_links: Bool[Array, "slots aircraft aircraft"]  # links that carry these messages
     knowledge: KnowledgeMatrix  # knowledge of the aircraft after the last exchange
 
 
 class Network(eqx.Module):
     """Broadcast network: in each exchange, each aircraft sends its whole knowledge, data received earlier included.
 
-    A link is up or down in both directions. It is down beyond the `range` (m), during an outage (Gilbert-Elliott model,
-    independent links), and for lost exchanges (independent). Exchanges take place every `period` seconds, which are
-    `period_samples` samples; a message arrives after a `delay` counted in exchanges.
+    A link is up or down in both directions. A link is down beyond `range`, during an outage (Gilbert-Elliott model) and
+    for lost exchanges; different links are independent. The methods raise ValueError if `randomness` is None.
     """
 
-    range: Scalar
+    range: Scalar  # greatest distance of a link, m
     dropouts: Dropouts  # losses and outages of the links
-    period: Scalar
-    period_samples: Integer
-    delay: Integer
-    slots: int = eqx.field(static=True)  # length of the ring buffer, more than the delay
+    period: Scalar  # time between two exchanges, s
+    period_samples: Integer  # number of samples between two exchanges
+    delay: Integer  # delay of a message, in exchanges
+    slots: int = eqx.field(static=True)  # length of the ring buffer in exchanges; must be greater than `delay`
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:
         """Return the state before the first exchange: the whole fleet knows all `clocks` (s) and agreed paths."""
@@ -93,15 +80,12 @@ class Network(eqx.Module):
         broadcast: Broadcast,  # data that the aircraft send about themselves
         positions_n: Float[Array, "aircraft 3"],  # positions of the aircraft, NED, m
         active: Bool[Array, " aircraft"],  # mask of the aircraft that send and receive
-        # number and time (s) of the present sample
+        # index, which must be a multiple of `period_samples`, and time (s) of the present sample
         sample: Integer,
         time: Scalar,
         randomness: AbstractRandomness | None,
     ) -> NetworkState:
-        """Return the state after one exchange: every aircraft sends its knowledge, and merges the messages that arrive.
-
-        Valid at the samples of exchanges only, every `period_samples`.
-        """
+        """Return the state after one exchange: every aircraft sends its knowledge and merges the arrived messages."""
         knowledge = _with_broadcasts(state.knowledge, broadcast, time)
         outages, up = self.links(state.outages, positions_n, active, sample, randomness)
         exchange = sample // jnp.maximum(self.period_samples, 1)
@@ -122,7 +106,7 @@ class Network(eqx.Module):
     ) -> tuple[LinkMatrix, LinkMatrix]:
         """Return the links in an outage, and the links that are up, in the exchange at `sample`; (receiver, sender).
 
-        `outages` are the links in an outage at the exchange before.
+        `outages` are the links in an outage in the previous exchange.
         """
         count = active.shape[0]
         uniforms = _link_uniforms(randomness, sample, count)
@@ -145,7 +129,7 @@ def _with_broadcasts(knowledge: KnowledgeMatrix, broadcast: Broadcast, time: Sca
 
 
 def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears: LinkMatrix) -> KnowledgeMatrix:
-    """Update the knowledge of each receiver: the newest received data about each subject replace older data."""
+    """Update the knowledge of each receiver: newer received data about a subject replace older data."""
     count = hears.shape[0]
     # (receiver, sender, subject)
     times = jnp.where(hears[:, :, None], arrived.times[None], -jnp.inf)
@@ -163,13 +147,11 @@ def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears:
 def _link_uniforms(
     randomness: AbstractRandomness | None, sample: Integer | int, count: int
 ) -> Float[Array, "2 aircraft aircraft"]:
-    """Draw two uniform random numbers (0..1) per link at sample number `sample`, equal for both directions.
-
-    The numbers of a pair of aircraft do not depend on the size of the fleet. Raises ValueError without `randomness`.
-    """
+    """Draw two uniform random numbers (0..1) per link at sample number `sample`, equal for both directions."""
     if randomness is None:
         raise ValueError("a network draws random numbers: the flight has no seed")
     indices = np.arange(count)
+    # The random numbers of a pair do not depend on the size of the fleet.
     later, earlier = np.maximum.outer(indices, indices), np.minimum.outer(indices, indices)
     pair = np.where(later > earlier, later * (later - 1) // 2 + earlier, 0)
     uniforms = randomness.uniforms(NETWORK, sample, max(count * (count - 1), 2))

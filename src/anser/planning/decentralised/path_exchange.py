@@ -7,7 +7,7 @@ changes to the new path and broadcasts the change. Until the fleet has acknowled
 both paths, and the aircraft makes no new offer. Lost or late messages never lead to a path that another aircraft has
 not acknowledged.
 
-Each aircraft has a token that counts its steps: odd while an offer is open, even after acceptance or withdrawal.
+Each aircraft has a token, a counter that is odd while an offer is open and even after acceptance or withdrawal.
 """
 
 import equinox as eqx
@@ -27,21 +27,16 @@ _GOLDEN_RATIO = 0.5 + 0.5 * 5.0**0.5
 
 
 class Exchange(eqx.Module):
-    """State of the agreement on paths: each aircraft's agreed and offered path, and its acknowledgements of offers.
-
-    `alternative` is the path offered or, after a change or a withdrawal, the path given up. As soon as the fleet has
-    acknowledged the outcome, the aircraft is `settled`, and `alternative` equals its agreed path. `tokens` count the
-    steps of each aircraft's offers (odd: open offer); `acknowledged` (aircraft, owner) is the owner's last token
-    acknowledged by the aircraft. `offered_at` is the time of the last offer by the aircraft's clock, s. Leading axis
-    aircraft.
-    """
+    """State of the agreement on paths; leading axis aircraft."""
 
     # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path
     agreed_paths: ApproachAndHold
+    # path offered; after acceptance or withdrawal, the path given up; if `settled`, the agreed path
     alternative: ApproachAndHold
-    tokens: Int[Array, " aircraft"]
-    settled: Bool[Array, " aircraft"]
-    offered_at: Float[Array, " aircraft"]
+    tokens: Int[Array, " aircraft"]  # token of each aircraft's offers; odd: an offer is open
+    settled: Bool[Array, " aircraft"]  # whether the fleet has acknowledged the outcome of the last offer
+    offered_at: Float[Array, " aircraft"]  # time of the last offer by the aircraft's clock, s
+    # (aircraft, owner): last token of the owner that the aircraft has acknowledged
     acknowledged: Int[Array, "aircraft aircraft"]
 
     @property
@@ -61,8 +56,8 @@ def process_messages(
     # state of the agreement, and knowledge of the aircraft about each other
     state: Exchange,
     knowledge: KnowledgeMatrix,
-    # whether the alternative path of a row's aircraft keeps the separation from the agreed path, and from the
-    # alternative path, of a column's aircraft
+    # (aircraft, other): whether the aircraft's alternative path keeps the separation from the other's agreed path, and
+    # from the other's alternative path
     clear_of_agreed: PairMask,
     clear_of_alternative: PairMask,
     clocks: Float[Array, " aircraft"],  # clocks of the aircraft, s
@@ -71,10 +66,9 @@ def process_messages(
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
     """Process the messages received by each aircraft; return the new state and the mask of the accepted offers.
 
-    Each aircraft acknowledges those offers of the fleet that keep clear of every path that it may fly. An offer is
-    accepted when every participating aircraft has acknowledged it in time. An offer is withdrawn when older than
-    `patience`, or in conflict with the open offer of an aircraft of lower index. Afterwards, the offering aircraft is
-    settled when every participating aircraft has acknowledged the outcome.
+    An aircraft acknowledges an offer if every path that the aircraft may fly keeps the separation from the offered
+    path. An offer is accepted if every participating aircraft has acknowledged the offer within `patience`. An offer is
+    withdrawn if it is older than `patience`, or in conflict with the open offer of an aircraft of lower index.
     """
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]
@@ -105,9 +99,9 @@ def process_messages(
 def open_offers(
     state: Exchange, approaches: ApproachAndHold, offers: Bool[Array, " aircraft"], clocks: Float[Array, " aircraft"]
 ) -> Exchange:
-    """Return the state after the aircraft selected by `offers` have offered new paths, their rows of `approaches`.
+    """Return the state after the aircraft in the mask `offers` have offered their new paths in `approaches`.
 
-    The selected aircraft must be settled before; `clocks` are the present clocks of the aircraft, s.
+    The offering aircraft must be settled before; `clocks` are the present clocks of the aircraft, s.
     """
     return Exchange(
         state.agreed_paths,
@@ -130,9 +124,6 @@ def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
 
 
 def next_in_turn(searches: Int[np.ndarray, " places"], time: float) -> int:
-    """Return the index of the aircraft that may search for a new path at `time` (s), out of the indices `searches`.
-
-    The turn follows from the time multiplied by the golden ratio: multiples of an irrational number are evenly spread,
-    so that every aircraft gets its share of turns for any period of the calls.
-    """
+    """Return the index of the aircraft that may search for a new path at `time` (s), out of the indices `searches`."""
+    # Multiples of an irrational number are evenly spread: every aircraft gets turns for any period of the calls.
     return int(searches[int(searches.size * (time * _GOLDEN_RATIO % 1.0))])

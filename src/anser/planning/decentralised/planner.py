@@ -1,9 +1,9 @@
 """Decentralised planner: each aircraft plans with its own knowledge and communicates over a network.
 
-Before the flight the aircraft agree on arrival times and on paths (`anser.missions.consensus`). In flight each aircraft
-corrects its path to the estimated goal, within a tube around the path that the fleet knows; larger changes need the
-fleet's acknowledgement (`path_exchange`). Each aircraft flies along its path by a clock, and the clocks are coordinated
-(`anser.planning.decentralised.time_coordination`), so that the fleet waits for a delayed aircraft.
+Before the flight, the aircraft agree on arrival times and paths (`anser.missions.consensus`). In flight, each aircraft
+corrects its path to the estimated goal, within a tube around the path that the fleet knows. Larger changes need the
+fleet's acknowledgement (`path_exchange`). The clocks by which the aircraft fly are coordinated, so that the fleet waits
+for a delayed aircraft (`time_coordination`).
 """
 
 import dataclasses
@@ -67,15 +67,12 @@ _DELAY_FRACTIONS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 
 
 class ClockedPath(AbstractReference):
-    """Path of one aircraft as a function of the aircraft's clock, which may run faster or slower than time.
-
-    At the flight time `time` (s) the clock shows `clock` (s), with its `rate` (1: as fast as time) and `acceleration`
-    (1/s). `next_path` replaces `path` from its start on if `has_next_path`.
-    """
+    """Path of one aircraft as a function of the aircraft's clock, which may run faster or slower than flight time."""
 
     path: TimedPath
-    next_path: TimedPath
+    next_path: TimedPath  # if `has_next_path`, this path replaces `path` as soon as it starts
     has_next_path: Flag
+    # clock (s), its rate (1: as fast as flight time) and acceleration (1/s) at the flight time `time` (s)
     clock: Scalar
     rate: Scalar
     acceleration: Scalar
@@ -112,7 +109,7 @@ def clock_accelerations(
     coordinated: Bool[Array, " aircraft"],
     gains: CoordinationGains,
 ) -> Float[Array, " aircraft"]:
-    """Return the accelerations of the aircraft's clocks, 1/s, by the coordination law, from the received messages."""
+    """Return the acceleration of each aircraft's clock, 1/s, by the coordination law, from the received messages."""
     knowledge = network.knowledge
     estimated_clocks = knowledge.clocks + (paths.time[:, None] - knowledge.times)
     count = jnp.sum(active)
@@ -136,7 +133,7 @@ def advance_clocks(
     gains: CoordinationGains,
     step: ScalarLike,
 ) -> Clocks:
-    """Return the clocks after one step (s) from `time` (s) on, with rates bounded by `bounded_rate`.
+    """Return the clocks after one step (s) that begins at `time` (s), with rates limited by `bounded_rate`.
 
     `active` and `arrived` are masks: the clock of an aircraft that has arrived or is inactive runs at rate 1.
     """
@@ -154,29 +151,23 @@ def advance_clocks(
 
 
 class DecentralisedPlanState(eqx.Module):
-    """State of the decentralised planner; leading axis aircraft. Only the aircraft itself knows its row.
+    """State of the decentralised planner; leading axis aircraft. Each aircraft knows only its own entries."""
 
-    `plan` has the paths flown, as functions of the `clocks`; `exchange` is the agreement on paths. `waits` is the mask
-    of the aircraft still on their previous path; `first_arrivals` are the arrival times agreed before the flight,
-    `delays` the delay of the fleet's arrivals that each aircraft knows, s. `replan_needed`: an aircraft must search for
-    another path.
-    """
-
-    plan: CertifiedPlan
-    replanning: Array  # origin of the plan, from `FIRST_PLAN` on, see `anser.planning.certified.replanning`
+    plan: CertifiedPlan  # plan with the paths flown, as functions of the `clocks`
+    replanning: Array  # origin of the plan: FIRST_PLAN, ... of `anser.planning.certified.replanning`
     limits: PathLimits  # flight limits of each path, including the accelerations available from the engine
-    exchange: Exchange
+    exchange: Exchange  # state of the agreement on paths
     clocks: Clocks
     network: NetworkState
-    time: Scalar
-    replan_needed: Flag
-    waits: Bool[Array, " aircraft"]
-    first_arrivals: Float[Array, " aircraft"]
-    delays: Float[Array, " aircraft"]
+    time: Scalar  # flight time, s
+    replan_needed: Flag  # whether an aircraft must search for another path
+    waits: Bool[Array, " aircraft"]  # mask of the aircraft still on their previous path
+    first_arrivals: Float[Array, " aircraft"]  # arrival times agreed before the flight, s
+    delays: Float[Array, " aircraft"]  # delay of the fleet's arrivals that each aircraft knows, s
 
 
 class _Correction(eqx.Module):
-    """Corrected paths of a fleet, other paths to offer (`proposals`), masks of aircraft that offer or must search."""
+    """Corrected paths of a fleet, and the aircraft that offer or must search for another path."""
 
     planner_state: DecentralisedPlanState  # state with corrected paths and processed messages
     tasks: AircraftTask  # tasks to the goals measured now
@@ -193,9 +184,9 @@ class _Correction(eqx.Module):
 
 
 class _CorrectionLoop(eqx.Module):
-    """Largest fraction, of those tried so far, by which each aircraft's path can be corrected, and the path."""
+    """State of the loop that finds the largest fraction by which each aircraft's path can be corrected."""
 
-    attempt: Integer  # index of the next fraction in `CORRECTION_FRACTIONS`; after the last, the fraction 0
+    attempt: Integer  # index of the next fraction in (*CORRECTION_FRACTIONS, 0)
     paths: TimedPath  # paths corrected by the largest fraction that fits
     certificate: Certificate  # certificate of these paths
     is_changed: Bool[Array, " aircraft"]  # mask of the aircraft with a fraction that fits
@@ -206,9 +197,9 @@ class _CorrectionLoop(eqx.Module):
 
 
 class _PathSearch(eqx.Module):
-    """Problem of finding a new path for one aircraft, from `start` to `arrival` or a later time (s, by its clock)."""
+    """Problem of finding a new path for one aircraft; times by the aircraft's clock."""
 
-    start: Scalar  # start of the path by the aircraft's clock, s
+    start: Scalar  # start of the path, s
     arrival: Scalar  # arrival time known to the aircraft, s
     tasks: AircraftTask  # tasks from the planned states at the start, with this aircraft active
     fixed_paths: FixedPaths  # agreed paths of the other aircraft
@@ -216,17 +207,14 @@ class _PathSearch(eqx.Module):
 
 
 class DecentralisedPlanner(AbstractPlanner):
-    """Planner of a fleet without a central planner: each aircraft plans for itself and communicates over a network.
-
-    `aircraft_planner` is the planner of the single aircraft; its separation includes twice the `tube` (m), the greatest
-    distance of a flown path from the agreed one, and the greatest difference of the clocks.
-    """
+    """Planner of a fleet without a central planner: each aircraft plans for itself and communicates over a network."""
 
     searches_often: ClassVar[bool] = True
+    # planner of the single aircraft; its separation must include twice the `tube` and the differences of the clocks
     aircraft_planner: CertifiedPlanner
     network: Network  # communication network
     gains: CoordinationGains  # gains of the clocks' coordination
-    tube: Scalar
+    tube: Scalar  # greatest distance of a flown path from the agreed path, m
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
         """Raise ValueError: `anser.missions.consensus` makes the first plan of a decentralised fleet, by messages."""
@@ -258,7 +246,7 @@ class DecentralisedPlanner(AbstractPlanner):
     ) -> DecentralisedPlanState:
         """Let each aircraft process messages, correct its path to the predicted rendezvous, and offer another path.
 
-        Sets `replan_needed` in the returned state if an aircraft must search for another path.
+        `replan_needed` is set in the returned state if an aircraft must search for another path.
         """
         correction = self._correct(planner_state, reports)
         state, is_missing = correction.planner_state, jnp.any(correction.searches)
@@ -269,11 +257,10 @@ class DecentralisedPlanner(AbstractPlanner):
     def replan_between_steps(
         self, planner_state: DecentralisedPlanState, time: float, reports: AircraftReport
     ) -> DecentralisedPlanState:
-        """Correct the paths as `replan` does, and search a new path for one of the aircraft that need one, in turns.
+        """Return the planner state after corrections as by `replan`, and after the search for one aircraft's new path.
 
-        The aircraft offers the first path found that is clear of the fleet. Attempts are made for the arrival time
-        known to the aircraft, then for later times, a delay that the fleet adopts. A second round of attempts may use
-        the acceleration reserve that the first round leaves for corrections. Returns the planner state at `time` (s).
+        The aircraft that need a new path take turns. The aircraft offers the first path found that is clear of the
+        fleet. The arrival time known to the aircraft is tried first, then later times; the fleet adopts this delay.
         """
         correction = _correct(self, planner_state, reports)
         searches = np.flatnonzero(correction.searches)
@@ -303,7 +290,7 @@ class DecentralisedPlanner(AbstractPlanner):
     def prepare_replanning(
         self, planner_state: DecentralisedPlanState, reports: AircraftReport
     ) -> Iterator[PreparedProgram]:
-        """Yield the programs of `replan_between_steps`, the search (`plan_at`) excepted, for its arguments' shapes."""
+        """Yield the programs of `replan_between_steps` except `plan_at`, for the shapes of the arguments."""
         program = _correct.prepare(self, planner_state, reports)
         yield program
         correction, selected = program.shapes, reports.active
@@ -327,7 +314,7 @@ class DecentralisedPlanner(AbstractPlanner):
         may_change = under_way & ~state.offer_open & ~waits
         lead = jnp.minimum(LEAD_S, jnp.maximum(0.25 * to_go, 0.0))
         bent = select_rows(may_change, jax.vmap(correct_path)(paths, tasks, clock, time_to_go, lead), paths)
-        delays = jnp.maximum(planner_state.delays, jnp.max(knowledge.delays, axis=1))  # the greatest known to each
+        delays = jnp.maximum(planner_state.delays, jnp.max(knowledge.delays, axis=1))  # greatest delay known to each
         is_late = planner_state.first_arrivals + delays > state.agreed_paths.path.times[:, -1] + _SAME_TIME_S
 
         from_time = jnp.min(clock)
@@ -410,8 +397,8 @@ class DecentralisedPlanner(AbstractPlanner):
     ) -> Bool[Array, "paths paths"]:
         """Return the mask of the pairs of paths that keep the separation from `from_time` (s) on; (path, path).
 
-        The paths, with their holds, are the agreed paths of all aircraft, then the alternative ones, then the proposed
-        ones (`approaches`). Two paths of one aircraft count as separated, as do paths of inactive aircraft.
+        The paths with their holds are, in this order: agreed paths, alternative paths, proposed paths (`approaches`).
+        Two paths of one aircraft count as separated, as do paths of inactive aircraft.
         """
         path_sets = jax.tree.map(
             lambda *leaves: jnp.concatenate(leaves), state.agreed_paths, state.alternative, approaches
@@ -420,7 +407,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
     def _path_search(self, correction: _Correction, selected: Bool[Array, " aircraft"]) -> _PathSearch:
-        """Return the problem of finding a new path for the aircraft `selected`, from `LEAD_S` after now on."""
+        """Return the search problem for a new path of the aircraft in the mask `selected`, which starts in `LEAD_S`."""
         planner_state, tasks, planner = correction.planner_state, correction.tasks, self.aircraft_planner
         agreed_paths, clock = planner_state.exchange.agreed_paths.path, planner_state.clocks.clock
 
@@ -453,9 +440,9 @@ class DecentralisedPlanner(AbstractPlanner):
         correction: _Correction,
         search: _PathSearch,
         paths: TimedPath,  # paths of a plan
-        selected: Bool[Array, " aircraft"],  # mask of the aircraft that offers its path
+        selected: Bool[Array, " aircraft"],  # mask that selects the aircraft with the new path
     ) -> tuple[Flag, ApproachAndHold]:
-        """Add a hold to a new path; return whether both keep clear of the fleet, and the proposals of all aircraft."""
+        """Add a hold after the arrival to a new path; return whether both are clear of the fleet, and all proposals."""
         planner, exchange = self.aircraft_planner, correction.planner_state.exchange
         former = exchange.agreed_paths.hold
         holds = assign_holds(
@@ -483,7 +470,7 @@ class DecentralisedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:
-        """Return the planner state after a step (s): clocks advanced, messages exchanged if due at `number`."""
+        """Return the planner state after a step (s): clocks are advanced; messages are exchanged if due at `number`."""
         time, is_due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
 
         def communicate() -> tuple[NetworkState, Array]:
@@ -528,7 +515,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return planner_state.replan_needed
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:
-        """Return the plan of each aircraft, with arrival and hold converted from its clock to flight time."""
+        """Return the plan of each aircraft, with arrival time and hold converted from the clock to flight time."""
         plan, clocks, time = planner_state.plan, planner_state.clocks, planner_state.time
         lag = time - clocks.clock
         to_go = plan.arrival_times - clocks.clock
@@ -556,7 +543,7 @@ class DecentralisedPlanner(AbstractPlanner):
 
 
 def _set_slices(count: int) -> tuple[slice, slice, slice]:
-    """Return the slices of agreed, alternative and proposed paths in their concatenation, `count` paths each."""
+    """Return the slices of agreed, alternative and proposed paths, `count` each, in their concatenation."""
     return slice(0, count), slice(count, 2 * count), slice(2 * count, 3 * count)
 
 
@@ -565,14 +552,14 @@ def _keeps_clear(
 ) -> Bool[Array, " aircraft"]:
     """Return the mask of the proposed paths that are separated from every path that the other aircraft may fly.
 
-    `is_clear` is the result of `_clearance`; `avoids_alternative` is that of `_Correction`.
+    `is_clear`: see `_clearance`; `avoids_alternative`: see `_Correction`.
     """
     agreed, alternative, proposed = _set_slices(avoids_alternative.shape[0])
     return jnp.all(is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1)
 
 
 def _tasks_at_start(tasks: AircraftTask) -> AircraftTask:
-    """Return the tasks with the goals where they are expected at the start of an offered path, in `LEAD_S`."""
+    """Return the tasks with the goals moved to their positions after `LEAD_S`, at the start of an offered path."""
     return eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n)
 
 

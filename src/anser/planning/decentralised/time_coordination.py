@@ -4,12 +4,11 @@ Each aircraft flies its path by its own clock gamma (s), at rate 1 without distu
 
     gamma_dot_dot_i = -b (gamma_dot_i - 1) - (b c / n) sum_j (gamma_i - gamma_j) - k lag_i,
 
-with the sum over the aircraft j heard by aircraft i, and the delay lag_i behind the path, s. Sources: E. Xargay,
-I. Kaminer, A. Pascoal, N. Hovakimyan et al., *Time-Critical Cooperative Path Following of Multiple Unmanned Aerial
-Vehicles over Time-Varying Networks*, J. Guidance 36 (2013) 499-516, doi 10.2514/1.56538; H. Kang, I. Kaminer,
-V. Cichella, N. Hovakimyan, *Coordinated Path Following of UAVs over Time-Varying Digraphs Connected in an Integral
-Sense*, arXiv 2307.06553. The gain is divided by the number of aircraft: c is the rate at which a complete network
-agrees.
+with the sum over the aircraft j heard by aircraft i, the number n of aircraft, and the delay lag_i behind the path, s.
+In a complete network, the clocks agree at the rate c. Sources: E. Xargay, I. Kaminer, A. Pascoal, N. Hovakimyan et al.,
+*Time-Critical Cooperative Path Following of Multiple Unmanned Aerial Vehicles over Time-Varying Networks*, J. Guidance
+36 (2013) 499-516, doi 10.2514/1.56538; H. Kang, I. Kaminer, V. Cichella, N. Hovakimyan, *Coordinated Path Following of
+UAVs over Time-Varying Digraphs Connected in an Integral Sense*, arXiv 2307.06553.
 """
 
 import equinox as eqx
@@ -24,19 +23,13 @@ SETTLED_LAG_S = 0.03
 
 
 class CoordinationGains(eqx.Module):
-    """Gains and limits of the law by which the aircraft adjust the rates of their mission clocks to each other.
+    """Gains and limits of the coordination law in the module's docstring, by which the mission clocks are adjusted."""
 
-    `coupling` c (1/s) acts on the differences from the clocks of the neighbours, `damping` b (1/s) on the deviation of
-    the rate from 1, `waiting` k (1/s^2) on the lag behind the own path, for which the clock slows down; formula in the
-    module's docstring. `rate_range` is the greatest deviation of a clock's rate from 1, `skew_max` the greatest
-    difference between two clocks, s.
-    """
-
-    coupling: Scalar
-    damping: Scalar
-    waiting: Scalar
-    rate_range: Scalar
-    skew_max: Scalar
+    coupling: Scalar  # c, 1/s: gain of the differences from the clocks of the neighbours
+    damping: Scalar  # b, 1/s: gain of the deviation of the rate from 1
+    waiting: Scalar  # k, 1/s^2: gain of the lag behind the path, for which the clock slows down
+    rate_range: Scalar  # greatest deviation of a clock's rate from 1
+    skew_max: Scalar  # greatest difference between two clocks, s
 
 
 def clock_acceleration(
@@ -52,7 +45,7 @@ def clock_acceleration(
 ) -> Scalar:
     """Return the acceleration of one aircraft's clock, 1/s, by the coordination law.
 
-    The magnitude of the lag is reduced by `SETTLED_LAG_S`; a smaller lag counts as 0.
+    The magnitude of `lag` is reduced by `SETTLED_LAG_S`; a smaller lag counts as 0.
     """
     clock_difference = jnp.sum(jnp.where(hears, clock - other_clocks, 0.0))
     effective_lag = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)
@@ -70,11 +63,10 @@ def bounded_rate(
     is_coordinated: Bool[Array, " others"],  # mask of the coordinated aircraft
     gains: CoordinationGains,  # only `rate_range` and `skew_max` are used
 ) -> Scalar:
-    """Return the rate of a clock (s/s), limited to its range, and so that no two clocks differ by more than `skew_max`.
+    """Return the rate of a clock, limited to its range and such that no two clocks differ by more than `skew_max`.
 
-    A clock may move away from another clock only while the other clock is certainly closer than `skew_max`. Since its
-    last message, the other clock may differ from its estimate by up to `uncertainty`. After a long time without
-    messages the uncertainty alone reaches `skew_max`, and the rate is 1.
+    If the lead over another clock plus `uncertainty` reaches `skew_max`, the rate is at most 1. If the lag behind
+    another clock plus `uncertainty` reaches `skew_max`, the rate is at least 1.
     """
     limited = jnp.clip(rate, 1.0 - gains.rate_range, 1.0 + gains.rate_range)
     lead_max = jnp.max(jnp.where(is_coordinated, clock - other_clocks + uncertainty, -jnp.inf))
@@ -90,11 +82,11 @@ def quality_of_service(
 ) -> np.ndarray:
     """Return the quality of service mu of a network in a window of duration T from each sample on, shape (windows,).
 
-    The greatest mu with (1 / (n T)) integral of Q L Q^T dt >= mu I over the window, for n aircraft. L is the Laplacian
-    of the links, and the rows of Q are orthonormal and orthogonal to (1, ..., 1): mu is 1 for a network that is always
-    complete, and 0 for a network whose links in the window do not connect the fleet. Source: Xargay et al. (2013).
+    mu is the greatest number with (1 / (n T)) integral of Q L Q^T dt >= mu I over the window, for n aircraft. L is the
+    Laplacian of the links; the rows of Q are orthonormal, and orthogonal to (1, ..., 1). mu is 1 if the network is
+    always complete, and 0 if the links in the window do not connect the fleet. Source: Xargay et al. (2013).
 
-    Only complete windows count; T is at most the duration of the record. A single aircraft has the result [1].
+    Only complete windows count. T is limited to the duration of the record. The result for one aircraft is [1].
     """
     samples, count, _ = links.shape
     if count < 2:
@@ -111,10 +103,10 @@ def quality_of_service(
 def guaranteed_rate(mu: float, coupling: float, window_s: float) -> float:
     """Return the guaranteed rate of convergence of clocks without range and skew limits, 1/s: c mu / (1 + c T)^2.
 
-    For gamma_dot = -(c / n) L gamma with the coupling c (1/s) and the quality of service mu over windows T (s),
-    |Q gamma| falls at least as exp(-rate t), over complete windows. Source: Xargay et al. (2013), after A. Loria,
-    E. Panteley, *Uniform exponential stability of linear time-varying systems: revisited*, Systems & Control Letters 47
-    (2002) 13-24.
+    The rate holds for gamma_dot = -(c / n) L gamma, with the coupling c (1/s) and the quality of service mu over
+    windows T (s): |Q gamma| falls at least as exp(-rate t), over complete windows. Source: Xargay et al. (2013), after
+    A. Loria, E. Panteley, *Uniform exponential stability of linear time-varying systems: revisited*, Systems & Control
+    Letters 47 (2002) 13-24.
     """
     return coupling * mu / (1.0 + coupling * window_s) ** 2
 

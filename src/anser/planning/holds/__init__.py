@@ -1,8 +1,4 @@
-"""Holds: the motion after the arrival, around the goal or along a path that stays clear of the other holds.
-
-``assignment`` chooses a hold for each aircraft of a fleet, ``hold_paths`` computes holds as paths over time,
-``hold_around_goal`` is the guidance in the hold.
-"""
+"""Holds: the motion after the arrival, around the goal or along a path that stays clear of the other holds."""
 
 import lazy_loader
 

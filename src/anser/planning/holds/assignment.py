@@ -48,7 +48,7 @@ _CIRCLE_COUNT = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
 
 def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
-    """Return the circles to try for one aircraft's hold in order, the scenario's circle first; stacked."""
+    """Return the circles to try for one aircraft's hold, in order, the scenario's circle first; stacked."""
     vertical_separation = airspace.separation.vertical
     step = jnp.where(vertical_separation > 0.0, _LEVEL_SPACING * vertical_separation, 0.0)
     base = -task.rendezvous.stand_off_n[2]
@@ -67,30 +67,24 @@ def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: Guidanc
 
 
 class _HoldOption(eqx.Module):
-    """Candidate hold of one aircraft, with the approach before the hold; stacked: of a fleet.
+    """Candidate hold of one aircraft, with the approach before the hold; stacked: of a fleet."""
 
-    `path` and `circle` are those of the hold. `whole` is the track of approach and hold, with the bounding `cylinders`;
-    `hold_track` and `cylinders_after` are the part after the arrival. `fits` tells whether the hold keeps altitude
-    limits, keep-outs and distance from the goal; `keep_out_clearance` is the least distance outside each keep-out, m.
-    """
-
-    path: TimedPath
-    circle: HoldCircle
-    whole: Track
-    hold_track: Track
-    cylinders: BoundingCylinders
-    cylinders_after: BoundingCylinders
-    fits: Flag
-    keep_out_clearance: Float[Array, " volumes"]
+    path: TimedPath  # path of the hold
+    circle: HoldCircle  # circle of the hold
+    whole: Track  # track of approach and hold
+    hold_track: Track  # part of `whole` after the arrival
+    cylinders: BoundingCylinders  # enclose `whole`
+    cylinders_after: BoundingCylinders  # enclose `hold_track`
+    fits: Flag  # whether the hold keeps altitude limits, keep-outs and distance from the goal
+    keep_out_clearance: Float[Array, " volumes"]  # least distance outside each keep-out, m
 
 
 def _clearance_ratios(
     index: Integer, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
 ) -> Float[Array, " aircraft"]:
-    """Return the clearance ratios of one aircraft with each aircraft of the fleet, (aircraft,), holds included.
+    """Return lower bounds of distance over separation between one aircraft and each aircraft of the fleet, (aircraft,).
 
-    A ratio is a lower bound of distance over separation from the first arrival of the two on; infinite for the aircraft
-    itself (`index`).
+    The bounds hold from the first arrival of the two on, holds included; infinite for the aircraft itself (`index`).
     """
     is_other = jnp.arange(fleet.fits.shape[0]) != index
 
@@ -113,15 +107,12 @@ _Search = tuple[Integer, Integer, Scalar, _HoldOption, Flag]
 
 
 class _Choice(eqx.Module):
-    """State of the assignment of holds after `turn` rounds; leading axis aircraft.
-
-    `options` are the chosen holds, `pick` the indices of their circles; `clearance_ratio` and `clear` as in
-    `PlannedHolds`.
-    """
+    """State of the assignment of holds after `turn` rounds; leading axis aircraft."""
 
     turn: Integer
-    options: _HoldOption
-    pick: Array
+    options: _HoldOption  # chosen holds
+    pick: Array  # indices of the circles of the chosen holds
+    # as in `PlannedHolds`
     clearance_ratio: Float[Array, "aircraft aircraft"]
     clear: Bool[Array, " aircraft"]
 
@@ -134,7 +125,7 @@ def assign_holds(
     start_time: ScalarLike,  # time of the prediction, s; distances count from here on
     end_time: ScalarLike,  # end of the flight, s
     cells: int,  # number of cells of a hold's path, see `choose_cell_count`
-    # previous holds, and the mask of the holds that stay; None: those of aircraft that have arrived at `start_time`
+    # previous holds, and the mask of the holds that stay; mask None: holds of aircraft arrived at `start_time` stay
     former: PlannedHolds | None = None,
     stays: Bool[Array, " aircraft"] | None = None,
     *,
@@ -143,10 +134,9 @@ def assign_holds(
     """Choose a hold for each aircraft that keeps the separation from the fleet until the end of the flight.
 
     The aircraft choose one after another, in the order of arrival. Each takes its first circle whose hold keeps the
-    altitude limits, the keep-outs, the distance from the goal, and the separation from all paths and from the holds
-    chosen so far. If there is none, it takes the circle with the largest clearance ratio, first among holds that lack
-    only the separation. Then aircraft in conflict choose again around the holds of the rest, in at most three rounds.
-    The field `clear` of the result tells for which aircraft a hold without conflict was found.
+    altitude limits, the keep-outs, the distance from the goal, and the separation from all paths and chosen holds. If
+    no circle does, the circle with the largest clearance ratio is taken. Aircraft in conflict choose again, in at most
+    three rounds. The field `clear` of the result tells for which aircraft a hold without conflict was found.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]

@@ -35,14 +35,13 @@ class HoldAroundGoal(eqx.Module):
     speed: Scalar  # airspeed, m/s
 
     def clearance(self, belief: Belief) -> GroundClearance:
-        """Return the ground clearance of the aircraft's present motion (estimated), with the limits of the hold."""
+        """Return the ground clearance of the aircraft's estimated present motion, with the limits of the hold."""
         return ground_clearance(belief, self.limits)
 
     def lateral_acceleration_max(self, clearance: GroundClearance, gravity: Scalar) -> Scalar:
-        """Return the greatest lateral acceleration, m/s^2, of a level turn in the hold.
+        """Return the greatest lateral acceleration, m/s^2, of a level turn within the limits of the hold.
 
-        The turn keeps the limits of bank angle, lift and load factor; `clearance` is that of
-        `HoldAroundGoal.clearance`.
+        `clearance` must be the result of `HoldAroundGoal.clearance`.
         """
         by_bank = gravity * jnp.tan(jnp.minimum(self.limits.bank_max, _BANK_MAX))
         by_lift = jnp.sqrt(jnp.maximum(clearance.normal_acceleration_max**2 - gravity**2, 1e-6))
@@ -60,9 +59,9 @@ class HoldAroundGoal(eqx.Module):
     ) -> tuple[PathCommand, Vector3]:
         """Return the command through the air (V, gamma, chi with rates), and the reference point of the hold, NED, m.
 
-        The planned hold is followed if the plan has one that is still valid (`hold_reference`), except after a
-        breakaway. Otherwise a circle is flown, with radius, turn direction and height of the planned hold if there is
-        one. Near the ground, the command is changed to level off. Raises ValueError if the aircraft has no goal.
+        The planned hold is followed if it is still valid (`hold_reference`) and the aircraft has not broken away. In
+        the other cases the aircraft flies a circle, with radius, turn direction and height of the planned hold if there
+        is one. Near the ground, the command is changed to level off. Raises ValueError if the aircraft has no goal.
         """
         if belief.goal is None:
             raise ValueError("a hold is flown around a goal: the aircraft has none")

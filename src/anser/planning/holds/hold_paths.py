@@ -1,7 +1,6 @@
 """Planned holds as paths over time, and approaches and holds combined.
 
-The hold of an aircraft is a path from the arrival into a circle around its goal, predicted at constant velocity. Turn
-direction, radius and height of the circle are chosen so that the path stays clear of the fleet until the flight ends.
+The hold of an aircraft is a path from the arrival into a circle around its goal, predicted at constant velocity.
 """
 
 import dataclasses
@@ -41,39 +40,32 @@ CELL_S = 2.0
 
 
 class HoldCircle(eqx.Module):
-    """Circle around the goal that a hold joins: radius (m), `turn` (+1 clockwise seen from above, -1 anticlockwise).
+    """Circle around the goal that a hold joins."""
 
-    `height` is that above the goal, m.
-    """
-
-    radius: Scalar
-    turn: Scalar
-    height: Scalar
+    radius: Scalar  # m
+    turn: Scalar  # +1 clockwise seen from above, -1 anticlockwise
+    height: Scalar  # height above the goal, m
 
 
 class PlannedHolds(eqx.Module):
-    """Planned holds of a fleet, from the arrivals to the end of the flight; leading axis aircraft.
-
-    The goals' positions and velocities (NED, m, m/s) are forecast from `forecast_time` (s). `clearance_ratio` is the
-    least ratio of distance to separation of each pair from its first arrival on, `keep_out_clearance` the least
-    distance outside each keep-out, m; `clear` tells whether the hold keeps separation, keep-outs and altitude limits to
-    the end.
-    """
+    """Planned holds of a fleet, from the arrivals to the end of the flight; leading axis aircraft."""
 
     paths: TimedPath  # paths from the arrivals to the end of the flight
     circles: HoldCircle  # circles at the end of the paths
+    # positions and velocities of the goals, NED, m and m/s, at `forecast_time` (s)
     goal_positions_n: Float[Array, "aircraft 3"]
     goal_velocities_n: Float[Array, "aircraft 3"]
     forecast_time: Scalar
+    # least ratio of distance to separation of each pair, from the first arrival of the pair on
     clearance_ratio: Float[Array, "aircraft aircraft"]
-    keep_out_clearance: Float[Array, "aircraft volumes"]
-    clear: Bool[Array, " aircraft"]
+    keep_out_clearance: Float[Array, "aircraft volumes"]  # least distance outside each keep-out, m
+    clear: Bool[Array, " aircraft"]  # whether the hold keeps separation, keep-outs and altitude limits to the end
 
 
 def choose_cell_count(duration_s: float) -> int:
-    """Return the number of cells of a hold's path: the least power of two from 128 on with cells of at most `CELL_S`.
+    """Return the number of cells of a hold's path: the least power of two, from 128 to 4096, with cells up to `CELL_S`.
 
-    At most 4096: for durations over 8192 s, the cells are longer.
+    For durations over 8192 s, the cells are longer.
     """
     return next((cells for cells in (128, 256, 512, 1024, 2048) if CELL_S * cells >= duration_s), 4096)
 
@@ -83,7 +75,7 @@ def _forecast_errors(
 ) -> tuple[Float[Array, "aircraft 3"], Float[Array, "aircraft 3"]]:
     """Return the errors of the holds' forecast of the goals at `time` (s): positions (m) and velocities (m/s), NED.
 
-    Errors are the currently measured values in `tasks` minus the forecast ones.
+    Errors are the values measured at `time` (in `tasks`) minus the forecast.
     """
     elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
     offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
@@ -93,11 +85,11 @@ def _forecast_errors(
 def move_with_goals(
     holds: PlannedHolds, tasks: AircraftTask, time: ScalarLike | Float[Array, " aircraft"]
 ) -> PlannedHolds:
-    """Return holds moved with their goals, whose measured positions and velocities in `tasks` are those at `time` (s).
+    """Return holds moved with their goals, with positions and velocities measured at `time` (s) in `tasks`.
 
-    Each path is shifted by the goal's offset from the former forecast at `time`, plus the change of the goal's velocity
-    times the time since then. The shift belongs to the path through the air, not to the drift. `time` may be one time
-    per aircraft, as is then `forecast_time` of the result.
+    Each path is shifted at its time t by (offset of the goal from the former forecast) + (change of the goal's
+    velocity) * (t - `time`). The shift belongs to the path through the air, not to the drift. `time` may be one time
+    per aircraft; `forecast_time` of the result then has this shape, too.
     """
     time = jnp.asarray(time, dtype=float)
     offsets_n, changes_n = _forecast_errors(holds, tasks, time)
@@ -129,10 +121,9 @@ def goals_have_shifted(
 ) -> Bool[Array, "aircraft aircraft"]:
     """Return the mask of the pairs whose goals have shifted so far that the pair's holds may lack separation.
 
-    The shift is that of one goal relative to the other, from the forecast of the holds, expected at the first arrival
-    of the pair. A pair is marked if the ratio of shift to separation exceeds the pair's clearance ratio minus 1 and,
-    with `covariances`, the shift exceeds what the uncertainty of the goals explains (`exceeds_uncertainty`). Pairs with
-    an inactive aircraft, or with one that has arrived, are never marked.
+    The shift is the motion of one goal relative to the other, against the forecast, expected at the pair's first
+    arrival. A pair is marked if shift / separation exceeds the pair's clearance ratio minus 1 and, with `covariances`,
+    the shift is significant (`exceeds_uncertainty`). Pairs with an inactive or arrived aircraft are never marked.
     """
     to_go = jnp.minimum(arrival_times[:, None], arrival_times[None, :]) - time
     offsets_n, changes_n = _forecast_errors(holds, tasks, jnp.asarray(time))
@@ -152,13 +143,10 @@ def goals_have_shifted(
 
 
 class HoldReference(AbstractReference):
-    """Reference motion of one aircraft in its hold: the planned path, moved with the sensed goal.
-
-    At the time `now` (s) the goal is off its forecast by `goal_offset_n` (NED, m), which grows by `goal_offset_rate_n`
-    (m/s).
-    """
+    """Reference motion of one aircraft in its hold: the planned path, moved with the sensed goal."""
 
     path: TimedPath  # planned path of the hold
+    # offset of the goal from its forecast at the time `now` (s), and rate of the offset; NED, m and m/s
     goal_offset_n: Vector3
     goal_offset_rate_n: Vector3
     now: Scalar
@@ -174,7 +162,7 @@ class HoldReference(AbstractReference):
 
 
 def broadcast_holds(holds: PlannedHolds) -> PlannedHolds:
-    """Return the holds with a leading aircraft axis on every field, `forecast_time` included, for `vmap`."""
+    """Return the holds with a leading aircraft axis on every field, `forecast_time` too, for `vmap`."""
     count = holds.clear.shape[0]
     return eqx.tree_at(lambda h: h.forecast_time, holds, jnp.broadcast_to(holds.forecast_time, (count,)))
 
@@ -189,10 +177,10 @@ def hold_reference(
 ) -> tuple[HoldReference, Flag]:
     """Return one aircraft's reference motion in its planned hold, and whether the reference may be flown at `time` (s).
 
-    `holds` is the row of the aircraft; position (m) and velocity (m/s) of the goal are estimates, NED. The reference
-    may not be flown after its end, or if the goal's velocity deviates from the forecast by more than
-    `GOAL_VELOCITY_TOLERANCE` of `speed`, the airspeed (m/s). With a `reach` (m), any velocity of the goal is accepted,
-    and the reference is moved with the goal by at most this distance.
+    `holds` must be the holds of this aircraft alone, without the leading axis; position (m) and velocity (m/s) of the
+    goal are estimates, NED. The reference may not be flown after its end, or if the goal's velocity deviates from the
+    forecast by more than `GOAL_VELOCITY_TOLERANCE` times the airspeed `speed` (m/s). If `reach` (m) is given, any
+    velocity of the goal is accepted, and the reference moves with the goal by at most this distance.
     """
     offset_rate_n = goal_velocity_n - holds.goal_velocities_n
     offset_n = goal_position_n - holds.goal_positions_n - (time - holds.forecast_time) * holds.goal_velocities_n
@@ -206,18 +194,14 @@ def hold_reference(
 
 
 class _PointMass(eqx.Module):
-    """State of a point mass in a hold, or its rates: position and drift (NED, m), course (rad), airspeed, climb rate.
+    """State of a point mass in a hold, or the rates of this state."""
 
-    `drift_n` is the displacement by the wind since the start of the hold; `turning` the horizontal acceleration to the
-    right, m/s^2.
-    """
-
-    position_n: Vector3
-    drift_n: Vector3
-    course: Scalar
+    position_n: Vector3  # NED, m
+    drift_n: Vector3  # displacement by the wind since the start of the hold, NED, m
+    course: Scalar  # rad
     speed: Scalar  # airspeed, m/s
     climb: Scalar  # climb rate relative to the air, m/s
-    turning: Scalar
+    turning: Scalar  # horizontal acceleration to the right, m/s^2
 
 
 def _air_velocity_n(state: _PointMass) -> Vector3:
@@ -241,8 +225,8 @@ def hold_path(
 ) -> TimedPath:
     """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance.
 
-    The wind depends on the position, and is that at the time of the arrival throughout. The path lasts at least one
-    second, even if `end_time` is earlier.
+    The wind depends on the position, but stays as at the time of the arrival. The path lasts at least one second, even
+    if `end_time` is earlier.
     """
     position_n, velocity_n, begin = arrival
     goal_n, goal_velocity_n = goal
@@ -350,8 +334,8 @@ def pairwise_clearance_ratios(
 ) -> Float[Array, "paths paths"]:
     """Return a lower bound of the ratio of distance to separation of each pair of paths, holds included.
 
-    From `from_time` (s) to the end of the holds; infinite on the diagonal. The time before the start of a path is
-    ignored, and so are paths with `active` 0.
+    The bounds hold from `from_time` (s) to the end of the holds, and are infinite on the diagonal. The time before the
+    start of a path is ignored, and so are paths with `active` 0.
     """
     cells = approaches.hold.paths.times.shape[1] - 1
     end_time = jnp.max(approaches.hold.paths.times)

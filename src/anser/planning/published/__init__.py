@@ -1,11 +1,11 @@
 """The published planner: polynomial paths of equal length, flown in equal time so that the fleet arrives together.
 
-======================  ===============================================================================================
-``planner``             the planner in the loop: sides of the detours, check of the paths against the limits
-``coordination``        common arrival time, one trajectory per aircraft, correction and replanning in flight
-``trajectory``          the trajectory: Hermite cubic with bends, its length, and the bend for a required length
-``time_law``            progress along a trajectory over time: as published, or with evenly changing airspeed
-======================  ===============================================================================================
+================  ==================================================================================
+``planner``       planner in the closed loop: sides of the detours, check of the paths against limits
+``coordination``  common arrival time, one trajectory per aircraft, correction and replanning
+``trajectory``    Hermite cubic with bends, its length, and the bend for a required length
+``time_law``      path parameter over time: as published, or for an evenly changing airspeed
+================  ==================================================================================
 """
 
 import lazy_loader

@@ -45,47 +45,38 @@ _SPEED_ROUNDS = 3  # each round gains two digits: the path hardly depends on the
 
 
 class FleetPlan(eqx.Module):
-    """Plan of a fleet: one trajectory per aircraft, with a common arrival time (s) of the active aircraft.
+    """Plan of a fleet: one trajectory per aircraft, with a common arrival time of the active aircraft.
 
-    `speed` is the mean airspeed, m/s; `nominal_lengths` are those of the paths without bend, m, and `farthest` is the
-    aircraft with the longest, which flies without bend. The bends (`lateral_bends`, m, right positive) make every path
-    as long as `reference_length` plus the aircraft's `path_length_deficit`. `status` is an index into PLAN_MESSAGES.
+    The aircraft with the longest path flies without bend; bends give the other paths the same length.
     """
 
     trajectories: Trajectory  # trajectories of the aircraft, stacked
-    arrival_time: Scalar
-    # arrival time per aircraft, s; for an inactive aircraft, that of its last plan
-    arrival_times: Float[Array, " aircraft"]
-    nominal_lengths: Float[Array, " aircraft"]
-    # mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed
+    arrival_time: Scalar  # common arrival time, s
+    arrival_times: Float[Array, " aircraft"]  # arrival times, s; an inactive aircraft keeps the time of its last plan
+    nominal_lengths: Float[Array, " aircraft"]  # lengths of the paths without bend, m
+    # mean airspeed, m/s: of the fleet, or more if the farthest aircraft cannot descend at the fleet's airspeed
     speed: Scalar
-    # longest nominal length minus `path_length_deficit` of the active aircraft that can arrive, m; the length of each
-    # planned path is this plus the deficit of its aircraft
+    # greatest nominal length minus `path_length_deficit`, m, of the active aircraft that can arrive. Each planned path
+    # has the reference length plus the deficit of its aircraft
     reference_length: Scalar
     lengths: Float[Array, " aircraft"]  # lengths of the planned paths, m
     # lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew
     lateral_bends: Float[Array, " aircraft"]
-    farthest: Integer
+    farthest: Integer  # index of the aircraft with the longest path, which flies without bend
     converged: Bool[Array, " aircraft"]  # whether the aircraft's trajectory has the reference length and arrival time
     goal_reachable: Bool[Array, " aircraft"]  # whether a path meets the aircraft's moving goal at the plan's airspeed
-    status: Int[Array, " aircraft"]
+    status: Int[Array, " aircraft"]  # index into PLAN_MESSAGES
 
     @property
     def active(self) -> Bool[Array, " aircraft"]:
-        """Mask of the aircraft for which the plan was made; inactive aircraft do not constrain the fleet."""
+        """Mask of the aircraft for which the plan was made."""
         return self.status != INACTIVE
 
 
 class PlanningTask(eqx.Module):
-    """Planning problem of one aircraft for the published planner; stacked: of a fleet.
+    """Planning problem of one aircraft for the published planner; stacked: of a fleet."""
 
-    Positions NED, m; the wind and the goal are as sensed. `origin_n` is the position at the first plan, moved with the
-    air since; `path_length_deficit` is the planned airspeed times the time since the first plan, minus the length
-    flown, m; `deceleration` is that with the engine idle in level flight, m/s^2. An inactive aircraft does not count
-    for the common arrival time.
-    """
-
-    position_n: Vector3
+    position_n: Vector3  # position of the aircraft, NED, m
     air_velocity_n: Vector3  # velocity of the aircraft relative to the air, NED, m/s
     # sensed goal, NED, m and m/s over the ground; predicted at constant velocity
     goal_position_n: Vector3
@@ -95,16 +86,13 @@ class PlanningTask(eqx.Module):
     # position at the first plan, moved with the air since, NED, m; in a first plan, the present position. The line from
     # the origin to the rendezvous determines the free arrival direction and the direction of the bend
     origin_n: Vector3
-    # planned speed times time minus the length flown since the first plan, m: 0 in a first plan. The deficit is
-    # subtracted from the remaining length, so that the mean airspeed of the whole flight is equal for the fleet, and
-    # replanning on the planned path returns the same plan. (The speed varies along a trajectory: otherwise the mean
-    # speed of the remaining path would differ from that of the whole, and the arrival time would change from plan to
-    # plan.)
+    # planned speed times time minus the length flown since the first plan, m; 0 in a first plan. The deficit is
+    # subtracted from the remaining length, so that the plan keeps the mean airspeed of the whole flight. (The airspeed
+    # varies along a trajectory: the mean of the remaining path would change the arrival time at every replanning.)
     path_length_deficit: Scalar
-    deceleration: Scalar
-    # whether the aircraft flies. An inactive aircraft (stopped, or never started) does not count for the common arrival
-    # time, speed and length, for the farthest aircraft, or for distances. Without any active aircraft, the first plan
-    # treats every aircraft as active, with status INACTIVE
+    deceleration: Scalar  # deceleration with the engine idle in level flight, m/s^2
+    # whether the aircraft flies. An inactive aircraft does not constrain the fleet. If no aircraft is active, the first
+    # plan treats every aircraft as active, with the status INACTIVE
     active: Flag
 
 
@@ -115,11 +103,11 @@ def nominal_trajectory(
     speed: ScalarLike,
     end_slopes: tuple[Scalar, Scalar] | None = None,
 ) -> tuple[Trajectory, Flag]:
-    """Return an aircraft's trajectory without bend to the predicted rendezvous, and whether its end can be flown.
+    """Return an aircraft's trajectory without bend to the predicted rendezvous, and whether the arrival can be flown.
 
     The start time and the duration are in s, `speed` is the airspeed at the rendezvous, m/s. The flag is False only if
-    the prescribed direction of arrival cannot be flown in the wind (see `final_air_velocity`). `end_slopes` are |dr/ds|
-    of the path at both ends, m; None: airspeed times duration.
+    the prescribed direction of arrival cannot be flown in the wind. `end_slopes` are |dr/ds| of the path at both ends,
+    m; None: airspeed times duration.
     """
     drift = task.goal_velocity_n - task.wind_n
     end = task.goal_position_n + drift * duration + task.rendezvous.stand_off_n
@@ -134,22 +122,21 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Return each nominal trajectory's length, m, minus the length flown too little so far (`path_length_deficit`)."""
+    """Return the length of each nominal trajectory minus `path_length_deficit`, m."""
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)
 
 
 def _planned_for(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
-    """Return the mask of the aircraft for which the plan is made: the active ones; if none is active, all."""
+    """Return the mask of the aircraft for which the plan is made: the active aircraft; if none is active, all."""
     return tasks.active | ~jnp.any(tasks.active)
 
 
 def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
     """Return the time by which the aircraft with the longest path arrives before `duration` (s), and the derivative.
 
-    The paths are made for this duration and flown at the mean airspeed. `data`: tasks, mean airspeed (m/s), and the
-    mask of the aircraft that count.
+    `data`: tasks, mean airspeed (m/s), and the mask of the aircraft that count.
     """
     tasks, speed, included = data
 
@@ -174,8 +161,8 @@ def _straight_times(
 def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
     """Solve for the least duration (s) that equals the flight time of the longest path at the mean airspeed (m/s).
 
-    Also returns whether such a duration was found, and the mask of the active aircraft with reachable goals. Without a
-    solution, the duration is the longest flight time on straight lines.
+    Also returns whether such a duration was found, and the mask of the active aircraft with reachable goals. If no
+    solution is found, the duration is the longest flight time along straight lines.
     """
     included = _planned_for(tasks)
     straight, exists = _straight_times(tasks, speed)
@@ -194,31 +181,26 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
     low, high = trials[index - 1], trials[index]
     root = bracketed_newton(_shortfall, (tasks, speed, reachable), low, high, high, ARRIVAL_STEPS)
     is_solved = jnp.any(all_in_time) & jnp.any(reachable) & (jnp.abs(root.residual) <= ARRIVAL_TOLERANCE_S)
-    # Without a solution, the time along straight lines.
     return jnp.maximum(jnp.where(is_solved, root.x, duration_min), DURATION_MIN_S), is_solved, reachable
 
 
 class _CommonTime(NamedTuple):
-    """Mean airspeed (m/s) and duration (s) that are common to a fleet, and the nominal paths for this duration.
+    """Mean airspeed and duration that are common to a fleet, and the nominal paths for this duration."""
 
-    `is_solved`: the duration equals the flight time of the longest path. `attainable`: the path has the prescribed
-    direction of arrival. `lengths` are those of the nominal paths, without bend, m.
-    """
-
-    speed: Scalar
-    duration: Scalar
-    is_solved: Flag
+    speed: Scalar  # mean airspeed, m/s
+    duration: Scalar  # s
+    is_solved: Flag  # whether the duration equals the flight time of the longest path
     reachable: Bool[Array, " aircraft"]  # mask of the aircraft with reachable goals
-    nominal: Trajectory
-    attainable: Bool[Array, " aircraft"]
-    lengths: Float[Array, " aircraft"]
+    nominal: Trajectory  # paths without bend
+    attainable: Bool[Array, " aircraft"]  # whether the path has the prescribed direction of arrival
+    lengths: Float[Array, " aircraft"]  # lengths of the nominal paths, m
 
 
 def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_raise: Flag) -> _CommonTime:
     """Find the common flight duration and the nominal paths at the mean airspeed `speed` (m/s), from `start` (s) on.
 
-    With `may_raise`, the airspeed is raised to the least mean airspeed at which the aircraft with the longest path can
-    fly its descent with idle engine (`slowest_mean_speed`), if this is greater.
+    If `may_raise` is True, the airspeed is raised to the least mean airspeed at which the aircraft with the longest
+    path can fly its descent with idle engine.
     """
     speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
 
@@ -243,11 +225,11 @@ def coordinate(
     tasks: PlanningTask,  # stacked tasks, one per aircraft
     speed: ScalarLike,  # mean airspeed of the fleet, m/s
     sides: Real[Array, " aircraft"],  # positive or zero: detour to the right; negative: to the left
-    # whether paths are flown at an even speed; otherwise the path parameter is linear in time, as published
+    # whether the airspeed changes evenly along the paths; False: the path parameter is linear in time, as published
     even_speed: Flag | bool = False,
-    # whether the mean airspeed is fixed to that of the first plan, to which `path_length_deficit` refers. Otherwise it
-    # is raised if the farthest aircraft cannot descend at that speed. (Raising it again en route would diverge: a
-    # faster aircraft has more speed to lose on the remaining descent.)
+    # True for replanning: `speed` is the mean airspeed of the first plan, to which `path_length_deficit` refers. False:
+    # the airspeed is raised if the farthest aircraft cannot descend at `speed` and `even_speed` is True. (Raising the
+    # airspeed again en route would diverge: a faster aircraft has more speed to lose on the remaining descent.)
     speed_is_fixed: Flag | bool = False,
 ) -> FleetPlan:
     """Return a plan for the simultaneous arrival of a fleet from its present state.
@@ -256,9 +238,8 @@ def coordinate(
 
     Notes
     -----
-    Theory section 8. The fixed point T = max_i L_i(T)/V is solved as a root, by bracketed Newton steps, because
-    fixed-point iteration converges slowly: for 1e-9 s up to 40 iterations with goals at 20 percent of the airspeed and
-    up to 160 at 60 percent. The longest time to go along straight lines is a lower bound.
+    Theory section 8. The fixed point T = max_i L_i(T)/V is solved as a root by bracketed Newton steps, because the
+    fixed-point iteration needs up to 160 iterations.
     """
     start, speed = jnp.asarray(time, dtype=float), jnp.asarray(speed, dtype=float)
     deficit = tasks.path_length_deficit
@@ -333,7 +314,7 @@ def _refit_paths(
 
 
 def _keep_inactive(plan: FleetPlan, new_plan: FleetPlan, active: Bool[Array, " aircraft"]) -> FleetPlan:
-    """Return the new plan with the rows of inactive aircraft from the previous `plan`, and their status INACTIVE."""
+    """Return the new plan in which inactive aircraft keep their entries of the former `plan`, with status INACTIVE."""
 
     def aircraft_fields(p: FleetPlan) -> tuple[object, ...]:
         return p.trajectories, p.arrival_times, p.nominal_lengths, p.lengths, p.lateral_bends, p.goal_reachable
@@ -356,17 +337,15 @@ def continue_plan(
 ) -> tuple[FleetPlan, Flag]:
     """Continue a plan from the present state; return the plan, and whether the fleet must be coordinated again.
 
-    Coordinated again means: with a new common arrival time, by `coordinate`.
+    Every path is refitted from the aircraft's position to the predicted rendezvous; arrival time and shape stay. An
+    inactive aircraft keeps its last plan, and the plan of the other aircraft does not change.
 
-    Every path is refitted from the aircraft's position to the predicted rendezvous. Arrival time and shape of the
-    remaining path are kept (exactly: for an aircraft on its planned path and a goal as predicted, the plan is
-    unchanged). The fleet must be coordinated again if the mean airspeed of an aircraft differs from the plan's by more
-    than 1 percent, because its goal did not move as predicted, or if the plan has no solution for an aircraft whose
-    goal can be reached; but not in the last 15 s, when a few metres of path would require a bend of many g, while a
-    small change of speed suffices.
+    The flag is True if a new common arrival time is needed (`coordinate`):
 
-    An inactive aircraft keeps its last plan and arrival time. The plan of the rest of the fleet is not changed by its
-    loss, even if its path was the longest, until the fleet is coordinated again without inactive aircraft.
+    - if the mean airspeed of an aircraft differs from the plan's airspeed by more than 1 percent, or
+    - if the plan has no solution for an aircraft whose goal can be reached.
+
+    In the last 15 s the flag is False, because a few metres of path would require a bend of many g.
     """
     continued = _refit_paths(plan, time, tasks, plan.speed, even_speed)
     duration = continued.trajectories.duration
@@ -385,15 +364,14 @@ def replan(
     sides: Real[Array, " aircraft"],  # positive or zero: detour to the right; negative: to the left
     even_speed: Flag | bool = False,
 ) -> FleetPlan:
-    """Return the plan continued from the present state, or a new one if `continue_plan` requires it.
+    """Return the plan continued from the present state, or a new plan if `continue_plan` requires one.
 
-    A new plan keeps the mean airspeed of the former one.
+    A new plan keeps the mean airspeed of the former plan.
 
     Notes
     -----
-    Solving L(kappa) = L_ref at every replanning (theory section 8, literally) is ill-conditioned en route: near the
-    minimum of L the bend varies with the square root of the length, so that a tracking error of one metre in the middle
-    of a detour changes kappa by kilometres, and the farthest aircraft changes from plan to plan.
+    Solving L(kappa) = L_ref at every replanning (theory section 8, literally) is ill-conditioned: near the minimum of
+    L, a tracking error of one metre changes kappa by kilometres.
     """
     continued, is_due = continue_plan(plan, time, tasks, even_speed)
     new_plan = jax.lax.cond(

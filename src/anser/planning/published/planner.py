@@ -30,11 +30,11 @@ def choose_sides(
     requested: Real[Array, " aircraft"],  # positive: right; negative: left; zero: free choice
     count: int = 65,  # number of instants for the comparison of distances
 ) -> Float[Array, " aircraft"]:
-    """Choose the side of each aircraft's detour, +1 right or -1 left: as requested, or else farther from the others.
+    """Choose the side of each aircraft's detour, +1 right or -1 left: as requested; if free, farther from the others.
 
-    Aircraft are placed one after the other, the longest nominal path first. Without a request, an aircraft gets the
-    side on which its least distance from the aircraft placed before is greater; for distances equal within 1 m, the
-    side with the smaller bend. Inactive aircraft do not count for the distances.
+    Aircraft are placed one after the other, the longest nominal path first. A free aircraft gets the side on which the
+    least distance from the aircraft placed before is greater. If these distances are equal within 1 m, the smaller bend
+    decides. Distances from inactive aircraft do not count.
     """
     straightened = jax.vmap(lambda path, kappa: bend_trajectory(path, -kappa))(plan.trajectories, plan.lateral_bends)
     nominal = eqx.tree_at(lambda path: path.law, straightened, plan.trajectories.law)
@@ -80,7 +80,7 @@ def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3
 
 def separation_min(
     trajectories: Trajectory,  # stacked, leading axis aircraft; active aircraft have the same start time and duration
-    # number of instants, both ends included. Between instants the distance may be smaller by up to half the relative
+    # number of instants, both ends included; between instants, the distance may be smaller by up to half the relative
     # speed times the interval
     count: int = 65,
     # mask of the active aircraft; distances of inactive aircraft are infinite. None: every aircraft
@@ -104,8 +104,8 @@ def separation_min(
     return jnp.where(is_pair, safe_sqrt(square), jnp.inf)
 
 
-# Pull of the hold beyond carrying the weight that a plan assumes: 1 g, which needs a lift at alpha_max of 2.2 times the
-# weight (F-16: from 95 m/s); with a smaller load-factor limit, three quarters of the available pull.
+# Vertical acceleration that a plan assumes for the level-off in the hold: 1 g, which needs a lift of 2.2 times the
+# weight at alpha_max (F-16: from 95 m/s); for a small load factor limit, 0.75 (limit - 1) g.
 _PULL_MAX = STANDARD_GRAVITY_M_S2
 _PULL_SHARE = 0.75
 
@@ -113,29 +113,25 @@ _PULL_SHARE = 0.75
 class LimitReport(eqx.Module):
     """Least and greatest flight quantities at samples of a trajectory, and whether the samples keep each limit.
 
-    Airspeeds and climb rate (up or down, relative to the air) in m/s, turn rate in rad/s, altitudes in m.
-    `turn_utilization_max` is the turn rate over that at the bank limit; `level_off_altitude` is the least altitude of
-    the level-off after the arrival. `is_satisfied` and `status` refer to LIMIT_MESSAGES: one flag per limit, and the
-    index of the first violated limit (0: none). Between the samples, nothing is proven.
+    Airspeeds and rates are relative to the air. Between the samples, nothing is proven.
     """
 
-    speed_min: Scalar
-    speed_max: Scalar
-    turn_rate_max: Scalar
-    turn_utilization_max: Scalar
-    climb_rate_max: Scalar
-    altitude_min: Scalar
-    level_off_altitude: Scalar
-    is_satisfied: Bool[Array, " limits"]
-    status: Integer
+    speed_min: Scalar  # m/s
+    speed_max: Scalar  # m/s
+    turn_rate_max: Scalar  # rad/s
+    turn_utilization_max: Scalar  # turn rate / turn rate at the bank limit
+    climb_rate_max: Scalar  # up or down, m/s
+    altitude_min: Scalar  # m
+    level_off_altitude: Scalar  # least altitude of the level-off after the arrival, m
+    is_satisfied: Bool[Array, " limits"]  # for each limit of LIMIT_MESSAGES
+    status: Integer  # index of the first violated limit in LIMIT_MESSAGES; 0: no violation
 
 
 def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
     """Compare a trajectory with flight limits at `count` equidistant instants from start to rendezvous.
 
-    Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. Airspeed, turn rate and climb
-    rate are relative to the air. The altitude must keep its least value on the path, and in a level-off from the state
-    at the arrival, see `_level_off_height`.
+    Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. The least altitude must be kept
+    on the path, and in a level-off from the state at the arrival.
     """
     times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
     points = jax.vmap(trajectory.at)(times)
@@ -171,10 +167,7 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
 
 
 def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Return the height, m, that an aircraft loses from the end of a trajectory to level flight in the hold.
-
-    The bank angle and the vertical acceleration at the start of the level-off are those at the end of the trajectory.
-    """
+    """Return the height, m, that an aircraft loses from the end of a trajectory to level flight in the hold."""
     end = trajectory.start_time + trajectory.duration
     end_point = trajectory.at(end)
     end_demand = demand(end_point.velocity_n - trajectory.wind_n, end_point.acceleration_n, gravity)
@@ -184,38 +177,25 @@ def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: Scala
 
 
 class PublishedPlanState(eqx.Module):
-    """State of the published planner: plan in force, and what is kept from the first plan on.
-
-    `sides` of the detours (+1 right, -1 left); `deceleration` with the engine idle in level flight at the start, m/s^2;
-    `flown_length` through the air since the first plan, m; `replan_needed`: the fleet must be coordinated again.
-    """
+    """State of the published planner: plan in force, and data since the first plan."""
 
     plan: FleetPlan
-    sides: Float[Array, " aircraft"]
-    deceleration: Float[Array, " aircraft"]
-    flown_length: Float[Array, " aircraft"]
-    replan_needed: Flag
+    sides: Float[Array, " aircraft"]  # sides of the detours: +1 right, -1 left
+    deceleration: Float[Array, " aircraft"]  # with the engine idle in level flight at the start, m/s^2
+    flown_length: Float[Array, " aircraft"]  # length flown through the air since the first plan, m
+    replan_needed: Flag  # whether the fleet must be coordinated again
 
 
 class PublishedPlanner(AbstractPlanner):
-    """Planner of a fleet's simultaneous arrival by paths of equal length (theory section 8).
+    """Planner of a fleet's simultaneous arrival by paths of equal length (theory section 8)."""
 
-    Start positions NED, m; `sides` of the detours: +1 right, -1 left, 0 free choice; `speed` is the mean airspeed, m/s.
-    With `even_speed`, the airspeed changes evenly along a path; otherwise the path parameter is linear in time, as
-    published.
-    """
-
-    start_positions_n: Float[Array, "aircraft 3"]
-    sides: Int[Array, " aircraft"]
-    speed: Scalar
-    even_speed: Flag
+    start_positions_n: Float[Array, "aircraft 3"]  # NED, m
+    sides: Int[Array, " aircraft"]  # sides of the detours: +1 right, -1 left, 0 free choice
+    speed: Scalar  # mean airspeed, m/s
+    even_speed: Flag  # whether the airspeed changes evenly along a path; False: the published time law
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> PublishedPlanState:
-        """Return the planner state with the first plan, at `time` (s).
-
-        A plan with the requested sides (right if free) serves to choose the sides of the detours for the second, final
-        plan.
-        """
+        """Return the planner state with the first plan, at `time` (s)."""
         requested = self.sides.astype(float)
         flown_length, deceleration = jnp.zeros_like(requested), performance.deceleration
         tasks = self._tasks(time, reports, self.speed, flown_length, deceleration)
@@ -229,7 +209,7 @@ class PublishedPlanner(AbstractPlanner):
             plan = plan_with(carry[0])
             return choose_sides(plan, requested), carry[0], plan
 
-        # A loop compiles the planning only once.
+        # The first plan serves to choose the sides for the second. A loop compiles the planning only once.
         begin = (requested, requested, zeros_like_result(plan_with, requested))
         _, sides, plan = jax.lax.fori_loop(0, 2, choose_and_plan, begin)
         return PublishedPlanState(plan, sides, deceleration, flown_length, jnp.asarray(False))
@@ -239,7 +219,7 @@ class PublishedPlanner(AbstractPlanner):
     ) -> PublishedPlanState:
         """Refit each path from the reported position to the predicted rendezvous; arrival time and shape stay.
 
-        Sets `replan_needed` if `continue_plan` requires that the fleet be coordinated again.
+        `replan_needed` is set if `continue_plan` requires that the fleet be coordinated again.
         """
         tasks = self._tasks_in_flight(planner_state, time, reports)
         plan, is_due = continue_plan(planner_state.plan, time, tasks, self.even_speed)
@@ -248,9 +228,9 @@ class PublishedPlanner(AbstractPlanner):
     def replan_between_steps(
         self, planner_state: PublishedPlanState, time: float, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Return the planner state with a new plan from the reported positions at `time` (s), if still required.
+        """Return the planner state with a new plan from the reported positions at `time` (s), if one is still required.
 
-        Otherwise the plan in force is continued, see `anser.planning.published.coordination.replan`.
+        If none is required, the plan in force is continued.
         """
         plan = _coordinate_again(self, planner_state, as_array(time), reports)
         return eqx.tree_at(lambda m: m.plan, planner_state, plan)
@@ -263,7 +243,7 @@ class PublishedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> PublishedPlanState:
-        """Return the planner state with the length through the air (m) that each aircraft flies in a step (s) added."""
+        """Return the planner state after a step (s), with the length (m) flown through the air in the step added."""
         flown_length = planner_state.flown_length + jnp.where(reports.active, step * reports.airspeed, 0.0)
         return eqx.tree_at(lambda m: m.flown_length, planner_state, flown_length)
 
@@ -272,7 +252,7 @@ class PublishedPlanner(AbstractPlanner):
         return planner_state.replan_needed
 
     def plans(self, planner_state: PublishedPlanState) -> AircraftPlan:
-        """Return the plan of each aircraft for the closed loop: trajectory, arrival time, status, length, bend."""
+        """Return the plan of each aircraft for the closed loop."""
         plan = planner_state.plan
         replanning = jnp.zeros(plan.status.shape, dtype=jnp.int32)
         return AircraftPlan(

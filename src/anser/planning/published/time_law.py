@@ -1,10 +1,9 @@
 """Time law of a trajectory: path parameter over time.
 
-There are two laws. With the published law (theory section 6), the path parameter s is linear in time; the airspeed then
-varies along a bent path, by a quarter in the published three-aircraft case, with decelerations of 3.5 m/s^2 that a
-clean F-16 cannot fly. With the even law, the airspeed on the same path changes at a constant rate from start to end,
-unless the path is steeper than the glide with the engine idle: the necessary part of the height is then converted to
-speed. Both laws have the same arrival time and mean speed.
+There are two laws, with the same arrival time and mean speed. In the published law (theory section 6), the path
+parameter s is linear in time; the airspeed then varies along a bent path, with decelerations of 3.5 m/s^2 in the
+published three-aircraft case. In the even law, the airspeed on the same path changes at a constant rate. If the path is
+steeper than the glide with idle engine, the even law also converts the necessary part of the height to speed.
 """
 
 import math
@@ -35,9 +34,9 @@ _SAME_INSTANT_S = 1e-6
 
 
 def _collocation() -> Float[np.ndarray, "rule rule"]:
-    """Return the integration matrix of the quadrature rule on [0, 1], (upper limit, node).
+    """Return the matrix that integrates a function from its values at the nodes of the rule on [0, 1].
 
-    The product of the matrix with a function's values at the nodes has the integrals from 0 to each node.
+    Row i of the matrix belongs to the integral from 0 to node i.
     """
     powers = np.arange(_RULE.nodes.size)
     ascending = _RULE.nodes[:, None] ** powers
@@ -54,14 +53,11 @@ _FACTORS = np.array([[math.perm(power + order, order) for power in range(_POWERS
 
 
 PathPolynomials = Float[Array, "orders 3 powers"]
-"""Coefficients (m) of a path's derivatives of several orders by s, for NED axes and ascending powers of s."""
+"""Coefficients (m) of a path's derivatives by s, for several orders, NED axes and ascending powers of s."""
 
 
 def path_polynomials(coefficients_n: Float[Array, "3 5"], orders: Sequence[int]) -> PathPolynomials:
-    """Return the coefficients of a path's derivatives by the path parameter s, of the orders `orders` (0 to 3).
-
-    The derivative of order 0 is the position.
-    """
+    """Return the coefficients of a path's derivatives by the path parameter s; `orders` are 0 (position) to 3."""
     zero = jnp.zeros((), coefficients_n.dtype)
     # Zeros above the highest power: one Horner scheme serves every order, exactly.
     padded = jax.lax.pad(coefficients_n, zero, ((0, 0, 0), (0, max(orders), 0)))
@@ -81,35 +77,31 @@ def evaluate(polynomials: PathPolynomials, s: Float[Array, " points"]) -> Float[
 def path_derivatives(
     coefficients_n: Float[Array, "3 5"], s: Float[Array, " points"], orders: Sequence[int]
 ) -> Float[Array, "orders 3 points"]:
-    """Return the derivatives of a path by s of the orders `orders` (0: position, to 3) at several values of s, m."""
+    """Return the derivatives (m) of a path by s at several values of s; `orders` are 0 (position) to 3."""
     return evaluate(path_polynomials(coefficients_n, orders), s)
 
 
 class Clock(eqx.Module):
-    """Path parameter s (0 at the start, 1 at the end of the path, no unit) at one time, and its first two rates.
+    """Path parameter at one time, and its rates."""
 
-    The rates are per second and per second squared.
-    """
-
-    s: Scalar
-    s_dot: Scalar
-    s_ddot: Scalar
+    s: Scalar  # 0 at the start, 1 at the end of the path
+    s_dot: Scalar  # 1/s
+    s_ddot: Scalar  # 1/s^2
 
 
 class Cell(eqx.Module):
     """Section of a path between two values of the path parameter, s and s + width.
 
-    The rows of the arrays belong to the nodes of the quadrature rule in the section, then to the section's end:
-    `slopes` |dr/ds|, m; `lengths` from the start of the section, m; `energy_gain`, the potential energy per mass
-    released from there on, m^2/s^2.
+    The rows of the arrays are the nodes of the quadrature rule in the section, then the end of the section.
     """
 
-    slopes: Float[Array, " rows"]
-    lengths: Float[Array, " rows"]
+    slopes: Float[Array, " rows"]  # |dr/ds|, m
+    lengths: Float[Array, " rows"]  # length from the start of the section, m
+    # potential energy per mass released since the start of the section, m^2/s^2
     energy_gain: Float[Array, " rows"]
 
     def time(self, speeds: Float[Array, " rows"], width: ScalarLike) -> Scalar:
-        """Return the flight time through the cell, s, with airspeeds at the rows (m/s), for the cell's `width` in s."""
+        """Return the flight time, s, for airspeeds at the rows (m/s) and the cell's `width` in the path parameter."""
         weighted = jnp.asarray(_RULE.weights, speeds.dtype) * self.slopes[:-1]
         return width * jnp.sum(weighted / speeds[:-1])
 
@@ -131,32 +123,27 @@ def _cell(path: PathPolynomials, s: ScalarLike, width: ScalarLike) -> Cell:
 
 
 class _CellMotion(eqx.Module):
-    """Motion at one value of the path parameter s in a cell: slope |dr/ds| (m), airspeed, time since its start (s).
+    """Motion at one value of the path parameter s in a cell."""
 
-    `is_slowest` tells whether the airspeed (m/s) is limited to the least one.
-    """
-
-    slope: Scalar
-    speed: Scalar
-    is_slowest: Flag
-    time: Scalar
+    slope: Scalar  # |dr/ds|, m
+    speed: Scalar  # airspeed, m/s
+    is_slowest: Flag  # whether the airspeed is limited to the least one
+    time: Scalar  # time since the start of the cell, s
 
 
 class TimeLaw(eqx.Module):
     """Path parameter s (0 to 1, no unit) over time; the fields from `exchange` on are for the even law only.
 
-    `exchange` (0..1) is the fraction of the lost potential energy that becomes kinetic, `braking` the deceleration in
-    addition, m/s^2 (see `even_law`); `slowest` is the least airspeed, m/s. At s = k / CELLS: `slopes` |dr/ds|, m;
-    `squares` of the airspeed without regard to `slowest`, m^2/s^2; `times` after the start, s.
+    The arrays have the values at s = k / CELLS.
     """
 
-    even: Flag  # whether the speed changes evenly; otherwise s is linear in time
-    exchange: Scalar
-    braking: Scalar
-    slowest: Scalar
-    slopes: Float[Array, " nodes"]
-    squares: Float[Array, " nodes"]
-    times: Float[Array, " nodes"]
+    even: Flag  # whether the speed changes evenly; False: s is linear in time
+    exchange: Scalar  # fraction (0..1) of the lost potential energy that becomes kinetic
+    braking: Scalar  # additional deceleration, m/s^2, see `even_law`
+    slowest: Scalar  # least airspeed, m/s
+    slopes: Float[Array, " nodes"]  # |dr/ds|, m
+    squares: Float[Array, " nodes"]  # square of the airspeed before the limitation to `slowest`, m^2/s^2
+    times: Float[Array, " nodes"]  # time after the start, s
 
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
         """Return the path parameter and its rates `elapsed` seconds after the start of a path of `duration` seconds.
@@ -188,7 +175,7 @@ class TimeLaw(eqx.Module):
     def _motion(self, path: PathPolynomials, start: Scalar, square: Scalar, offset: Scalar) -> _CellMotion:
         """Return the motion at the path parameter `start` + `offset` of a cell that begins at `start`.
 
-        `square` is the square of the airspeed demanded at the start of the cell, m^2/s^2.
+        `square` is the square of the airspeed demanded at `start`, m^2/s^2.
         """
         cell = _cell(path, start, offset)
         demanded = square + 2 * (self.exchange * cell.energy_gain - self.braking * cell.lengths)
@@ -206,8 +193,8 @@ class TimeLaw(eqx.Module):
     ) -> Scalar:
         """Return the increase of the path parameter s `time_in_cell` seconds after the start of a cell; no unit.
 
-        `start` is s at the start of the cell; `ends` has time (s), square of the airspeed (m^2/s^2) and slope |dr/ds|
-        (m) at both ends. Newton steps start from the Hermite cubic of s over time in the cell.
+        `start` is s at the start of the cell. Rows of `ends`: time (s), square of the airspeed (m^2/s^2) and slope
+        |dr/ds| (m), at both ends of the cell.
         """
         parameters = self, path, start, ends[1, 0], jnp.asarray(time_in_cell)
         fixed, (times, squares, slopes) = jax.lax.stop_gradient((parameters, ends))
@@ -215,6 +202,7 @@ class TimeLaw(eqx.Module):
         h = 1.0 / CELLS
         span = jnp.maximum(times[1] - times[0], _TINY)
         m0, m1 = span * jnp.sqrt(jnp.maximum(squares, law.slowest**2)) / slopes
+        # first guess: Hermite cubic of s over time
         u = elapsed / span
         offset = u * (m0 + u * (3 * h - 2 * m0 - m1 + u * (m0 + m1 - 2 * h)))
 
@@ -227,7 +215,7 @@ class TimeLaw(eqx.Module):
 
     @property
     def speeds(self) -> Float[Array, "*fleet nodes"]:
-        """Airspeed at s = k / CELLS by the even law, m/s; not below the least airspeed."""
+        """Airspeed at s = k / CELLS by the even law, m/s; at least `slowest`."""
         return jnp.sqrt(jnp.maximum(self.squares, self.slowest[..., None] ** 2))
 
 
@@ -236,7 +224,7 @@ def _lateness_in_cell(
 ) -> tuple[Scalar, Scalar]:
     """Return the time to an offset of s in a cell minus the required time, s, and the derivative by the offset, s.
 
-    `parameters`: time law, path, s at the start of the cell, square of the airspeed there (m^2/s^2), required time (s).
+    `parameters`: law, path, s at the start of the cell, square of the airspeed there (m^2/s^2), required time (s).
     """
     law, path, start, square, elapsed = parameters
     motion = law._motion(path, start, square, offset)
@@ -244,27 +232,22 @@ def _lateness_in_cell(
 
 
 def published_law() -> TimeLaw:
-    """Return the published time law: path parameter linear in time. The fields of the even law are placeholders."""
+    """Return the published time law: path parameter linear in time."""
     nodes, ones = jnp.linspace(0.0, 1.0, CELLS + 1), jnp.ones(CELLS + 1)
     zero = jnp.zeros(())
     return TimeLaw(jnp.asarray(False), zero, zero, jnp.ones(()), ones, ones, nodes)
 
 
 class _Profile(eqx.Module):
-    """Data for the even law of one path, before the braking (m/s^2) is solved.
+    """Data for the even law of one path, before the braking (m/s^2) is solved."""
 
-    The path is divided into `cells`; at their ends, `lengths` from the start (m) and `energy_gain`, the potential
-    energy per mass released since the start (m^2/s^2). `speed_0` is the airspeed at the start, m/s; `exchange` and
-    `slowest` as in `TimeLaw`.
-    """
-
-    cells: Cell
-    lengths: Float[Array, " nodes"]
-    energy_gain: Float[Array, " nodes"]
-    exchange: Scalar
-    speed_0: Scalar
-    duration: Scalar
-    slowest: Scalar
+    cells: Cell  # sections of the path
+    lengths: Float[Array, " nodes"]  # length from the start to the ends of the cells, m
+    energy_gain: Float[Array, " nodes"]  # potential energy per mass released since the start, m^2/s^2
+    exchange: Scalar  # as in `TimeLaw`
+    speed_0: Scalar  # airspeed at the start, m/s
+    duration: Scalar  # s
+    slowest: Scalar  # as in `TimeLaw`
 
     def squares(self, braking: Scalar) -> Float[Array, " nodes"]:
         """Return the square of the airspeed demanded at s = k / CELLS with a braking (m/s^2), m^2/s^2."""
@@ -287,7 +270,8 @@ def _lateness(braking: Scalar, profile: _Profile) -> tuple[Scalar, Scalar]:
 
 
 def _solve_braking(profile: _Profile) -> Scalar:
-    """Find the braking, m/s^2, with which the flight time, which increases with the braking, is the path's duration."""
+    """Find the braking, m/s^2, with which the flight time is the path's duration."""
+    # The flight time increases with the braking.
     total, v0 = jnp.maximum(profile.lengths[-1], _TINY), profile.speed_0
     mean = total / profile.duration
     exchanged_energy = profile.exchange * profile.energy_gain
@@ -310,11 +294,10 @@ def _minimum_exchange(
 ) -> Scalar:
     """Return the least energy exchange (0 to 1), to first order, with which an idle engine decelerates enough.
 
-    With the altitude h, the length l and the braking e (see `even_law`), the deceleration required at the steepest
-    point is (1 - exchange) g (-dh/dl) + e; available is `deceleration` (engine idle in level flight, m/s^2) less a
-    reserve. To first order in changes of speed, e = base + exchange * mean. `base` is the braking without exchange: the
-    final speed differs from the mean speed as much as the initial speed, in the opposite sense. `mean` is due to the
-    speed gained by the exchange, which is braked along the whole path.
+    The deceleration required at the steepest point is (1 - exchange) g (-dh/dl) + e, for the altitude h, the length l
+    and the braking e (see `even_law`). `deceleration` (engine idle in level flight, m/s^2) less a reserve is available.
+    To first order, e = base + exchange * mean. `base` is the braking if exchange is 0: the final speed is then
+    2 mean_speed - speed_0. `mean` brakes the speed gained by the exchange, along the whole path.
     """
     total = jnp.maximum(lengths[-1], _TINY)
     steepest = STANDARD_GRAVITY_M_S2 * jnp.max(fall)
@@ -329,19 +312,17 @@ def even_law(
     coefficients_n: Float[Array, "3 5"],
     duration: ScalarLike,
     speed_0: ScalarLike,  # airspeed at the start, m/s
-    # deceleration with the engine idle in level flight, m/s^2: the exchange is about the least for which the path
-    # demands no more, in closed form. None: no exchange
+    # deceleration with the engine idle in level flight, m/s^2; the exchange is computed such that the path demands at
+    # most about this deceleration. None: the exchange is 0
     deceleration: ScalarLike | None = None,
-    exchange: ScalarLike | None = None,  # prescribed exchange; None: computed
+    exchange: ScalarLike | None = None,  # prescribed exchange (0..1); None: computed
     even: Flag | bool = True,  # False selects the published law
 ) -> TimeLaw:
     """Return the even time law of a path flown in `duration` seconds from `speed_0` (m/s) on, with constant braking.
 
-    V dV/dl = exchange g (-dh/dl) - e, with the airspeed V, the length l and the altitude h: the braking e is solved for
-    the duration, by safeguarded Newton steps on the flight time, which increases with e. The exchange is the fraction
-    of the lost potential energy that becomes kinetic: with 0 the acceleration is constant (for a matching length, the
-    speed); with 1 the throttle is constant. The airspeed is at least 0.3 of the mean.
-    With `even` False, the published law is selected in the result.
+    The airspeed V over the length l follows V dV/dl = exchange g (-dh/dl) - e, with the altitude h. The braking e
+    (m/s^2) is such that the flight time is `duration`. The exchange is the fraction of the lost potential energy that
+    becomes kinetic: if 0, the acceleration is constant; if 1, the throttle is constant. V is at least 0.3 of its mean.
     """
     coefficients_n = jnp.asarray(coefficients_n)
     edges = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1))

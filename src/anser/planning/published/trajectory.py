@@ -1,7 +1,4 @@
-"""Trajectories of the published planner: Hermite cubics with two bends, in a frame that drifts with steady wind.
-
-Also the length of a trajectory, its least mean airspeed, and the lateral bend for a required length.
-"""
+"""Trajectories of the published planner: Hermite cubics with two bends, in a frame that drifts with steady wind."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -44,7 +41,7 @@ class Trajectory(AbstractReference):
     law: TimeLaw  # time law: path parameter s as a function of time
 
     def clock(self, time: ScalarLike) -> Clock:
-        """Return the path parameter s (0 start, 1 rendezvous) and its two rates (1/s, 1/s^2) at a time (s)."""
+        """Return the path parameter s (0 start, 1 rendezvous) and its rates (1/s, 1/s^2) at a time (s)."""
         return self.law.clock(self.coefficients_n, time - self.start_time, self.duration)
 
     def at(self, time: ScalarLike) -> PathPoint:
@@ -66,8 +63,8 @@ class Trajectory(AbstractReference):
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
     """Return the horizontal unit vector, NED, to the right of the line from start to rendezvous, `line_n` (m).
 
-    For a vertical line, to the right of the start velocity `velocity_0_n` (m/s); if also vertical, to the right of
-    north, i.e. east.
+    If the line is vertical, the start velocity `velocity_0_n` (m/s) replaces the line. If the start velocity is
+    vertical too, the result is east.
     """
     direction = line_n[:2]
     for replacement in (velocity_0_n[:2], jnp.array([1.0, 0.0])):
@@ -77,11 +74,11 @@ def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
 
 
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
-    """Return a trajectory with a sideways and an upward bend (m) added; endpoints, end directions and times stay.
+    """Return a trajectory with a lateral and an upward bend (m) added; ends, end directions and duration stay.
 
-    A bend (m) is the coefficient of the fourth power of the path parameter (0 to 1). It moves the middle of the path by
-    a sixteenth of the bend, along `lateral_n` or upwards. In the symbols of the theory: kappa = b_4 duration^4
-    laterally, c_4 duration^4 vertically. The result has the published time law; `with_even_speed` replaces it.
+    A bend is the coefficient of s^4, for the path parameter s from 0 to 1. The bend moves the middle of the path by a
+    sixteenth of the bend, along `lateral_n` or upwards. In the symbols of the theory: kappa = b_4 duration^4 laterally,
+    c_4 duration^4 vertically. The result has the published time law.
     """
     shift = lateral_bend * trajectory.lateral_n - vertical_bend * jnp.array([0.0, 0.0, 1.0])
     coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]
@@ -95,17 +92,16 @@ def with_even_speed(
     exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> Trajectory:
-    """Return the trajectory flown with an evenly changing airspeed (`even_law`), from `speed_0` (m/s) on.
+    """Return the trajectory flown with an evenly changing airspeed, which is `speed_0` (m/s) at the start.
 
-    The path, the start time and the duration are unchanged. `deceleration` (m/s^2), `exchange` (0..1) and `even` are
-    arguments of `even_law`.
+    The other arguments are those of `even_law`. Path, start time and duration are unchanged.
     """
     law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, exchange, even)
     return eqx.tree_at(lambda path: path.law, trajectory, law)
 
 
 def fit_trajectory(
-    # seconds; the duration is positive
+    # s; the duration must be positive
     start_time: ScalarLike,
     duration: ScalarLike,
     position_0: Vector3,  # start, NED, m
@@ -117,18 +113,18 @@ def fit_trajectory(
     lateral_bend: ScalarLike = 0.0,
     vertical_bend: ScalarLike = 0.0,
     wind_n: Vector3 | None = None,  # steady wind, NED, m/s; None: still air
-    # line to the right of which lateral bends act; None: from start to rendezvous. Replanning en route uses the line of
-    # the first plan: only then does the rest of a bent path belong to the same family
+    # line to the right of which lateral bends act; None: from start to rendezvous. For replanning en route: line of the
+    # first plan, because only then does the rest of a bent path belong to the same family
     line_n: Vector3 | None = None,
 ) -> Trajectory:
     """Return the trajectory with the required positions and velocities at both ends, plus the bends.
 
-    The time law is the published one: path parameter linear in time.
+    The path parameter is linear in time (published time law).
 
     Notes
     -----
-    Theory section 6, with time scaled to [0, 1]: the solution for the four lower coefficients is the Hermite cubic, and
-    the null space of the boundary conditions is s^2 (1 - s)^2.
+    Theory section 6, with time scaled to [0, 1]. The four lower coefficients are the Hermite cubic; bends are multiples
+    of s^2 (1 - s)^2, the null space of the boundary conditions.
     """
     duration = jnp.asarray(duration, dtype=float)
     line, slope_0, slope_f = position_f - position_0, duration * velocity_0, duration * velocity_f
@@ -149,8 +145,7 @@ def arc_length(
 ) -> Scalar:
     """Return the length of the path through the air, m, from the path parameter `start_phase` (0..1) to the rendezvous.
 
-    With `trajectory.clock(t).s` as `start_phase`, the result is the remaining length at time t. The positive weights of
-    the quadrature rule keep the length convex in the bends.
+    If `start_phase` is `trajectory.clock(t).s`, the result is the remaining length at time t.
     """
 
     def path_speed(phases: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
@@ -173,11 +168,9 @@ _SPEED_SHARE_MIN = 0.3  # least airspeed with idle engine, fraction of the initi
 def slowest_mean_speed(path: Trajectory, speed_0: ScalarLike, deceleration: ScalarLike) -> Scalar:
     """Return the least mean airspeed, m/s, at which an aircraft can fly a path: with the engine idle all the way.
 
-    The airspeed V over the length l follows from V dV/dl = g (-dh/dl) - a, with the altitude h, and is at least 0.3 of
-    the initial airspeed `speed_0`, m/s. Here a is `deceleration` (m/s^2, engine idle in level flight) minus
-    `BRAKING_RESERVE_M_S2`. On a path steeper than the glide, the result exceeds the initial airspeed.
-
-    The result depends on the shape of the path, not on the time law.
+    The airspeed V over the length l follows from V dV/dl = g (-dh/dl) - a, with the altitude h. Here a is
+    `deceleration` (m/s^2, engine idle in level flight) minus `BRAKING_RESERVE_M_S2`. V is at least 0.3 of the initial
+    airspeed `speed_0` (m/s). The result does not depend on the time law.
     """
     edges = np.linspace(0.0, 1.0, CELLS + 1)
     middles = jnp.asarray(0.5 * (edges[1:] + edges[:-1]))
@@ -199,13 +192,10 @@ _BEND_SLOPE_SQUARE = 2.0 / 105.0
 
 
 class Bend(eqx.Module):
-    """Lateral bend `kappa` of a path (m, right positive), from `solve_lateral_bend`.
+    """Lateral bend of a path, from `solve_lateral_bend`."""
 
-    `converged` tells whether the path with this bend has the required length.
-    """
-
-    kappa: Scalar
-    converged: Flag
+    kappa: Scalar  # bend, m, right positive
+    converged: Flag  # whether the path with this bend has the required length
 
 
 def bend_slope(phase: np.ndarray) -> np.ndarray:
@@ -218,8 +208,8 @@ def _length_excess(
 ) -> tuple[Scalar, Scalar]:
     """Return the length of a path with a bend of `size` (m) minus the required length, m, and the derivative by `size`.
 
-    `data`: slopes dr/ds (m) of the path without bend and of a bend of 1 m at the nodes of the quadrature rule, weights
-    of the rule, required length (m).
+    `data`, at the nodes of the quadrature rule: slope dr/ds (m) of the path without bend, slope of a bend of 1 m,
+    weights; and the required length (m).
     """
     straight, sideways, weights, required_length = data
     tangent = straight + size * sideways
@@ -231,21 +221,20 @@ def _length_excess(
 
 def solve_lateral_bend(
     nominal: Trajectory,  # the trajectory without bend
-    # required length of the air path, m. At the nominal length the bend is exactly zero. Below it, no solution exists:
-    # the bend is zero and `converged` is false
+    # required length of the air path, m. At the nominal length, the bend is exactly zero. If the required length is
+    # less, no solution exists: the bend is zero and `converged` is false
     length_ref: ScalarLike,
     side: ScalarLike,  # positive: bend to the right; negative: to the left
     guess: ScalarLike | None = None,  # initial bend, m, either sign; None: computed
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Bend:
-    """Find the lateral bend, m, with which a path has the length `length_ref` (m), by safeguarded Newton steps.
+    """Find the lateral bend, m, with which a path has the length `length_ref` (m).
 
     Notes
     -----
-    The length L(kappa) is the integral of the norm of an affine function of kappa, hence convex: for L(0) <= length_ref
-    there is exactly one root on either side. |kappa| times the integral of the bend's slope, minus L(0), bounds L from
-    below, which brackets the root (theory section 6; the integral is 1/8, evaluated with the same rule as the length).
-    The derivative of the bend is the implicit one; it is zero for a bend fixed at zero.
+    The length L(kappa) is the integral of the norm of an affine function of kappa, hence convex: if L(0) <= length_ref,
+    there is one root on each side. |kappa| times the integral of the bend's slope, minus L(0), is a lower bound of L
+    and brackets the root (theory section 6). Derivatives of the bend are implicit, and zero for a bend fixed at zero.
     """
     nodes, weights = jnp.asarray(rule.nodes), jnp.asarray(rule.weights)
     powers = jnp.arange(1, 5)

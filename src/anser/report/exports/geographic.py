@@ -35,17 +35,14 @@ _FRD_FROM_FLU = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class Track:
-    """Track of a moving point: arrays of shape (samples,) at the recorded times with a finite position.
-
-    `sample_index` are the indices of these times in the record; `height_m` is above the WGS-84 ellipsoid.
-    """
+    """Track of a moving point at the recorded times with a finite position; arrays of shape (samples,)."""
 
     name: str
-    sample_index: np.ndarray
+    sample_index: np.ndarray  # indices of the times in the record
     time_s: np.ndarray
     longitude_deg: np.ndarray
     latitude_deg: np.ndarray
-    height_m: np.ndarray
+    height_m: np.ndarray  # above the WGS-84 ellipsoid
 
 
 def aircraft_track(dataset: xr.Dataset, index: int) -> Track:
@@ -72,9 +69,9 @@ def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
 
 
 def rendezvous_tracks(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> list[tuple[str, Track]]:
-    """Return the goal's name and the track of the rendezvous point, for each goal of the aircraft with an index.
+    """Return (goal's name, track of the rendezvous point) for each goal of the aircraft with an index.
 
-    A track ends at the arrival; without an arrival, at the planned arrival; without a planned arrival, with the record.
+    A track ends at the arrival; if this time is missing, at the planned arrival; if both are missing, with the record.
     """
     aircraft = summary["aircraft"][index]
     end_times = (aircraft[key] for key in ("arrival_s", "planned_arrival_s") if aircraft[key] is not None)
@@ -97,8 +94,8 @@ def _goal_spans(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> 
 def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
     """Compute the attitude of an aircraft relative to the Earth-fixed axes (ECEF), at the times of its track.
 
-    Returns unit quaternions, scalar last, shape (samples, 4), of the rotation from body axes forward, left, up (the
-    model axes of Cesium) to ECEF. Signs are such that consecutive quaternions can be interpolated.
+    Returns unit quaternions, scalar last, shape (samples, 4), of the rotation from the body axes forward, left, up to
+    ECEF. Consecutive quaternions can be interpolated.
     """
     scalar, *vector = (dataset[name].values[track.sample_index, index] for name in _QUATERNION)
     # theory section 1: this quaternion's rotation matrix takes NED vectors to body axes; in scipy's convention the
@@ -119,10 +116,9 @@ def iso_timestamp(start: datetime, time_s: float) -> str:
 def _track_on_local_map(
     dataset: xr.Dataset, name: str, prefix: str, index: int | np.ndarray, is_selected: np.ndarray
 ) -> Track:
-    """Return the track `name` of a goal or rendezvous at the times of the mask `is_selected`.
+    """Return the track `name` of a goal ("goal_") or rendezvous ("rendezvous_") at the times of a mask.
 
-    `prefix` begins the names of the coordinates ("goal_", "rendezvous_"); `index` is the aircraft, or the aircraft at
-    each time, in whose record they stand.
+    `index` is the aircraft with the recorded positions, or an array with the aircraft at each time.
     """
     samples = np.arange(dataset.sizes["time"])
     north, east, altitude = (
@@ -139,7 +135,7 @@ def _track(dataset: xr.Dataset, name: str, columns: list[np.ndarray], is_selecte
 
 
 def _geodetic_deg(dataset: xr.Dataset, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return longitude and latitude (deg) of positions on the flight's local map (north and east, m)."""
+    """Return longitude and latitude, deg, of positions on the flight's local map (north and east, m)."""
     reference = [np.radians(float(dataset.attrs[f"reference_{name}_deg"])) for name in ("latitude", "longitude")]
     latitude, longitude, _ = recorded_geodetic_from_flat(np.stack([north, east, np.zeros_like(north)]), *reference, 0.0)
     return 180.0 - np.mod(180.0 - np.degrees(longitude), 360.0), np.degrees(latitude)
@@ -156,9 +152,8 @@ _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF
 def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
     """Return the content of a KML 2.2 file of a flight: tracks of aircraft, rendezvous points and goals.
 
-    `start` is the date and time at time 0 of the flight. Heights are absolute. `gx:angles` are heading, tilt and roll
-    as KML defines them, each clockwise about its axis seen from the tip of the axis: tilt and roll are minus the
-    flight's pitch and roll, deg. The file refers to no external model or image.
+    `start` is the date and time at time 0 of the flight. Heights have the altitude mode "absolute". `gx:angles` are
+    heading, -pitch and -roll, deg, with the signs of KML. The file refers to no external model or image.
     """
     root = ET.Element("kml", {"xmlns": _KML, "xmlns:gx": _GX})
     document = _child(root, "Document")
@@ -201,10 +196,9 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
 def _placemark(
     parent: ET.Element, track: Track, style: str, start: datetime, description: str = ""
 ) -> ET.Element | None:
-    """Add a placemark with a track to the XML element `parent`.
+    """Add a placemark with a track to `parent`; return the element of the track, None for an empty track.
 
-    `style` is the name of a style in the file, `start` the date and time at time 0. Returns the element of the track,
-    None for an empty track.
+    `style` is the name of a style in the file; `start` is the date and time at time 0.
     """
     if not track.sample_index.size:
         return None
@@ -261,11 +255,9 @@ _RATE = 4.0  # seconds of flight in a second of playback
 
 
 def to_czml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
-    """Return the content of a CZML 1.0 file of a flight, from the contents of `flight.nc` and `summary.json`.
+    """Return the content of a CZML 1.0 file of a flight: aircraft with attitude and trail, goals, rendezvous points.
 
-    `start` is the date and time at time 0 of the flight. An aircraft is a point with a label, a trail and a flat box
-    that shows the attitude. A goal is a point with a label; a rendezvous is a point, joined to the goal by a line. The
-    file refers to no external model or image.
+    `start` is the date and time at time 0 of the flight. The file refers to no external model or image.
     """
     packets = list(_packets(dataset, summary, start))
     return json.dumps(packets, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()

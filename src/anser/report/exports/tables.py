@@ -30,15 +30,15 @@ def has_parquet() -> bool:
 def to_csv(dataset: xr.Dataset) -> bytes:
     """Return the content of a CSV file of a flight: columns `time_s`, `aircraft`, then every variable.
 
-    Rows are sorted by aircraft, then by time. Numbers have full precision, booleans are 0 or 1. Text that a spreadsheet
-    would read as a formula gets an apostrophe in front.
+    Rows are sorted by aircraft, then by time. Numbers have full precision; booleans are 0 or 1. An apostrophe precedes
+    text that a spreadsheet would read as a formula.
     """
     columns = {escape_spreadsheet_text(name): _csv_column(values) for name, values in _columns(dataset)}
     return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n").encode()
 
 
 def to_parquet(dataset: xr.Dataset) -> bytes:
-    """Return the content of a Parquet file of a flight: the columns of `to_csv`, units, labels, and attributes.
+    """Return the content of a Parquet file of a flight: the columns of `to_csv`, with units, labels and attributes.
 
     Raises ImportError if pyarrow is not installed.
     """
@@ -54,8 +54,8 @@ def encode_parquet(
 ) -> bytes:
     """Return the content of a Parquet file of columns of equal length.
 
-    `labels` has the attributes of each column, of which unit, names, frame, symbol and flag meanings are stored;
-    `metadata` has the attributes of the table. Raises ImportError if pyarrow is not installed.
+    `labels` has attributes by column; unit, long name, frame, symbol and flag meanings are stored. `metadata` has the
+    attributes of the table. Raises ImportError if pyarrow is not installed.
     """
     try:
         import pyarrow as pa
@@ -86,7 +86,7 @@ def _csv_column(values: np.ndarray) -> np.ndarray:
 
 
 def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
-    """Return name and values of each column of a flight's table, with rows sorted by aircraft, then by time."""
+    """Return name and values of each column of a flight's table; rows are sorted by aircraft, then by time."""
     dataset = _with_aircraft(dataset)
     times, aircraft = dataset.sizes["time"], dataset.sizes["aircraft"]
     names = dataset["aircraft"].values.astype(object)
@@ -98,11 +98,10 @@ def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
 
 
 def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a flight's dataset with the dimensions time and aircraft alone.
+    """Return a flight's dataset with the dimensions time and aircraft only.
 
-    A dataset of `anser.simulate` gets the dimension `aircraft` with one entry, the name of the aircraft. A variable
-    with a further dimension is replaced by one variable for each entry of the dimension, or left out if independent of
-    time.
+    A variable with a further dimension becomes one variable for each entry of the dimension. A variable that does not
+    depend on time is left out if it has a further dimension.
     """
     for name, values in dataset.items():
         further = [str(dimension) for dimension in values.dims if dimension not in ("time", "aircraft")]
@@ -117,7 +116,7 @@ def _with_aircraft(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _label(values: xr.DataArray, dimension: str, index: int) -> str:
-    """Return the coordinate, or else the index, of an entry along a dimension, with "_" for special characters."""
+    """Return the coordinate of an entry along a dimension, or the index; special characters become "_"."""
     text = str(values[dimension].values[index]) if dimension in values.coords else str(index)
     return "".join(character if character.isalnum() else "_" for character in text)
 
@@ -128,12 +127,14 @@ _WORST = {"miss_m": "Greatest miss of its aircraft", "arrival_s": "Last arrival 
 def write_campaign_tables(
     dataset: xr.Dataset, estimates: Mapping[str, Any], influences: Mapping[str, Any], folder: Path
 ) -> tuple[Path, ...]:
-    """Write the tables of a campaign into a folder and return their paths; existing files are replaced.
+    """Write the tables of a campaign into a folder and return the paths; existing files are replaced.
 
-    `flights.parquet` has a row for each flight: sampled inputs, results, and greatest miss and last arrival of its
-    aircraft (see `worst_of_fleet`). `aircraft.parquet` has a row for each aircraft of each flight. `answers.parquet`
-    contains the quantiles and the success probability with confidence intervals, `indices.parquet` the sensitivity
-    indices. Raises ImportError if pyarrow is not installed.
+    - `flights.parquet`: inputs and results of each flight, with greatest miss and last arrival (see `worst_of_fleet`)
+    - `aircraft.parquet`: results of each aircraft in each flight
+    - `answers.parquet`: quantiles and success probability, with confidence intervals
+    - `indices.parquet`: sensitivity indices
+
+    Raises ImportError if pyarrow is not installed.
     """
     attributes = {key: str(value) for key, value in dataset.attrs.items()}
     labels = {str(name): variable.attrs for name, variable in dataset.variables.items()}
@@ -175,7 +176,7 @@ def _aircraft_table(dataset: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _estimates_table(estimates: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Return the columns of `answers.parquet`: a first row "met", the success probability, and a row per quantile."""
+    """Return the columns of `answers.parquet`: a row "met" with the success probability, then a row per quantile."""
     success = {"name": "met", "words": "every requirement met", "unit": "1", "share": None, "upper": None}
     records = [
         success | {"value": estimates["probability"], "low": estimates["low"], "high": estimates["high"]},
@@ -195,11 +196,7 @@ def _indices_table(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _column(values: list[Any], *, texts: bool = False) -> np.ndarray:
-    """Return a column of a table as an array.
-
-    Numbers become float, with NaN for None. With `texts`, or a text or boolean among the values, the array has the
-    values as objects, None included.
-    """
+    """Return a column of a table: floats, with NaN for None; objects if `texts` or if a value is a text or boolean."""
     if texts or any(isinstance(value, str | bool) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
@@ -212,10 +209,11 @@ _MATLAB_LABELS = ("units", "long_name", "frame")
 def to_mat(dataset: xr.Dataset) -> bytes:
     """Return the content of a MATLAB 5 file of a flight, readable by MATLAB and Octave.
 
-    The file has `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for
-    each time and a column for each aircraft, the structures `units`, `long_name`, `frame` with a field for each
-    variable, and the structure `attributes`. Raises ValueError if the name of a variable or attribute is no MATLAB
-    name.
+    - `time_s`: column; `aircraft`: cell array of names
+    - each variable: matrix with a row for each time and a column for each aircraft
+    - `units`, `long_name`, `frame`: structures with a field for each variable; `attributes`: structure
+
+    Raises ValueError if the name of a variable or attribute is not a MATLAB name.
     """
     dataset = _with_aircraft(dataset)
     matrices = {"time_s": dataset["time"].values[:, None]} | {
@@ -245,9 +243,7 @@ FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] =
     "parquet": lambda dataset, summary, start: to_parquet(dataset),
     "mat": lambda dataset, summary, start: to_mat(dataset),
 }
-"""Functions that return the content of a file of a flight, by name of the format, which is also the file's suffix.
-
-The arguments are the flight's dataset, its summary, and the date and time of its start."""
+"""Functions that return the content of a file, by format, from a flight's dataset, summary, and start (date, time)."""
 
 
 def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:
