@@ -93,6 +93,9 @@ AXES = "altitude_m = [0, 9000]\nmach = [0, 1]\n"
         (JET.format(500, -100), "-600 N more than idle_N"),
         (JET.format(500, 500), "0 N more than idle_N"),
         (JET.format("[[1, 2], [0, 0]]", "[[9, 1], [0, 0]]") + AXES, None),
+        (JET.format(0, "[[9, 1], [0, 0]]") + AXES, None),  # idle_N left out
+        (JET.format("[[1, 2], [0, 0]]", 2) + AXES, None),
+        (JET.format("[[1, 2], [1, 1]]", 1) + AXES, "0 N more than idle_N"),
         (JET.format("[[1, 2], [0, 0]]", "[[0, 1], [-1, -1]]") + AXES, "-1 N more than idle_N"),
     ],
 )

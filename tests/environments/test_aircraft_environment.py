@@ -378,6 +378,17 @@ def test_narrow_ranges_of_airspeed_have_starts():
         FlightRange((100.0, 120.0), (2000.0, 1000.0))
 
 
+@pytest.mark.parametrize(
+    ("data_m", "flown_m"),
+    [((-100.0, 800.0), (-100.0, 800.0)), ((1500.0, 20e3), (1500.0, 8e3)), ((0.0, 3e3), (1e3, 3e3))],
+)
+def test_starts_are_within_the_altitudes_of_the_data(data_m, flown_m):
+    vehicle, _ = single_aircraft("aerosonde", {})
+    data = dataclasses.replace(vehicle.airframe.validity, altitude=tuple(map(jnp.asarray, data_m)))
+    vehicle = eqx.tree_at(lambda v: v.airframe.validity, vehicle, data)
+    assert default_range(vehicle).altitude_m == flown_m
+
+
 def test_upsets_start_within_the_data_of_the_aircraft():
     vehicle, environment = single_aircraft("f16", {})
     flown = default_range(vehicle)

@@ -1,11 +1,15 @@
 """The table of a fleet without a centre: refusals with key paths and reasons, and the planner built from it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from anser.config import ScenarioError
 from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.scenario import build_flight, loads
+from anser.scenario.build_aircraft import build_guidance, resolve_fleet
+from anser.scenario.build_planner import build_planner
 from anser.scenario.schema_checks import DECENTRALISED_AIRCRAFT_MAX as AIRCRAFT_MAX
 from anser.scenario.schema_settings import greatest_rate_range
 from scenario.test_schema_uncertain import TEXT
@@ -85,6 +89,15 @@ def test_the_aircraft_with_the_least_reserve_bounds_the_clocks():
     assert 1e-3 < greatest < 3e-3
     with pytest.raises(ScenarioError, match=r"network.rate_range: arrived 0.01; expected at most 0.00"):
         slow.replace("network.rate_range", 0.01)
+
+
+def test_limits_that_follow_from_the_performance_bound_the_clocks():
+    scenario = loads(ALONE)
+    fleet = resolve_fleet(scenario)
+    guidance, (first, *others) = build_guidance(scenario, fleet), fleet
+    weak = first.limits.with_defaults(speed_max_m_s=scenario.speed_for(first.table) + 2.0)
+    with pytest.raises(ScenarioError, match=r"network.rate_range: arrived 0.03; expected at most 0.00"):
+        build_planner(scenario, (dataclasses.replace(first, limits=weak), *others), guidance)
 
 
 def test_the_network_table_builds_a_decentralised_planner():

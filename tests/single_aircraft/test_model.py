@@ -49,6 +49,15 @@ def test_an_aircraft_file_and_an_own_airframe_are_models(tmp_path):
     assert own.inputs == from_file.inputs
 
 
+def test_a_model_has_its_variant_and_centre_of_gravity_already():
+    assert anser.aircraft(f16()) is f16()
+    for arguments, arrived in (({"variant": "s119"}, "variant 's119'"), ({"x_cg_over_c": 0.3}, "x_cg_over_c = 0.3")):
+        with pytest.raises(
+            ValueError, match=f"aircraft: arrived {arrived} with an AircraftModel; expected it with a name"
+        ):
+            anser.aircraft(f16(), **arguments)
+
+
 def test_a_linear_model_about_a_trim_is_that_of_its_condition():
     about_trim = f16().linearize(level())
     by_condition = f16().linearize(speed_m_s=150.0, altitude_m=1000.0)

@@ -414,13 +414,18 @@ class Jet(Table):
             if len(points) == 1 or any(not previous < point for previous, point in pairwise(points))
         ]
         shape = (len(self.altitude_m), len(self.mach)) if self.mach else ()
+        thrusts = {"idle_N": self.idle_N, "full_N": self.full_N}
         problems = problems or [
-            problem for key in ("idle_N", "full_N") for problem in shape_problems(getattr(self, key), shape, key)
+            problem
+            for key, thrust in thrusts.items()
+            for problem in shape_problems(thrust, () if isinstance(thrust, int | float) else shape, key)
         ]
         if not problems:
-            gains_N = [full_N - idle_N for idle_N, full_N in zip(*map(_flat, (self.idle_N, self.full_N)), strict=True)]
-            if max(gains_N) <= 0.0:
-                problems.append(Problem("full_N", f"{max(gains_N):g} N more than idle_N", "more thrust than idle_N"))
+            # a number is the thrust at every breakpoint
+            idle_N, full_N = (flat * (math.prod(shape) // len(flat)) for flat in map(_flat, thrusts.values()))
+            greatest_N = max(full - idle for idle, full in zip(idle_N, full_N, strict=True))
+            if greatest_N <= 0.0:
+                problems.append(Problem("full_N", f"{greatest_N:g} N more than idle_N", "more thrust than idle_N"))
         return problems
 
 

@@ -188,7 +188,7 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
     - Airspeed: 1.1 times the least to 0.9 times the greatest airspeed that the aircraft's data and the autopilot's
       limits allow. If that range is narrow, the airspeed covers at least the middle quarter of the allowed airspeeds.
-    - Altitude: 1 km to 8 km, cut to the altitudes of the aircraft's data.
+    - Altitude: 1 km to 8 km, cut to the altitudes of the aircraft's data; all their altitudes if they end below 1 km.
 
     Raises ValueError if the controller is not an `InversionAutopilot`, or if no airspeed is allowed.
     """
@@ -201,10 +201,11 @@ def default_range(vehicle: Vehicle) -> FlightRange:
             f"m/s; expected a range within the aircraft's data, {low:g} to {high:g} m/s"
         )
     bottom, top = getattr(getattr(airframe, "validity", None), "altitude", (0.0, np.inf))
-    lowest = max(1000.0, float(bottom))
+    bottom, top = float(bottom), float(top)
+    altitudes = (max(1000.0, bottom), min(8000.0, top)) if top > 1000.0 else (bottom, top)
     margin = 0.375 * (fastest - slowest)
     speeds = min(1.1 * slowest, slowest + margin), max(0.9 * fastest, fastest - margin)
-    return FlightRange(speeds, (lowest, max(min(8000.0, float(top)), lowest)))
+    return FlightRange(speeds, altitudes)
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:

@@ -123,14 +123,13 @@ class Limit:
         """Return the relative excess over the limit: (value - limit) / max(|limit|, 1); at most 0 within the limit.
 
         For a lower limit, the numerator is limit - value. For a bank angle (rad), tangents replace the angles. The
-        excess over an infinite limit is -1. If the limit is NaN, or the value is NaN and the limit finite, the excess
-        is NaN.
+        excess over an infinite limit is -1. If the value or the limit is NaN, the excess is NaN.
         """
         if self.suffix == "deg":
             value, limit = jnp.tan(jnp.minimum(value, _BANK_LIMIT_RAD)), jnp.tan(limit)
         if self.is_lower_bound:
             value, limit = -value, -limit
-        is_unlimited = limit == jnp.inf  # NaN is not unlimited, and never satisfied
+        is_unlimited = (limit == jnp.inf) & (value == value)  # NaN never satisfies a limit
         finite = jnp.where(is_unlimited, 0.0, limit)
         return jnp.where(is_unlimited, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
 

@@ -6,6 +6,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
+from anser.config.errors import ScenarioError
 from anser.control.guidance import GuidanceSettings
 from anser.numerics.arrays import as_array, bucket_size, stack_rows
 from anser.parts.planners import AbstractPlanner
@@ -21,6 +22,7 @@ from anser.scenario.build_environment import build_environment, build_wind, ned
 from anser.scenario.build_wind_field import build_fitted_wind
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import Network as NetworkTable
+from anser.scenario.schema_settings import greatest_rate_range, rate_range_problems
 from anser.sensing.vehicle_sensors import Dropouts
 
 _KEEP_OUTS = 2  # smallest bucket size of the list of keep-outs
@@ -81,6 +83,11 @@ def _decentralised(
 ) -> DecentralisedPlanner:
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()
+    reserve, wind_m_s = scenario.fleet.reserve, scenario.wind.speed_max_m_s
+    greatest = min(greatest_rate_range(reserve, scenario.speed_for(a.table), a.limits, wind_m_s) for a in fleet)
+    # The check of the file knows no limits that follow from the performance of an aircraft.
+    if problems := rate_range_problems(settings.rate_range, reserve, greatest):
+        raise ScenarioError(scenario.name, problems)
     separation = planner.airspace.separation
     fastest, climb_rate_max = (
         float(np.max(np.asarray(limit))) for limit in (planner.limits.speed_max, planner.limits.climb_rate_max)

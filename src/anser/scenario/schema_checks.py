@@ -13,7 +13,14 @@ from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES
 from anser.scenario.schema_excitation import EXCITED_INPUTS, LOOP_INPUTS
 from anser.scenario.schema_sensing import goal_sigma_m
-from anser.scenario.schema_settings import Limits, Network, greatest_rate_range, is_multiple, multiple_message
+from anser.scenario.schema_settings import (
+    Limits,
+    Network,
+    greatest_rate_range,
+    is_multiple,
+    multiple_message,
+    rate_range_problems,
+)
 from anser.scenario.schema_tables import ScenarioTables
 
 AIRBORNE_ALTITUDE_MIN_M = 50.0
@@ -451,10 +458,4 @@ def _network_number_problems(network: Network, scenario: ScenarioTables) -> list
         )
         for aircraft in scenario.aircraft
     )
-    if network.rate_range > greatest:
-        expected = (
-            f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = "
-            f"{format_number(fleet.reserve)} leaves of the limits, for a path that is flown faster or more slowly"
-        )
-        problems.append(Problem("network.rate_range", format_number(network.rate_range), expected))
-    return problems
+    return problems + rate_range_problems(network.rate_range, fleet.reserve, greatest)

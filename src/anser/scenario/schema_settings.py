@@ -299,6 +299,17 @@ class Network(Table):
         return [Problem("coupling_per_s", format_number(self.coupling_per_s), expected)]
 
 
+def rate_range_problems(rate_range: float, reserve: float, greatest: float) -> list[Problem]:
+    """Refuse a `rate_range` above the `greatest` one that the reserve of the plan allows (`fleet.reserve`)."""
+    if rate_range <= greatest:
+        return []
+    expected = (
+        f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = {format_number(reserve)} "
+        "leaves of the limits, for a path that is flown faster or more slowly"
+    )
+    return [Problem("network.rate_range", format_number(rate_range), expected)]
+
+
 def greatest_rate_range(reserve: float, speed: float, limits: Limits, wind_m_s: float) -> float:
     """Return the greatest deviation of a clock rate from 1 for which a plan with a reserve keeps an aircraft's limits.
 
