@@ -28,6 +28,7 @@ ENTRIES = [
     "loads",
     "multisine",
     "plan",
+    "progress_bar",
     "rare",
     "run",
     "simulate",

@@ -1,5 +1,6 @@
 from .analysis import linearize, trim
 from .campaigns import campaign, compare_campaigns, load_campaign, rare
+from .cli.console import progress_bar
 from .identification.identify import identify
 from .live.notebook import live
 from .missions import load_flight, plan, run, sweep
@@ -27,6 +28,7 @@ __all__ = [
     "loads",
     "multisine",
     "plan",
+    "progress_bar",
     "rare",
     "run",
     "simulate",

@@ -164,10 +164,13 @@ def _clock(seconds: float) -> str:
 
 
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
-    """Return a context manager that shows a progress bar with elapsed and remaining time.
+    """Return a context manager that shows a progress bar on standard error, with elapsed and remaining time.
+
+    >>> with anser.progress_bar() as progress:
+    ...     flown = anser.run("scenarios/three-aircraft.toml", progress)
 
     The context manager yields a function that sets the description and the completed fraction, 0..1 (None: unknown). If
-    the output is not a terminal, a line is printed every ten seconds.
+    standard error is not a terminal, a line is printed every ten seconds.
     """
     columns = (_description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
     return _progress_display("starting", 1.0, *columns)
